@@ -73,6 +73,8 @@ class WholeShotSolution:
     """(M, S) posterior samples of the starts of all balls, as in `parametrised_shot`."""
     parameter_samples: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     """(M, Q) parameters of each sample, in the order of `parametrised_shot.SHOT_PARAMETERS`."""
+    sample_ball_models: tuple[str, ...] = ()
+    """(M,) contact model of two balls of each sample."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from models.estimation.multiple_shooting.shared_parameters import (
     prior_terms,
     values_from_coordinates,
 )
-from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
+from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.numerics.least_squares import MIN_INFORMATION
 
@@ -38,20 +38,58 @@ def sample_posterior(
         Pairs of start states and shared parameters.
     """
     problem = ShootingProblem(model, model.windows, (tuple(range(len(model.windows))),))
-    _, (block,) = linearize_chains(problem, simulate_chains(problem, starts, shared))
+    return _draw_around(problem, simulate_chains(problem, starts, shared), count, widening, rng)[0]
+
+
+def weigh_posterior_samples(
+    model: ShootingModel, starts: Starts, shared: FloatArray, count: int, widening: float, rng: np.random.Generator
+) -> tuple[list[tuple[Starts, FloatArray]], FloatArray]:
+    """Draw samples as `sample_posterior`, and weigh them by the costs that their simulations have.
+
+    The logarithm of the mean weight corrects the Laplace approximation of the evidence: where a parameter has no effect
+    at the best fit but a strong one elsewhere, the Gaussian approximation is far too wide.
+
+    Args:
+        model: Model of one shot.
+        starts: (S,) fitted start state of each window.
+        shared: (P,) fitted shared parameters.
+        count: Number of samples.
+        widening: Factor on the standard deviations of the posterior.
+        rng: Random generator.
+
+    Returns:
+        The samples, and the logarithms (count,) of their weights: posterior over its Gaussian approximation.
+    """
+    problem = ShootingProblem(model, model.windows, (tuple(range(len(model.windows))),))
+    best = simulate_chains(problem, starts, shared)
+    samples, predicted = _draw_around(problem, best, count, widening, rng)
+    costs = np.array([simulate_chains(problem, *one).cost for one in samples]) - best.cost
+    return samples, -0.5 * (np.nan_to_num(costs, nan=np.inf) / widening**2 - predicted)
+
+
+def _draw_around(
+    problem: ShootingProblem, point: Iterate, count: int, widening: float, rng: np.random.Generator
+) -> tuple[list[tuple[Starts, FloatArray]], FloatArray]:
+    """Draw samples around a best fit; also return (count,) the costs over it that the Gaussian approximation predicts.
+
+    These costs are divided by the square of `widening`.
+    """
+    unknowns = problem.model.unknowns
+    _, (block,) = linearize_chains(problem, point)
     size = len(block.gradient)
     whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
-    whole[size:, size:] += np.diag(prior_terms(model.unknowns, shared)[1])
+    whole[size:, size:] += np.diag(prior_terms(unknowns, point.shared)[1])
     steps = widening * _sample_gaussian(whole, count, rng)
-    middle, low, high = coordinate_bounds(model.unknowns, shared)
-    edges = np.cumsum([len(start) for start in starts])[:-1]
-    return [
+    middle, low, high = coordinate_bounds(unknowns, point.shared)
+    edges = np.cumsum([len(start) for start in point.starts])[:-1]
+    samples = [
         (
-            tuple(start + part for start, part in zip(starts, np.split(step[:size], edges), strict=True)),
-            values_from_coordinates(model.unknowns, np.clip(middle + step[size:], low, high)),
+            tuple(start + part for start, part in zip(point.starts, np.split(step[:size], edges), strict=True)),
+            values_from_coordinates(unknowns, np.clip(middle + step[size:], low, high)),
         )
         for step in steps
     ]
+    return samples, np.einsum("ki,ij,kj->k", steps, whole, steps) / widening**2
 
 
 def _sample_gaussian(information: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:

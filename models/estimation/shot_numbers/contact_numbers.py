@@ -83,9 +83,11 @@ def simulate_contact(
     Returns:
         The numbers; None if there are no samples, or too many of them miss the ball.
     """
-    laws, pair = ContactModels(whole.cushion_model, whole.ball_model), (whole.ids.index(cue), whole.ids.index(other))
+    pair = whole.ids.index(cue), whole.ids.index(other)
     rows = []
-    for start, values in zip(whole.start_samples, whole.parameter_samples, strict=True):
+    samples = zip(whole.start_samples, whole.parameter_samples, whole.sample_ball_models, strict=True)
+    for start, values, ball_model in samples:
+        laws = ContactModels(whole.cushion_model, ball_model)
         shot = simulate_start(start, whole.moving, table, values, laws, seconds + _VIEW_AFTER)
         states = _states_of_contact(shot, *pair, float(values[SLIDING_MU]))
         if states is not None:

@@ -24,6 +24,8 @@ class StruckSample:
     """(N, 7) place, velocity, slip, and surface speed of side spin, m and m/s, as in `parametrised_shot`."""
     values: FloatArray
     """(Q,) values of `parametrised_shot.SHOT_PARAMETERS`."""
+    ball_model: str
+    """Contact model of two balls."""
 
 
 def rewind_samples(
@@ -42,13 +44,15 @@ def rewind_samples(
         The samples.
     """
     rng, samples, row = np.random.default_rng(_SEED), [], whole.ids.index(ball)
-    for start, values in zip(whole.start_samples, whole.parameter_samples, strict=True):
+    for start, values, ball_model in zip(
+        whole.start_samples, whole.parameter_samples, whole.sample_ball_models, strict=True
+    ):
         states = unpack_start(start, whole.moving)
         elapsed = max(whole.t - strike + strike_sigma * float(rng.standard_normal()), 0.0)
         states[row] = _rewind_state(
             states[row], elapsed, values, radius * float(values[RADIUS_FACTOR]), float(rng.uniform(-1, 1))
         )
-        samples.append(StruckSample(states, values))
+        samples.append(StruckSample(states, values, ball_model))
     return tuple(samples)
 
 

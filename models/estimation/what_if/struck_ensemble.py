@@ -133,7 +133,7 @@ def _draw_from_whole_shot(
         state[: len(whole.ids)] = convert_to_states(sample.states, radius)[0]
         state[len(whole.ids) :, :2] = places
         sizes = radius * np.where(np.arange(len(ids)) > 0, float(values[RADIUS_RATIO]), 1.0)
-        physics = Physics(values[: len(PARAMETER_NAMES)].copy(), (), whole.cushion_model, whole.ball_model)
+        physics = Physics(values[: len(PARAMETER_NAMES)].copy(), (), whole.cushion_model, sample.ball_model)
         members.append(
             StruckMember(
                 BallSet(ids, state, sizes, np.full(len(ids), table.ball_mass)), physics,

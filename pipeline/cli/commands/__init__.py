@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "run", "batch", "view", "call", "predict", "interpolate", "diagnose", "gapcheck", "fit-table", "simulate",
-    "detect", "train-detector", "reproduce", "graph", "cache",
+    "run", "batch", "view", "call", "compare", "what-if", "predict", "interpolate", "diagnose", "gapcheck", "fit-table",
+    "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -64,6 +64,10 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import view_command as view_command
         case "call":
             from pipeline.cli.commands import call_command as call_command
+        case "compare":
+            from pipeline.cli.commands.coaching import compare_command as compare_command
+        case "what-if":
+            from pipeline.cli.commands.coaching import what_if_command as what_if_command
         case "predict":
             from pipeline.cli.commands import predict_command as predict_command
         case "interpolate":

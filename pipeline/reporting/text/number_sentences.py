@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 
 NUMBER_NAMES = {
@@ -105,3 +107,30 @@ def _format_state(shot: ShotNumbers) -> str:
     if shot.spin_state == "unknown" or not shot.spin_state_probabilities:
         return NOT_OBSERVABLE
     return f"{STATE_WORDS[shot.spin_state]} ({max(shot.spin_state_probabilities):.0%})"
+
+
+def name_number(name: str) -> str:
+    """Return the words for a number of a session, such as `object_length`."""
+    if name in NUMBER_NAMES:
+        return NUMBER_NAMES[name]
+    words = NUMBER_NAMES[name.removeprefix("object_")]
+    return f"{words} of the object ball"
+
+
+def format_shot_cell(name: str, value: float, sigma: float) -> str:
+    """Format a number in a table of shots.
+
+    Args:
+        name: Name of the number.
+        value: Value; NaN where it is not observable.
+        sigma: Standard deviation.
+
+    Returns:
+        Value and standard deviation with the sign of the number; empty where it is not observable.
+    """
+    if not isfinite(value):
+        return ""
+    if name.endswith("cushions"):
+        return f"{value:.0f}"
+    decimals = 1 if abs(value) >= 10 else 2
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}"
