@@ -11,7 +11,7 @@ import numpy as np
 from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.multiple_shooting.posterior_samples import weigh_posterior_samples
+from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior
 from models.estimation.multiple_shooting.shooting_fit import (
     ShootingFit,
     ShootingOptions,
@@ -110,6 +110,8 @@ _RIVAL_BALL_LAWS, _RIVAL_SIDE_SPINS = ("inelastic", "alciatore"), (-1.0, 0.0)
 """Laws of friction between balls, and factors on the side spin of the best fit, that are tried besides it."""
 _LEAST_LOG_EVIDENCE = -7.0
 """Of a fit below the best one: its samples would be fewer than one."""
+_EVIDENCE_SAMPLES = 40
+"""Samples that correct the Laplace approximation of the evidence of one fit."""
 _SAME_SIDE_SPIN = 0.02
 """m/s: fits whose side spins differ by less are one."""
 _RIVAL_OPTIONS = ShootingOptions(iterations=15)
@@ -275,20 +277,31 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
             fitted = _continue_fit(own, [(laws, replace(best, starts=tuple(starts)))], _RIVAL_OPTIONS)
             if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
                 modes.append((rival, own, fitted))
+    rng, widening = _make_generator(None), float(np.sqrt(best.inflation))
     highest = max(fit.log_evidence for *_, fit in modes)
-    rng = _make_generator(None)
-    samples: list[ShotSample] = []
-    log_weights: list[FloatArray] = []
+    posteriors, evidence = [], []
     for rival, own, fit in modes:
         handicap = (fit.log_evidence - highest) / best.inflation
         if handicap > _LEAST_LOG_EVIDENCE:
-            drawn, logs = _sample_first_shot(own, rival, fit, float(np.sqrt(best.inflation)), rng)
-            samples += drawn
-            log_weights.append(handicap + np.minimum(logs, 0.0))
-    logs = np.concatenate(log_weights)
-    weights = np.exp(logs - logs.max())
-    chosen = rng.choice(len(samples), POSTERIOR_SAMPLES, p=weights / weights.sum())
-    return tuple(samples[k] for k in chosen)
+            posterior = GaussianPosterior.around_fit(own, fit.starts, fit.shared, widening)
+            ratios = np.array([posterior.log_ratio(step) for step in posterior.draw_steps(_EVIDENCE_SAMPLES, rng)])
+            posteriors.append((rival, own, posterior))
+            evidence.append(handicap + np.log(np.mean(np.exp(np.minimum(ratios, 0.0))) + 1e-6))
+    weights = np.exp(np.array(evidence) - max(evidence))
+    counts = rng.multinomial(POSTERIOR_SAMPLES, weights / weights.sum())
+    return tuple(
+        ShotSample(starts[0], _fill_values(own, shared), rival.ball)
+        for count, (rival, own, posterior) in zip(counts, posteriors, strict=True)
+        if count
+        for starts, shared in posterior.sample_by_slices(int(count), rng)
+    )
+
+
+def _fill_values(model: ShotWindows, shared: FloatArray) -> FloatArray:
+    """Return all parameters (Q,) for shared ones (P,)."""
+    values = NEUTRAL_SHOT_PARAMETERS.copy()
+    values[[SHOT_PARAMETERS.index(prior.name) for prior in model.unknowns]] = shared
+    return values
 
 
 def _is_same_mode(one: ShootingFit, other: ShootingFit, model: ShotWindows) -> bool:
@@ -302,20 +315,6 @@ def _scale_side_spin(start: FloatArray, moving: BoolArray, share: float) -> Floa
     padded = unpack_start(start, moving)
     padded[:, SIDE_SPIN] *= share
     return pack_start(padded, moving)
-
-
-def _sample_first_shot(
-    model: ShotWindows, laws: ContactModels, fit: ShootingFit, widening: float, rng: np.random.Generator
-) -> tuple[list[ShotSample], FloatArray]:
-    """Sample start and parameters of the first segment from a fit; also return the logarithms of their weights."""
-    names = [SHOT_PARAMETERS.index(prior.name) for prior in model.unknowns]
-    drawn, logs = weigh_posterior_samples(model, fit.starts, fit.shared, POSTERIOR_SAMPLES, widening, rng)
-    samples = []
-    for starts, shared in drawn:
-        values = NEUTRAL_SHOT_PARAMETERS.copy()
-        values[names] = shared
-        samples.append(ShotSample(starts[0], values, laws.ball))
-    return samples, logs
 
 
 def _rank_by_evidence(fits: list[tuple[ContactModels, ShootingFit]]) -> list[tuple[ContactModels, ShootingFit]]:
