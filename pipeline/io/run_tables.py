@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -299,12 +299,13 @@ def _replace_nonfinite(data: Any) -> Any:
     return data.item() if isinstance(data, np.generic) else data
 
 
-def write_columns(columns: Columns, path: Path) -> None:
+def write_columns(columns: Columns, path: Path, quoting: Literal["none", "needed"] = "none") -> None:
     """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
 
     Args:
         columns: Values by name.
         path: File to write.
+        quoting: `needed` puts texts into quotes, which may then contain commas.
     """
     arrays = {}
     for name, values in columns.items():
@@ -315,4 +316,4 @@ def write_columns(columns: Columns, path: Path) -> None:
             arrays[name] = pa.array(values)
         else:
             arrays[name] = pa.array(list(values), type=pa.string())
-    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style="none", quoting_header="none"))
+    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style=quoting, quoting_header="none"))

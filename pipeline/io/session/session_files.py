@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,8 +13,6 @@ import pyarrow.parquet as pq
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers
 from pipeline.io.run_tables import Columns, write_columns
-
-TEXT_COLUMNS = ("group", "folder", "cue", "first", "spin_state", "potted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +64,5 @@ def write_session_tables(columns: Columns, table: Path, parquet: Path) -> None:
         table: CSV file to write.
         parquet: Parquet file to write.
     """
-    write_columns({name: _quote_texts(name, values) for name, values in columns.items()}, table)
+    write_columns(columns, table, "needed")
     pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), parquet)
-
-
-def _quote_texts(name: str, values: Any) -> Any:
-    """Quote the folders, which may contain commas."""
-    if name not in ("folder", "group"):
-        return values
-    return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text for text in values]

@@ -103,7 +103,8 @@ def what_if(
     change = _parse_change(speed, angle, side, top)
     folder = out if out is not None else source if source.is_dir() else source.parent
     chosen, origin = _choose_spread(spread, session)
-    plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, _parse_pocket(pocket)))
+    place = _parse_pocket(pocket)
+    plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
     learned = None if profile is None else parse_learned_table(read_profile_text(profile))
     require_writable_folder(folder)
     with (
