@@ -17,6 +17,7 @@ from models.core.errors import ClipError, OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
+from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file
@@ -69,6 +70,8 @@ class FinishedRun:
     """Sentences on what explains the whole shot."""
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip, and on corrections by hand."""
+    numbers: tuple[ShotNumbers, ...] = ()
+    """Numbers of each shot."""
 
 
 def build_run_graph(
@@ -342,7 +345,8 @@ def _summarize_run(
     scene: Scene = load_stage_output(stages["calibrate"], entries["calibrate"])
     of_profile = (note for note in (*scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
     all_notes = (*cached_clip.notes, *notes, *dict.fromkeys(of_profile))
-    return FinishedRun(folder, assess_run_trust(cached_clip, fit), fit.events, format_whole_shot(fit), all_notes)
+    trust, whole_shot = assess_run_trust(cached_clip, fit), format_whole_shot(fit)
+    return FinishedRun(folder, trust, fit.events, whole_shot, all_notes, fit.shot_numbers)
 
 
 def _relocate_clip(path: Path, clip: Clip) -> Clip:

@@ -84,14 +84,14 @@ def simulate_shot(seed: int, law: str, folder: Path) -> SimulatedShot:
     return SimulatedShot(f"{law} {seed}", np.arange(len(whole)) / HZ, whole, LEAD + events["t"].to_numpy()[met])
 
 
-def film_shot(shot: SimulatedShot, until: float, seed: int) -> Tracks:
-    """Observe a shot from straight above until `until` s, with Gaussian noise per axis."""
+def film_shot(shot: SimulatedShot, until: float, seed: int, noise: float = NOISE) -> Tracks:
+    """Observe a shot from straight above until `until` s, with Gaussian noise (m) per axis."""
     rng = np.random.default_rng([7, seed])
     t = np.arange(int(until * FPS + 1e-9) + 1) / FPS
     xy = shot.xy[np.rint(t * HZ).astype(int)]
-    xy = xy + rng.normal(0, NOISE, xy.shape)
+    xy = xy + rng.normal(0, noise, xy.shape)
     shape = xy.shape[:2]
-    sigma = np.full(shape, NOISE)
+    sigma = np.full(shape, noise)
     colour = np.array([[90.0, 0.0, 5.0], [80.0, 5.0, 75.0], [45.0, 60.0, 35.0]])
     return Tracks(
         np.arange(len(t)), np.rint(t * HZ) / HZ, IDS, ("white", "yellow", "red"), xy, xy * PX_PER_M + 30, sigma, sigma,

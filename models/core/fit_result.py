@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.shot_explanation import MarkOutcome, ShotExplanation
+from models.core.shot_numbers import ShotNumbers
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 
@@ -66,6 +67,14 @@ class WholeShotSolution:
     """(N, 7) state of the balls: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
     covariance: FloatArray
     """(N, 7, 7) covariance of `state` for each ball, SI units."""
+    moving: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
+    """(N,) whether a ball moves at `t`."""
+    start_samples: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    """(M, S) posterior samples of the starts of all balls, as in `parametrised_shot`."""
+    parameter_samples: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    """(M, Q) parameters of each sample, in the order of `parametrised_shot.SHOT_PARAMETERS`."""
+    sample_ball_models: tuple[str, ...] = ()
+    """(M,) contact model of two balls of each sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,3 +139,5 @@ class Fit:
     """Where the best contact model fails; None if one explains the shot, or none was fitted."""
     profile_misfits: tuple[str, ...] = ()
     """Why the physics of the table profile was not used; empty if it fits, or none was given."""
+    shot_numbers: tuple[ShotNumbers, ...] = ()
+    """Numbers of each shot for players and coaches; empty where physics could not be fitted."""

@@ -136,8 +136,16 @@ def prepare_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[Join
     return solution, apply_noise(at_capture, estimate_noise(at_capture, MIN_NOISE_SPEED, radius))
 
 
-def _hash_shot(tracks: Tracks, scene: Scene) -> str:
-    """Hash what the fit of a shot depends on."""
+def hash_shot(tracks: Tracks, scene: Scene) -> str:
+    """Hash what the fit of a shot depends on.
+
+    Args:
+        tracks: Tracks of the shot.
+        scene: Its table and camera.
+
+    Returns:
+        SHA-256 as hexadecimal digits.
+    """
     digest = hashlib.sha256(repr((tracks.ids, tracks.kinds, scene.table)).encode())
     positions = tracks.xy, tracks.sigma, tracks.sigma_along, tracks.streak
     for array in (tracks.frame, tracks.t, *positions, scene.camera.matrix):
@@ -157,7 +165,7 @@ def fit_cached_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> JointSo
         The joint fit; None where physics could not be fitted.
     """
     parts = {
-        "content": _hash_shot(tracks, scene),
+        "content": hash_shot(tracks, scene),
         "source": hash_sources(fit_with_solution.__module__),
         "libraries": library_versions(),
     }

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +23,7 @@ from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.by_hand.corrections_file import describe_corrections
 from pipeline.io.explanation_json import describe_explanation
+from pipeline.io.session.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
@@ -160,6 +161,7 @@ def write_scene(
         "laws": _describe_laws(fit, table.ball_radius),
         "balls": _describe_balls(tracks, fit),
         "fit": _describe_fit_quality(tracks, fit),
+        "shot_numbers": describe_shot_numbers(fit.shot_numbers),
         "trust": summarize_trust(trust),
         "explanation": describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),
@@ -304,12 +306,13 @@ def _replace_nonfinite(data: Any) -> Any:
     return data.item() if isinstance(data, np.generic) else data
 
 
-def write_columns(columns: Columns, path: Path) -> None:
+def write_columns(columns: Columns, path: Path, quoting: Literal["none", "needed"] = "none") -> None:
     """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
 
     Args:
         columns: Values by name.
         path: File to write.
+        quoting: `needed` puts texts into quotes, which may then contain commas.
     """
     arrays = {}
     for name, values in columns.items():
@@ -320,4 +323,4 @@ def write_columns(columns: Columns, path: Path) -> None:
             arrays[name] = pa.array(values)
         else:
             arrays[name] = pa.array(list(values), type=pa.string())
-    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style="none", quoting_header="none"))
+    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style=quoting, quoting_header="none"))

@@ -34,6 +34,6 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     from pipeline.io.table_profile import parse_learned_table
 
     learned = parse_learned_table(profile) if profile else None
-    tracks, scene, events = inputs["track"], inputs["calibrate"], inputs["motion"].events
+    tracks, scene, events = inputs["track"], inputs["calibrate"], inputs["motion"].fit.events
     fans = predict_fans(tracks, scene, events, learned) if options.fans else ForecastFans(())
     return fans if learned is None else replace(fans, errors=compare_rest_of_shot(tracks, scene, events, learned))

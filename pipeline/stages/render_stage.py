@@ -48,7 +48,7 @@ def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress:
     from video.overlay.poster import Poster, find_poster_rows
     from video.overlay.slow_motion import find_output_times  # slow to import
 
-    clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
+    clip, tracks, fit = inputs["read"], inputs["track"], inputs["motion"].fit
     timeline = build_ball_timeline(inputs["calibrate"], tracks, fit)
     frames = FrameStore(timeline, clip, find_poster_rows(timeline))
     poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, frames))
@@ -65,7 +65,7 @@ def _render_slow_motion(inputs: Inputs, options: RenderOptions, folder: Path, pr
     from video.overlay.slow_motion import render_slow_motion
     from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
 
-    clip, tracks, fit = (inputs[name] for name in ("read", "track", "motion"))
+    clip, tracks, fit = inputs["read"], inputs["track"], inputs["motion"].fit
     fit = replace(fit, trust=assess_run_trust(clip, fit))
     appearance = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
     render_slow_motion(clip, appearance, tracks, fit, folder / SLOW_FILE, options, progress)

@@ -86,6 +86,29 @@ def draw_prediction_fans(table: Table, fans: Sequence[PredictionFan], title: str
     )
 
 
+def draw_changed_shot(table: Table, fans: Sequence[PredictionFan], title: str) -> ImageArray:
+    """Draw a shot that is played otherwise over the real one.
+
+    Args:
+        table: Table to draw.
+        fans: Plays of each ball, over its real path.
+        title: Title below the table.
+
+    Returns:
+        Image (h, w, 3): areas that hold 90 and 50 % of the plays are shaded, the medoid is the path of the ball, and
+        the real path is a thin light line.
+    """
+
+    def draw_fans(inset: TableInset, colours: Sequence[Colour]) -> None:
+        for fan, colour in zip(fans, colours, strict=True):
+            _shade_samples(inset, fan, colour)
+        for fan, colour in zip(fans, colours, strict=True):
+            _draw_path_line(inset, fan.observed_path, mix_colours(colour, WHITE, 0.6))
+
+    paths = [fan.medoid_path for fan in fans]
+    return draw_table_plan(table, [fan.name for fan in fans], paths, np.empty((0, 2)), title, draw_fans)
+
+
 def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> None:
     """Shade the areas that hold the most central samples of a fan."""
     positions = np.where(np.isfinite(fan.samples), fan.samples, fan.samples[:, :1])

@@ -43,7 +43,7 @@ from models.estimation.joint_fit.prior_residuals import (
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
-from models.estimation.segmentation.contact_graph import Segment
+from models.estimation.segmentation.contact_graph import ContactGraph, Segment
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
@@ -126,11 +126,9 @@ def estimate_states(
     fit, solution = fit_with_solution(observed_tracks, scene)
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")
-    radius = scene.table.ball_radius
-    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * radius)  # that of the solution
-    captured, now = replace(observed_tracks, t=clock.capture_time), float(clock.capture_time_at(np.array(t)))
-    measured = apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, radius))
-    inflation = estimate_lack_of_fit(solution, collect_observations(measured))
+    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)  # that of the solution
+    now = float(clock.capture_time_at(np.array(t)))
+    inflation = estimate_solution_misfit(solution, observed_tracks, scene.table)
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
     states = (
@@ -140,6 +138,35 @@ def estimate_states(
         for learned in tables
     )  # fmt: skip
     return tuple(replace(state, t=t) for state in states)
+
+
+def estimate_solution_misfit(solution: JointSolution, tracks: Tracks, table: Table) -> float:
+    """Estimate the factor on the variances of a joint fit that its residuals require, see `estimate_lack_of_fit`.
+
+    Args:
+        solution: Joint fit of the tracks, in capture time.
+        tracks: Tracks of T frames and N balls, in presentation time.
+        table: Dimensions of the table.
+
+    Returns:
+        The factor, from 1 to `MAX_INFLATION`.
+    """
+    return estimate_lack_of_fit(solution, collect_captured_observations(tracks, table))
+
+
+def collect_captured_observations(tracks: Tracks, table: Table) -> Observations:
+    """Collect the observations of a clip at their capture times, with realistic noise.
+
+    Args:
+        tracks: Tracks of T frames and N balls, in presentation time.
+        table: Dimensions of the table.
+
+    Returns:
+        K observations.
+    """
+    clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * table.ball_radius)
+    captured = replace(tracks, t=clock.capture_time)
+    return collect_observations(apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, table.ball_radius)))
 
 
 def estimate_lack_of_fit(solution: JointSolution, observations: Observations) -> float:
@@ -171,12 +198,25 @@ def build_state_estimate(
     trust: Trust,
     inflation: float = 1.0,
     learned: LearnedTable | None = None,
+    is_last: bool = True,
 ) -> StateEstimate:
-    """Build the state estimate at the capture time t (s) from a fit of everything up to then.
+    """Build the state estimate at the capture time t (s) from a fit.
 
-    `pocketed` balls have been potted; `inflation` is a factor on the variances; `learned` is the table, where known.
+    Args:
+        solution: Joint fit with covariance.
+        ids: Names of the balls of the clip.
+        t: s, capture time.
+        table: Dimensions of the table.
+        pocketed: Balls that have been potted.
+        trust: Trust level of the fit.
+        inflation: Factor on the variances.
+        learned: The table, where known.
+        is_last: Whether t is after the last contact, so that earlier contacts tell the side spin.
+
+    Returns:
+        States of the balls on the table, with their covariance.
     """
-    inflated = replace(solution, covariance=_inflate_covariance(solution, inflation))
+    inflated = replace(solution, covariance=inflate_covariance(solution, inflation))
     shift, covariance = _condition_on_table(inflated, t, learned)
     graph = solution.graph
     balls = [k for k, name in enumerate(ids) if name not in pocketed and graph.segments_of_ball(k)]
@@ -185,7 +225,7 @@ def build_state_estimate(
     side = np.zeros(size)
     moving = np.zeros(len(balls), bool)
     for row, ball in enumerate(balls):
-        segment = graph.segments_of_ball(ball)[-1]
+        segment = _find_segment(graph, ball, t)
         here = slice(PARAMETERS_PER_BALL * row, PARAMETERS_PER_BALL * row + 6)
         mean[here], jacobian[here, : len(solution.covariance)] = evaluate_segment_state(solution, segment, t)
         moving[row] = bool(np.any(mean[here][2:4]))
@@ -204,7 +244,16 @@ def build_state_estimate(
     state = StateEstimate(t, names, table, mean + jacobian @ shift, (total + total.T) / 2, moving, trust, laws)
     contacts, histories = extract_cushion_contacts(solution, table)
     used = learn_own_cushions(contacts, solution, table) if learned is None else learned
-    return state if used is None else _use_learned_table(state, solution, balls, used, contacts, histories)
+    if used is None:
+        return state
+    return _use_learned_table(state, solution, balls, used, contacts, histories if is_last else ())
+
+
+def _find_segment(graph: ContactGraph, ball: int, t: float) -> int:
+    """Return the last segment of a ball that begins by t (s); its first one if none does."""
+    numbers = graph.segments_of_ball(ball)
+    begun = [k for k in numbers if graph.start_time(k) <= t + 1e-9]
+    return (begun or numbers[:1])[-1]
 
 
 def _use_learned_table(
@@ -231,8 +280,16 @@ def _use_learned_table(
     return replace(state, mean=mean, covariance=covariance, laws=laws, learned=learned, spins=own)
 
 
-def _inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
-    """Multiply the covariance of a fit by a factor, but keep the priors of the shared parameters."""
+def inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
+    """Multiply the covariance of a fit by a factor, but keep the priors of the shared parameters.
+
+    Args:
+        solution: Joint fit with covariance of P parameters.
+        factor: At least 1.
+
+    Returns:
+        (P, P) covariance.
+    """
     covariance = factor * solution.covariance
     first = layout_parameters(solution.graph).shared
     prior = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])

@@ -8,6 +8,7 @@ errors and members diverge: an ensemble, drawn from all uncertainties, represent
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,11 +132,11 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
     runs = _simulate_members(state, seconds, np.random.default_rng(seed), draws)
     states = np.stack([run.states_at(after) for run in runs])
     places, covariance, sensitive = _propagate_linearly(state, central, after, seconds)
-    order = [_list_contacts(run) for run in runs]
-    divergence_times = np.array([_divergence_time(_list_contacts(central), other) for other in order])
+    order = [list_contacts(run) for run in runs]
+    divergence_times = np.array([_divergence_time(list_contacts(central), other) for other in order])
     until = float(np.quantile(divergence_times, MAX_DIVERGED_SHARE, method="lower"))
     if state.learned is not None:  # the derivatives do not contain the scatter of contacts
-        until = min([until, *(t for ball in _list_contacts(central) for t, _ in ball[:1])])
+        until = min([until, *(t for ball in list_contacts(central) for t, _ in ball[:1])])
     ensemble = np.asarray(np.maximum.accumulate(sensitive | (after > until)))
     mean, spread = _ensemble_moments(states[..., :4])
     use_ensemble = ensemble[:, None, None]
@@ -147,7 +148,7 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
         np.where(use_ensemble[..., None], spread, covariance),
         ensemble,
         states[..., :2],
-        _summarize_events(state, order, _find_rest_times(state, after, states)),
+        summarize_events(state.ids, state.t, order, _find_rest_times(state, after, states)),
         tuple(_rank_first_contacts(order, ball) for ball in range(len(state.ids))),
     )
 
@@ -163,6 +164,22 @@ def _simulate_members(
     state: StateEstimate, seconds: float, rng: np.random.Generator, draws: int
 ) -> list[SimulatedShot]:
     """Simulate draws from all uncertainties, including the cushion law."""
+    return [state.simulate_ahead(*one, seconds, deviations) for *one, deviations in draw_members(state, rng, draws)]
+
+
+def draw_members(
+    state: StateEstimate, rng: np.random.Generator, draws: int
+) -> list[tuple[FloatArray, str, FloatArray]]:
+    """Draw the members of an ensemble from all uncertainties, including the cushion law.
+
+    Args:
+        state: State estimate of N balls.
+        rng: Random generator.
+        draws: Number of members.
+
+    Returns:
+        Simulation inputs (9N + 17,), cushion law, and disturbances (D, 5) of cushion contacts of each member.
+    """
     value, vectors = np.linalg.eigh(state.covariance)
     root = vectors * np.sqrt(np.maximum(value, 0.0))
     laws = rng.choice(len(CUSHION_MODELS), draws, p=state.laws)
@@ -177,8 +194,7 @@ def _simulate_members(
         for own, values in zip(inputs, state.learned.draw_physics(rng, draws), strict=True):
             own[first + state.learned.uncertain] = values
     return [
-        state.simulate_ahead(own, CUSHION_MODELS[law], seconds, deviations)
-        for own, law, deviations in zip(inputs, laws, disturbances, strict=True)
+        (own, CUSHION_MODELS[law], deviations) for own, law, deviations in zip(inputs, laws, disturbances, strict=True)
     ]
 
 
@@ -242,8 +258,15 @@ def _ensemble_moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean, np.einsum("mtni,mtnj->tnij", deviations, deviations) / np.maximum(share - 1, 1.0)[..., None]
 
 
-def _list_contacts(run: SimulatedShot) -> list[list[tuple[float, EventKey]]]:
-    """List the contacts of each ball with their times, without gentle ones of balls that lie together."""
+def list_contacts(run: SimulatedShot) -> list[list[tuple[float, EventKey]]]:
+    """List the contacts of each ball with their times, without gentle ones of balls that lie together.
+
+    Args:
+        run: A simulated shot of N balls.
+
+    Returns:
+        (N,) time (s) and event of each contact, in the order of time.
+    """
     ids = run.balls.ids
     contacts: list[list[tuple[float, EventKey]]] = [[] for _ in ids]
     sides = {0: run.rails.lines[:, 5], 1: run.rails.arcs[:, 3] if len(run.rails.arcs) else np.empty(0)}
@@ -292,24 +315,32 @@ def _find_rest_times(state: StateEstimate, after: FloatArray, states: FloatArray
     return rest_times
 
 
-def _summarize_events(
-    state: StateEstimate, order: list[list[list[tuple[float, EventKey]]]], rests: dict[EventKey, list[float]]
-) -> tuple[PredictedEvent, ...]:
+def summarize_events(
+    ids: Sequence[str], begin: float, order: list[list[list[tuple[float, EventKey]]]],
+    rests: dict[EventKey, list[float]],
+) -> tuple[PredictedEvent, ...]:  # fmt: skip
     """Summarize events in at least `MIN_EVENT_PROBABILITY` of the members.
 
-    A pair of balls is named in the order of the clip.
+    Args:
+        ids: (N,) balls in the order of the clip; a pair of balls is named in this order.
+        begin: s, start of the simulations.
+        order: Contacts of each ball in each member, see `list_contacts`.
+        rests: When balls come to rest, s after `begin`, one time per member in which they do.
+
+    Returns:
+        The events in the order of time.
     """
     times = dict(rests)
     for member in order:
         first_times: dict[EventKey, float] = {}
         for t, event in (meeting for ball in member for meeting in ball):
             kind, a, b = event
-            if kind != "ball" or state.ids.index(a) < state.ids.index(b):
+            if kind != "ball" or ids.index(a) < ids.index(b):
                 first_times.setdefault(event, t)
         for event, t in first_times.items():
             times.setdefault(event, []).append(t)
     events = [
-        PredictedEvent(event, len(t) / len(order), *(state.t + float(q) for q in np.quantile(t, (0.5, 0.05, 0.95))))
+        PredictedEvent(event, len(t) / len(order), *(begin + float(q) for q in np.quantile(t, (0.5, 0.05, 0.95))))
         for event, t in times.items()
         if len(t) >= MIN_EVENT_PROBABILITY * len(order)
     ]

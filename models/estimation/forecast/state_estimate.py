@@ -105,13 +105,18 @@ class StateEstimate:
         self, inputs: FloatArray, law: str, seconds: float, disturbances: FloatArray | None = None
     ) -> SimulatedShot:
         """Simulate the future from given inputs; `disturbances` (D, 5) are those of `simulate`."""
+        balls, physics, offsets, correction = self.convert_inputs(inputs, law)
+        return simulate(balls, self.table, physics, seconds, offsets, disturbances, correction)
+
+    def convert_inputs(self, inputs: FloatArray, law: str) -> tuple[BallSet, Physics, FloatArray, FloatArray]:
+        """Convert simulation inputs to balls, physics, nose offsets (4,) m, and the correction of the cushion law."""
         n = len(self.ids)
         columns = inputs[: 9 * n].reshape(n, 9)
         p, offsets = inputs[9 * n : 9 * n + len(PARAMETER_NAMES)], inputs[9 * n + len(PARAMETER_NAMES) :]
         balls = BallSet(self.ids, columns[:, :7].copy(), columns[:, 7].copy(), columns[:, 8].copy())
         physics = Physics(p.copy(), PARAMETER_NAMES, law, BALL_MODELS[2])
         correction = NO_CORRECTION if self.learned is None else self.learned.correction
-        return simulate(balls, self.table, physics, seconds, offsets, disturbances, correction)
+        return balls, physics, offsets, correction
 
 
 def law_probabilities(grip: float, sigma: float) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.estimation.segmentation.contact_graph import ContactGraph
@@ -50,6 +51,15 @@ class JointSolution:
     """Robust, with pseudo-observations."""
     covariance: FloatArray
     """(P, P) of the packed parameters, see `ParameterLayout`; empty until `joint_refinement.add_covariance` adds it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedMotion:
+    """The motion of a clip, and the parameters behind it."""
+
+    fit: Fit
+    solution: JointSolution | None
+    """With covariance; None where physics could not be fitted."""
 
 
 @dataclass(frozen=True, slots=True)

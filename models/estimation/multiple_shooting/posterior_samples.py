@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from models.core.typing import FloatArray
@@ -11,11 +13,15 @@ from models.estimation.multiple_shooting.shared_parameters import (
     prior_terms,
     values_from_coordinates,
 )
-from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
+from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.numerics.least_squares import MIN_INFORMATION
 
 Starts = tuple[FloatArray, ...]
+BURN_IN = 12
+"""Samples of a chain that are left out: it starts at the best fit."""
+_MAX_SHRINKING = 25
+"""Trials of one step; after so many the last sample counts again."""
 
 
 def sample_posterior(
@@ -37,21 +43,80 @@ def sample_posterior(
     Returns:
         Pairs of start states and shared parameters.
     """
-    problem = ShootingProblem(model, model.windows, (tuple(range(len(model.windows))),))
-    _, (block,) = linearize_chains(problem, simulate_chains(problem, starts, shared))
-    size = len(block.gradient)
-    whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
-    whole[size:, size:] += np.diag(prior_terms(model.unknowns, shared)[1])
-    steps = widening * _sample_gaussian(whole, count, rng)
-    middle, low, high = coordinate_bounds(model.unknowns, shared)
-    edges = np.cumsum([len(start) for start in starts])[:-1]
-    return [
-        (
-            tuple(start + part for start, part in zip(starts, np.split(step[:size], edges), strict=True)),
-            values_from_coordinates(model.unknowns, np.clip(middle + step[size:], low, high)),
+    posterior = GaussianPosterior.around_fit(model, starts, shared, widening)
+    return [posterior.move(step) for step in posterior.draw_steps(count, rng)]
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianPosterior:
+    """Gaussian approximation of the posterior of one shot about its best fit, and the true posterior beside it."""
+
+    problem: ShootingProblem
+    best: Iterate
+    information: FloatArray
+    """(M, M) of states and search coordinates at the best fit."""
+    widening: float
+    """Factor on the standard deviations of both."""
+
+    @classmethod
+    def around_fit(cls, model: ShootingModel, starts: Starts, shared: FloatArray, widening: float) -> GaussianPosterior:
+        """Build the approximation about a fit with start states and shared parameters (P,)."""
+        problem = ShootingProblem(model, model.windows, (tuple(range(len(model.windows))),))
+        best, (block,) = linearize_chains(problem, simulate_chains(problem, starts, shared))
+        size = len(block.gradient)
+        whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
+        whole[size:, size:] += np.diag(prior_terms(model.unknowns, shared)[1])
+        return cls(problem, best, whole, widening)
+
+    def draw_steps(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draw steps (count, M) from the best fit."""
+        return self.widening * _sample_gaussian(self.information, count, rng)
+
+    def move(self, step: FloatArray) -> tuple[Starts, FloatArray]:
+        """Return start states and shared parameters at a step (M,) from the best fit."""
+        unknowns, size = self.problem.model.unknowns, sum(len(start) for start in self.best.starts)
+        middle, low, high = coordinate_bounds(unknowns, self.best.shared)
+        edges = np.cumsum([len(start) for start in self.best.starts])[:-1]
+        parts = np.split(step[:size], edges)
+        return (
+            tuple(start + part for start, part in zip(self.best.starts, parts, strict=True)),
+            values_from_coordinates(unknowns, np.clip(middle + step[size:], low, high)),
         )
-        for step in steps
-    ]
+
+    def log_ratio(self, step: FloatArray) -> float:
+        """Return the logarithm of the true posterior over its Gaussian approximation at a step (M,); 0 at the best."""
+        cost = simulate_chains(self.problem, *self.move(step)).cost - self.best.cost
+        predicted = float(step @ self.information @ step)
+        return -0.5 * (cost - predicted) / self.widening**2 if np.isfinite(cost) else -np.inf
+
+    def sample_by_slices(self, count: int, rng: np.random.Generator) -> list[tuple[Starts, FloatArray]]:
+        """Sample the true posterior by elliptical slice sampling (Murray, Adams, MacKay 2010, AISTATS).
+
+        It needs no step size, and shrinks every step until it is as probable as a random level, so that a parameter
+        without effect at the best fit but with a strong one elsewhere spreads no farther than the data allow.
+
+        Args:
+            count: Number of samples.
+            rng: Random generator.
+
+        Returns:
+            Pairs of start states and shared parameters.
+        """
+        step, ratio, samples = np.zeros(len(self.information)), 0.0, []
+        for direction in self.draw_steps(count + BURN_IN, rng):
+            level = ratio - rng.exponential()
+            angle = rng.uniform(0, 2 * np.pi)
+            low, high = angle - 2 * np.pi, angle
+            for _ in range(_MAX_SHRINKING):
+                trial = step * np.cos(angle) + direction * np.sin(angle)
+                ratio_there = self.log_ratio(trial)
+                if ratio_there > level:
+                    step, ratio = trial, ratio_there
+                    break
+                low, high = (angle, high) if angle < 0 else (low, angle)
+                angle = rng.uniform(low, high)
+            samples.append(self.move(step))
+        return samples[BURN_IN:]
 
 
 def _sample_gaussian(information: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:

@@ -11,6 +11,7 @@ import numpy as np
 from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import BoolArray, FloatArray
+from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior
 from models.estimation.multiple_shooting.shooting_fit import (
     ShootingFit,
     ShootingOptions,
@@ -29,7 +30,9 @@ from models.physics.billiards.simulation.parametrised_shot import (
     MOVING_BALL_SIZE,
     NEUTRAL_SHOT_PARAMETERS,
     SHOT_PARAMETERS,
+    SIDE_SPIN,
     ContactModels,
+    pack_start,
     start_offsets,
     unpack_start,
 )
@@ -55,6 +58,18 @@ _GOOD_CHI2 = 1.1
 
 
 @dataclass(frozen=True, slots=True)
+class ShotSample:
+    """A posterior sample of the first segment."""
+
+    start: FloatArray
+    """(S,) as in `parametrised_shot`."""
+    values: FloatArray
+    """(Q,) all parameters."""
+    ball_model: str
+    """Contact model of two balls."""
+
+
+@dataclass(frozen=True, slots=True)
 class TableFit:
     """The physics of a table fitted to whole shots."""
 
@@ -68,6 +83,8 @@ class TableFit:
     """Per segment (N, 7, 7) of each ball's state; 0 for velocities and spins of a resting ball."""
     evidence: tuple[tuple[ContactModels, float], ...]
     """Log evidence of every candidate, divided by the lack of fit of the best; the best one first."""
+    samples: tuple[ShotSample, ...] = ()
+    """Posterior samples; empty if they were not requested, or nothing explains the shots."""
 
     @property
     def is_explained(self) -> bool:
@@ -87,6 +104,18 @@ class LawSearch:
     """Pairs of contact models that the budget left out."""
 
 
+POSTERIOR_SAMPLES = 128
+"""Posterior samples of a fit: standard deviations are known to 6 %."""
+_RIVAL_BALL_LAWS, _RIVAL_SIDE_SPINS = ("inelastic", "alciatore"), (-1.0, 0.0)
+"""Laws of friction between balls, and factors on the side spin of the best fit, that are tried besides it."""
+_LEAST_LOG_EVIDENCE = -7.0
+"""Of a fit below the best one: its samples would be fewer than one."""
+_EVIDENCE_SAMPLES = 40
+"""Samples that correct the Laplace approximation of the evidence of one fit."""
+_SAME_SIDE_SPIN = 0.02
+"""m/s: fits whose side spins differ by less are one."""
+_RIVAL_OPTIONS = ShootingOptions(iterations=15)
+"""Of contact models that start from the states of another: they are near, or do not fit."""
 _NOT_IDENTIFIABLE = ("cushion_restitution_power.power",)
 """Left out: a few shots do not separate it from a restitution that falls in proportion to the speed."""
 
@@ -176,7 +205,7 @@ def search_laws(
         _fit_all(models, ShootingOptions(), _make_generator(None), views, fits, to_the_end=budget is None)
     finished = {*views, *(laws for laws, _ in fits)}
     return LawSearch(
-        _summarize_best(models, fits) if fits else None,
+        _summarize_best(models, fits, is_sampled=True) if fits else None,
         tuple(sorted(views.items(), key=lambda one: -one[1].explained_until)),
         tuple(laws for laws in models if laws not in finished),
     )
@@ -213,9 +242,9 @@ def _fit_all(
 
 
 def _summarize_best(
-    models: dict[ContactModels, ShotWindows], fits: list[tuple[ContactModels, ShootingFit]]
+    models: dict[ContactModels, ShotWindows], fits: list[tuple[ContactModels, ShootingFit]], is_sampled: bool = False
 ) -> TableFit:
-    """Summarize the fit of greatest evidence."""
+    """Summarize the fit of greatest evidence, with posterior samples if it explains the shots."""
     ranked = _rank_by_evidence(fits)
     segments = next(iter(models.values())).segments
     least = max(1.0, min(fit.chi2_per_dof for _, fit in ranked))
@@ -225,7 +254,67 @@ def _summarize_best(
         tuple(unpack_start(start, one.moving) for start, one in zip(best.starts, segments, strict=True)),
         tuple(_split_covariance(cov, one.moving) for cov, one in zip(best.start_covariances, segments, strict=True)),
         tuple((one, fit.log_evidence / least) for one, fit in ranked),
+        _sample_rivals(models[laws], laws, best) if is_sampled and best.chi2_per_dof < _EXPLAINED_CHI2 else (),
     )  # fmt: skip
+
+
+def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -> tuple[ShotSample, ...]:
+    """Sample from the best fit and from those with other side spins and the other law of friction between balls.
+
+    No frame shows side spin, and throw depends on it as on that law, so that the best fit may be one of several that
+    explain the shot. Their evidence, divided by the factor on variances of the best, weights them.
+    """
+    free = replace(model, budget=None)  # that of the search may be spent
+    modes = [(laws, free, best)]
+    for ball in _RIVAL_BALL_LAWS:
+        rival = ContactModels(laws.cushion, ball)
+        own = free if rival == laws else replace(free, laws=rival, unknowns=table_priors(rival))
+        for share in _RIVAL_SIDE_SPINS if rival == laws else (1.0, *_RIVAL_SIDE_SPINS):
+            starts = [
+                _scale_side_spin(start, one.moving, share)
+                for start, one in zip(best.starts, model.segments, strict=True)
+            ]
+            fitted = _continue_fit(own, [(laws, replace(best, starts=tuple(starts)))], _RIVAL_OPTIONS)
+            if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
+                modes.append((rival, own, fitted))
+    rng, widening = _make_generator(None), float(np.sqrt(best.inflation))
+    highest = max(fit.log_evidence for *_, fit in modes)
+    posteriors, evidence = [], []
+    for rival, own, fit in modes:
+        handicap = (fit.log_evidence - highest) / best.inflation
+        if handicap > _LEAST_LOG_EVIDENCE:
+            posterior = GaussianPosterior.around_fit(own, fit.starts, fit.shared, widening)
+            ratios = np.array([posterior.log_ratio(step) for step in posterior.draw_steps(_EVIDENCE_SAMPLES, rng)])
+            posteriors.append((rival, own, posterior))
+            evidence.append(handicap + np.log(np.mean(np.exp(np.minimum(ratios, 0.0))) + 1e-6))
+    weights = np.exp(np.array(evidence) - max(evidence))
+    counts = rng.multinomial(POSTERIOR_SAMPLES, weights / weights.sum())
+    return tuple(
+        ShotSample(starts[0], _fill_values(own, shared), rival.ball)
+        for count, (rival, own, posterior) in zip(counts, posteriors, strict=True)
+        if count
+        for starts, shared in posterior.sample_by_slices(int(count), rng)
+    )
+
+
+def _fill_values(model: ShotWindows, shared: FloatArray) -> FloatArray:
+    """Return all parameters (Q,) for shared ones (P,)."""
+    values = NEUTRAL_SHOT_PARAMETERS.copy()
+    values[[SHOT_PARAMETERS.index(prior.name) for prior in model.unknowns]] = shared
+    return values
+
+
+def _is_same_mode(one: ShootingFit, other: ShootingFit, model: ShotWindows) -> bool:
+    """Return whether two fits have nearly the same side spins at the start."""
+    sides = [unpack_start(fit.starts[0], model.segments[0].moving)[:, SIDE_SPIN] for fit in (one, other)]
+    return bool(np.abs(sides[0] - sides[1]).max() < _SAME_SIDE_SPIN)
+
+
+def _scale_side_spin(start: FloatArray, moving: BoolArray, share: float) -> FloatArray:
+    """Multiply the side spin of all balls at the start of a segment."""
+    padded = unpack_start(start, moving)
+    padded[:, SIDE_SPIN] *= share
+    return pack_start(padded, moving)
 
 
 def _rank_by_evidence(fits: list[tuple[ContactModels, ShootingFit]]) -> list[tuple[ContactModels, ShootingFit]]:
@@ -274,13 +363,20 @@ def _fit_laws(
     """
     if not others:
         return fit_from_single_shots(model, options, rng)
+    fitted = _continue_fit(model, others, options)
+    if any(one.converged and one.chi2_per_dof < _GOOD_CHI2 for one in (*(one for _, one in others), fitted)):
+        return fitted
+    return min([fitted, fit_from_single_shots(model, options, rng)], key=lambda one: one.cost)
+
+
+def _continue_fit(
+    model: ShotWindows, others: list[tuple[ContactModels, ShootingFit]], options: ShootingOptions
+) -> ShootingFit:
+    """Fit one pair of contact models from the states and parameters of the best fit of others."""
     laws, neighbour = min(others, key=lambda one: one[1].cost)
     neighbour_values = {prior.name: value for prior, value in zip(table_priors(laws), neighbour.shared, strict=True)}
     shared = np.array([neighbour_values.get(prior.name, prior.value) for prior in model.unknowns])
-    fitted = fit_windows(model, shared, options, neighbour.starts)
-    if any(one.converged and one.chi2_per_dof < _GOOD_CHI2 for one in (neighbour, fitted)):
-        return fitted
-    return min([fitted, fit_from_single_shots(model, options, rng)], key=lambda one: one.cost)
+    return fit_windows(model, shared, options, neighbour.starts)
 
 
 def fit_from_single_shots(

@@ -202,5 +202,7 @@ def _summarize_laws(
     state, turn = convert_to_states(table_fit.states[0], table.ball_radius * factor)
     return WholeShotSolution(
         table_fit.laws.cushion, table_fit.laws.ball, table_fit.chi2_per_dof, table_fit.parameters, segments[0].begin,
-        ids, state, turn @ table_fit.covariances[0] @ turn.T,
+        ids, state, turn @ table_fit.covariances[0] @ turn.T, segments[0].moving,
+        np.array([one.start for one in table_fit.samples]), np.array([one.values for one in table_fit.samples]),
+        tuple(one.ball_model for one in table_fit.samples),
     )  # fmt: skip

@@ -71,6 +71,37 @@ class Rails:
     """(H, 3) centre, radius (m), in the order of `POCKETS`."""
 
 
+@dataclass(frozen=True, slots=True)
+class MouthLine:
+    """Line between the two noses of a pocket."""
+
+    middle: FloatArray
+    """(2,) m, its middle."""
+    outward: FloatArray
+    """(2,) unit vector from the table into the pocket: the centre line of the pocket."""
+    half_width: float
+    """m, from the middle to the point where nose and facing would meet if they were sharp."""
+
+
+def find_mouth_line(table: Table, pocket: str) -> MouthLine:
+    """Find the line that a ball must cross to fall into a pocket.
+
+    Args:
+        table: Table with pockets.
+        pocket: One of `POCKETS`.
+
+    Returns:
+        The line, square to the centre line of the pocket.
+    """
+    kind = _select_pockets(table)
+    place, is_corner = table.pocket_centres[POCKETS.index(pocket)], "-" in pocket
+    mouth = kind.corner if is_corner else kind.middle
+    inward = np.sign(np.array([table.length, table.width]) / 2 - place)
+    inward = inward / np.linalg.norm(inward)
+    half = table.ball_radius / kind.ball_radius * mouth.width / 2
+    return MouthLine(place + half * inward * is_corner, -inward, half)
+
+
 def build_rails(table: Table, offsets: FloatArray | None = None) -> Rails:
     """Build the rails of a table.
 
@@ -99,7 +130,7 @@ def _build_offset_rails(table: Table, offsets: tuple[float, ...]) -> Rails:
 
 
 def _build_pocket_rails(table: Table, size: FloatArray, moved: FloatArray) -> Rails:
-    kind = SNOOKER_POCKETS if table.game == "snooker" else POOL_POCKETS
+    kind = _select_pockets(table)
     scale = table.ball_radius / kind.ball_radius
     lines: list[list[float]] = []
     arcs: list[list[float]] = []
@@ -115,6 +146,10 @@ def _build_pocket_rails(table: Table, size: FloatArray, moved: FloatArray) -> Ra
                 arcs.append(arc)
                 lines.append(facing)
     return Rails(np.array(lines), np.array(arcs), _build_holes(table, kind, scale))
+
+
+def _select_pockets(table: Table) -> PocketGeometry:
+    return SNOOKER_POCKETS if table.game == "snooker" else POOL_POCKETS
 
 
 def _find_nose_ends(

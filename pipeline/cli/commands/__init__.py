@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "check", "run", "batch", "view", "edit", "call", "predict", "put-back", "interpolate", "diagnose", "gapcheck",
-    "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
+    "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate", "diagnose",
+    "gapcheck", "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -68,6 +68,10 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands.correction import edit_command as edit_command
         case "call":
             from pipeline.cli.commands import call_command as call_command
+        case "compare":
+            from pipeline.cli.commands.coaching import compare_command as compare_command
+        case "what-if":
+            from pipeline.cli.commands.coaching import what_if_command as what_if_command
         case "predict":
             from pipeline.cli.commands import predict_command as predict_command
         case "put-back":

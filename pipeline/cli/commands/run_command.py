@@ -15,6 +15,8 @@ from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.session.shot_numbers_json import describe_shot_numbers
+from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions, use_growing_profile
@@ -139,7 +141,7 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
     return {"folder": str(finished.folder), "trust": summarize_trust(finished.trust), "whole_shot": finished.whole_shot,
-            "events": rows}  # fmt: skip
+            "events": rows, "shot_numbers": describe_shot_numbers(finished.numbers)}  # fmt: skip
 
 
 def _print_answer(finished: FinishedRun) -> None:
@@ -157,6 +159,8 @@ def _print_answer(finished: FinishedRun) -> None:
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
+    for shot in finished.numbers:
+        screen.print(f"Shot: {format_shot_line(shot)}", markup=False)
     screen.print(format_trust_line(finished.trust))
     if finished.whole_shot:
         screen.print(finished.whole_shot, markup=False)

@@ -33,6 +33,7 @@ from pipeline.reporting.pages.page_embedding import build_data_uri
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
+from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.shot_summary import summarize_shots
 from pipeline.reporting.text.text_formatting import (
@@ -143,6 +144,7 @@ def write_report(
         calls=answer_calls(
             make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
         ),
+        shot_numbers=[(shot.t, list_number_rows(shot)) for shot in fit.shot_numbers],
         plotly=read_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],

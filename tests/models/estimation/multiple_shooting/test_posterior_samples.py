@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from support.bouncing_ball import filmed
 
-from models.estimation.multiple_shooting.posterior_samples import sample_posterior
+from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior, sample_posterior
 from models.estimation.multiple_shooting.shooting_fit import fit_windows
 
 
@@ -33,3 +35,23 @@ def test_widened_samples_scatter_more() -> None:
         for w in (1.0, 2.0)
     )
     np.testing.assert_allclose(two[:, 0], 2 * one[:, 0], rtol=0.02)
+
+
+def test_slices_sample_the_gaussian_where_the_posterior_is_one() -> None:
+    model = filmed(np.random.default_rng(3), 1, 0.004)
+    result = fit_windows(model)
+    posterior = GaussianPosterior.around_fit(model, result.starts, result.shared, 1.0)
+    draws = posterior.sample_by_slices(1500, np.random.default_rng(0))
+    shared = np.array([one[1] for one in draws])
+    np.testing.assert_allclose(shared.std(axis=0), result.sigma / np.sqrt(result.inflation), rtol=0.25)
+    np.testing.assert_allclose(shared.mean(axis=0), result.shared, atol=0.3 * result.sigma.max())
+
+
+def test_slices_stay_where_the_posterior_is_narrower() -> None:
+    model = filmed(np.random.default_rng(3), 1, 0.004)
+    result = fit_windows(model)
+    wide = GaussianPosterior.around_fit(model, result.starts, result.shared, 1.0)
+    too_wide = replace(wide, information=wide.information / 16.0)
+    draws = too_wide.sample_by_slices(1500, np.random.default_rng(0))
+    shared = np.array([one[1] for one in draws])
+    np.testing.assert_allclose(shared.std(axis=0), result.sigma / np.sqrt(result.inflation), rtol=0.3)

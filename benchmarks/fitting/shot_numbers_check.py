@@ -1,0 +1,177 @@
+"""Measure players' numbers of foreign shots, and check whether the stated standard deviations hold.
+
+    python -m benchmarks.fitting.shot_numbers_check [SEEDS] [FIRST] [--noise MM] [--out DIR] [--laws]
+
+The truth is worlds/billiards.py, run as a process: three balls, a random table, cue speeds of 1.2 to 3.5 m/s with
+arbitrary top and side spin, two cushion models, friction of balls that falls with speed; 60 fps, Gaussian noise per
+axis. Every shot is fitted as `trueroll run` fits it. Printed: per number the shots in which it is observable, median
+and 95 % quantile of the error, and the share of errors within one and two stated standard deviations (expected: 68 and
+95 %). Rows are kept in DIR, so that a second call resumes. Takes about ten seconds per shot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+
+from benchmarks.fitting.prediction_shots import IDS, LAWS, LEAD, film_shot, overhead_scene, simulate_shot
+from models.core.events import Events
+from models.core.options import FitOptions
+from models.core.typing import FloatArray
+from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.shot_numbers.contact_numbers import CONTACT_NUMBERS, evaluate_contact
+from models.estimation.shot_numbers.measure_shots import measure_shots
+from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
+from models.physics.billiards.simulation.parametrised_shot import convert_to_starts
+
+SECONDS = 4.0
+"""s that are filmed."""
+RESOLUTION = 1e-3
+"""Least standard deviation, in the unit of each number: a rolling ball has a spin share of 1 without any error."""
+SAME_CONTACT = 0.03
+"""s between the true and the measured first contact, at most: farther apart, another contact was measured."""
+STRIKE_NUMBERS = ("cue_speed", "top_spin", "top_spin_share", "side_spin", "side_spin_share")
+STATE_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz")
+
+
+def read_truth(folder: Path, until: float) -> dict[str, float]:
+    """Read the true numbers of a simulated shot; those of the contact only if it happens within `until` s."""
+    rows = pyarrow.csv.read_csv(folder / "trajectory.csv")
+    states = np.stack([rows[name].to_numpy() for name in STATE_COLUMNS], axis=1).reshape(-1, len(IDS), 7)
+    t = rows["t"].to_numpy().reshape(-1, len(IDS))[:, 0]
+    content = json.loads((folder / "shot.json").read_text())
+    radius, cue = content["balls"][0]["radius"], states[0, 0]
+    speed = float(np.hypot(*cue[2:4]))
+    top, side = float(cue[5] * cue[2] - cue[4] * cue[3]) / speed, -float(cue[6])
+    truth = dict(zip(STRIKE_NUMBERS, (speed, top, radius * top / speed, side, radius * side / speed), strict=True))
+    events = pyarrow.csv.read_csv(folder / "events.csv").to_pylist()
+    own = [one for one in events if one["kind"] in ("ball", "cushion") and IDS[0] in (one["a"], one["b"])]
+    first = next((k for k, one in enumerate(own) if one["kind"] == "ball"), None)
+    if first is None or own[first]["t"] > until:
+        return truth
+    meeting = own[first]
+    other = IDS.index(meeting["b"] if meeting["a"] == IDS[0] else meeting["a"])
+    nexts = [one["t"] for one in own[first + 1 :]]
+    friction = content["effects"]["sliding_friction"]["mu"]
+    contact = _states_around(
+        t, convert_to_starts(states, np.full(len(IDS), radius)), meeting["t"], other, nexts, friction
+    )
+    truth["contact_time"] = LEAD + meeting["t"]
+    return truth | dict(zip((name for name, _ in CONTACT_NUMBERS), evaluate_contact(contact).tolist(), strict=True))
+
+
+def _states_around(
+    t: FloatArray, states: FloatArray, at: float, other: int, nexts: list[float], friction: float
+) -> FloatArray:
+    """Return the states (5, 6) around a contact from samples, continued to the moment of contact."""
+    row = int(np.searchsorted(t, at, side="right")) - 1
+    before, after = states[row - 1, [0, other], :6].copy(), states[row + 1, [0, other], :6].copy()
+    slope = (states[row - 1] - states[row - 2])[[0, other], :6] / (t[1] - t[0])
+    before += slope * (at - t[row - 1])
+    later = (states[row + 2] - states[row + 1])[[0, other], :6] / (t[1] - t[0])
+    after += later * (at - t[row + 1])
+    slide = 2 / 7 * float(np.hypot(*after[0, 4:6])) / (friction * 9.81)
+    end = min([at + slide, *(one - 2e-3 for one in nexts[:1])])
+    return np.vstack([before, after, states[min(int(np.searchsorted(t, end)), len(t) - 1), :1, :6]])
+
+
+def measure_case(seed: int, law: str, noise: float, folder: Path, options: FitOptions) -> dict[str, Any]:
+    """Fit one shot; returns truth, estimate and sigma by number."""
+    shot = simulate_shot(seed, law, folder)
+    tracks, scene = film_shot(shot, SECONDS, seed, noise), overhead_scene()
+    fit, solution = fit_with_solution(tracks, scene, options)
+    fit = fit_shot_laws(fit, tracks, scene.table, options)
+    truth = read_truth(folder / f"shot_{seed}_{law}", SECONDS - 0.5)
+    row: dict[str, Any] = {"seed": seed, "law": law, "noise": noise, "whole": fit.whole_shot is not None, "numbers": {}}
+    shots = () if solution is None else measure_shots(fit, solution, tracks, scene.table)
+    row["first_contact"] = [truth.pop("contact_time", None), _find_first_contact(fit.events)]
+    for one in shots[0].numbers if shots else ():
+        if one.name in truth and one.name not in row["numbers"]:
+            row["numbers"][one.name] = [truth[one.name], one.value, one.sigma, one.observable]
+    return row
+
+
+def _find_first_contact(events: Events) -> float | None:
+    """Return when the cue ball touches a ball first, s; None if it does not."""
+    rows = (k for k in range(len(events)) if events.kind[k] == "ball" and IDS[0] in (events.a[k], events.b[k]))
+    return next((float(events.t[k]) for k in rows if events.probability[k] >= 0.5), None)
+
+
+def run_cases(arguments: argparse.Namespace, path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the rows of all cases; those that are already in the file are not fitted again."""
+    cases = [(seed, law) for seed in range(arguments.first, arguments.first + arguments.seeds) for law in LAWS]
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+    finished = {(row["seed"], row["law"]): row for row in rows}
+    options = FitOptions(laws=True) if arguments.laws else FitOptions()
+    for seed, law in cases:
+        if (seed, law) not in finished:
+            row = measure_case(seed, law, 1e-3 * arguments.noise, arguments.out, options)
+            with path.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(f"{law} {seed}: {'whole shot' if row['whole'] else 'segments'}", file=sys.stderr, flush=True)
+            finished[(seed, law)] = row
+        yield finished[(seed, law)]
+
+
+def _is_same_contact(row: dict[str, Any]) -> bool:
+    true, measured = row["first_contact"]
+    if true is None or measured is None:
+        return true is measured
+    return abs(true - measured) < SAME_CONTACT
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    missed = [row for row in rows if not _is_same_contact(row)]
+    print(
+        f"{len(rows)} shots, {sum(row['whole'] for row in rows)} explained whole; in {len(missed)} another first"
+        " contact was measured, whose numbers are left out\n"
+    )
+    for row in missed:
+        row["numbers"] = {name: one for name, one in row["numbers"].items() if name in STRIKE_NUMBERS}
+    print("| number | observable | of | median error | 95 % of errors below | within 1 sigma | within 2 sigma |")
+    print("|---|---|---|---|---|---|---|")
+    for name in (*STRIKE_NUMBERS, *(name for name, _ in CONTACT_NUMBERS)):
+        own = [row["numbers"][name] for row in rows if name in row["numbers"]]
+        good = np.array([one[:3] for one in own if one[3]], dtype=float).reshape(-1, 3)
+        if not len(good):
+            print(f"| {name} | 0 | {len(own)} | | | | |")
+            continue
+        error = abs(good[:, 1] - good[:, 0])
+        pull = error / np.maximum(good[:, 2], RESOLUTION)
+        print(
+            f"| {name} | {len(good)} | {len(own)} | {np.median(error):.3g} | {np.quantile(error, 0.95):.3g}"
+            f" | {np.mean(pull < 1):.0%} | {np.mean(pull < 2):.0%} |"
+        )
+    speed = [row["numbers"]["cue_speed"] for row in rows if "cue_speed" in row["numbers"]]
+    cut = [row["numbers"]["cut_angle"] for row in rows if row["numbers"].get("cut_angle", [0, 0, 0, False])[3]]
+    if speed and cut:
+        print(
+            f"\nspeed within 1 %: {np.mean([abs(e / t - 1) < 0.01 for t, e, *_ in speed]):.0%};"
+            f" cut angle within 0.5 deg: {np.mean([abs(e - t) < 0.5 for t, e, *_ in cut]):.0%}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seeds", nargs="?", type=int, default=20, help="number of shots per cushion model")
+    parser.add_argument("first", nargs="?", type=int, default=0, help="first seed")
+    parser.add_argument("--noise", type=float, default=1.0, help="noise of a position per axis, mm")
+    parser.add_argument("--laws", action="store_true", help="complete the search for contact models, as run --laws")
+    parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_shot_numbers",
+                        help="folder of the simulated shots and the rows")  # fmt: skip
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    path = arguments.out / f"rows_{arguments.noise:g}mm{'_laws' if arguments.laws else ''}.jsonl"
+    print_table(list(run_cases(arguments, path)))
+
+
+if __name__ == "__main__":
+    main()

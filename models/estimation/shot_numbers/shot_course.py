@@ -1,0 +1,101 @@
+"""Course of each shot in a contact graph: the struck ball, its segments until the next strike, and its first ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.estimation.segmentation.contact_graph import ContactGraph
+
+
+@dataclass(frozen=True, slots=True)
+class FirstMeeting:
+    """First contact of the struck ball with another one; all numbers are indices of segments."""
+
+    other: int
+    """Index of the other ball."""
+    contact: int
+    cue_before: int
+    cue_after: int
+    other_before: int
+    other_after: int
+
+
+@dataclass(frozen=True, slots=True)
+class ShotCourse:
+    """One shot, from its strike to the next."""
+
+    cue: int
+    """Index of the struck ball."""
+    is_struck: bool
+    """Whether the clip shows the strike."""
+    begin: float
+    """s."""
+    end: float
+    """s, the next strike; infinite for the last shot."""
+    segments: dict[int, tuple[int, ...]]
+    """Moving segments of each ball that begin in this time, in the order of time."""
+    meeting: FirstMeeting | None
+    """None if the struck ball meets no other, or a rack."""
+
+
+def list_shot_courses(graph: ContactGraph, cue: int | None) -> tuple[ShotCourse, ...]:
+    """List the shots of a clip.
+
+    Args:
+        graph: Contact graph of the clip.
+        cue: Index of the cue ball, which was struck before the clip where it moves from the start; None if unknown.
+
+    Returns:
+        Shots by time. A strike while balls move is no new shot. Where the clip begins in motion, the first shot has no
+        strike.
+    """
+    moving = [k for k, one in enumerate(graph.segments) if not one.static]
+    struck = [
+        k
+        for k in moving
+        if (start := graph.segments[k].start) is not None
+        and graph.contacts[start].kind == "strike"
+        and not graph.contacts[start].pushed
+    ]
+    first_motion = min((graph.start_time(k) for k in moving), default=0.0)
+    begun = [k for k in moving if graph.segments[k].start is None]
+    begun.sort(key=lambda k: (graph.segments[k].ball != cue, graph.start_time(k)))
+    starts = sorted(struck, key=graph.start_time)
+    if begun and (not starts or graph.start_time(starts[0]) > first_motion + 1e-9):
+        starts = [begun[0], *starts]
+    times = [graph.start_time(k) for k in starts]
+    return tuple(
+        _follow_shot(graph, k, begin, end)
+        for k, begin, end in zip(starts, times, [*times[1:], float("inf")], strict=True)
+    )
+
+
+def _follow_shot(graph: ContactGraph, first: int, begin: float, end: float) -> ShotCourse:
+    own: dict[int, tuple[int, ...]] = {}
+    for ball in sorted({one.ball for one in graph.segments}):
+        rows = [
+            k
+            for k in graph.segments_of_ball(ball)
+            if not graph.segments[k].static and begin - 1e-9 <= graph.start_time(k) < end
+        ]
+        if rows:
+            own[ball] = tuple(rows)
+    start, cue = graph.segments[first].start, graph.segments[first].ball
+    return ShotCourse(cue, start is not None, begin, end, own, _find_meeting(graph, own.get(cue, ())))
+
+
+def _find_meeting(graph: ContactGraph, segments: tuple[int, ...]) -> FirstMeeting | None:
+    for k in segments:
+        number = graph.segments[k].end
+        if number is None:
+            return None
+        contact = graph.contacts[number]
+        if contact.kind == "break":
+            return None
+        if contact.kind == "ball" and len(contact.before) == 2:
+            place = contact.before.index(k)
+            other = contact.before[1 - place]
+            return FirstMeeting(
+                graph.segments[other].ball, number, k, contact.after[place], other, contact.after[1 - place]
+            )
+    return None

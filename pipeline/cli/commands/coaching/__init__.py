@@ -1,0 +1,1 @@
+"""Commands for players and coaches: a session in numbers, and a shot played otherwise."""

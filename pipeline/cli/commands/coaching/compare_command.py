@@ -1,0 +1,78 @@
+"""`trueroll compare`: the shots of a session as a table and plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+from rich.markup import escape
+from rich.table import Table as Grid
+
+from models.core.errors import OptionError
+from pipeline.actions.compare_session import (
+    GROUPINGS,
+    ComparedSession,
+    Grouping,
+    compare_session,
+    write_session,
+)
+from pipeline.chain import require_writable_folder
+from pipeline.io.prediction_files import format_strict_json
+from pipeline.reporting.pages.session_page import MAIN_NUMBERS
+from pipeline.reporting.text.number_sentences import name_number
+from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
+
+
+@app.command("compare")
+def compare(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Run folders, or folders of run folders, such as a batch.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results."),
+    ] = Path("out/session"),
+    group: Annotated[
+        str,
+        typer.Option(
+            "--group",
+            help="What the shots of a group share: folder (of the command line), spin (at the first ball), ball"
+            " (that is hit first), pocket, side (of the cut).",
+        ),
+    ] = "folder",
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Compare the shots of a session: level, spread and trend of every number, as a page, CSV and Parquet."""
+    if group not in GROUPINGS:
+        raise OptionError(f"--group is one of {', '.join(GROUPINGS)}; got {group}")
+    require_writable_folder(out)
+    session = compare_session(folders, cast(Grouping, group))
+    document = write_session(session, f"{len(session.columns['number'])} shots of {_name_sources(folders)}", out)
+    if as_json:
+        print(format_strict_json({"folder": str(out), **document}))
+    else:
+        _print_session(session, out)
+    if session.refusals:
+        for refusal in session.refusals:
+            console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
+        raise typer.Exit(1)
+
+
+def _name_sources(folders: list[Path]) -> str:
+    names = [folder.resolve().name for folder in folders]
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
+
+
+def _print_session(session: ComparedSession, out: Path) -> None:
+    grid = Grid("number", "shots", "median", "own spread", "unit", "trend per shot", box=None, pad_edge=False)
+    for one in session.summaries[""]:
+        if one.count and one.name in MAIN_NUMBERS:
+            trend = (
+                f"{one.slope:+.2g} ({one.slope_low:+.2g} to {one.slope_high:+.2g})" if one.slope == one.slope else ""
+            )
+            spread = f"{one.own_spread:.2g}" if one.own_spread == one.own_spread else ""
+            grid.add_row(escape(name_number(one.name)), str(one.count), f"{one.median:.3g}", spread, one.unit, trend)
+    make_output_console().print(grid)
+    print(f"Look at {out / 'session.html'}")

@@ -1,0 +1,190 @@
+"""`trueroll what-if`: the same shot, played otherwise."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+
+from models.core.errors import OptionError
+from models.core.scene import POCKETS
+from models.estimation.what_if.shot_outcome import GAMES, Game, ShotGoal
+from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
+from models.numerics.first_compilation import notify_first_compilation
+from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
+from pipeline.chain import require_writable_folder
+from pipeline.io.observed_shot import read_observed_shot
+from pipeline.io.prediction_files import format_strict_json
+from pipeline.io.table_profile import parse_learned_table, read_profile_text
+from pipeline.reporting.text.what_if_sentences import format_what_if
+from pipeline.terminal.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    app,
+    console,
+    open_cache,
+    parse_output_path,
+)
+from pipeline.terminal.search_display import COMPILING_NOTE
+
+MAX_SPEED = 15.0
+"""m/s: no stroke is faster; breaks reach 12."""
+MAX_SPIN = 1.5
+"""R omega / v: a tip that is off the centre by more than R/2 slips, and gives 5/4 there."""
+_AMOUNT = re.compile(r"(?P<sign>[+-]?)(?P<number>\d+(\.\d*)?|\.\d+)(?P<unit>%|deg|m/s)?")
+
+
+@app.command("what-if", context_settings={"ignore_unknown_options": True})
+def what_if(
+    source: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")],
+    speed: Annotated[
+        str | None,
+        typer.Option("--speed", metavar="±P%|V", help="Change of the speed in %, such as -5%, or the speed in m/s."),
+    ] = None,
+    angle: Annotated[
+        str | None,
+        typer.Option(
+            "--angle", metavar="±Adeg", help="Turn of the direction in degrees, > 0 to the right of the player."
+        ),
+    ] = None,
+    side: Annotated[
+        str | None,
+        typer.Option(
+            "--side",
+            metavar="±P%|S",
+            help="Side spin R ω / v: points to add, such as +10% (> 0 to the right), or the whole, such as 0.3.",
+        ),
+    ] = None,
+    top: Annotated[
+        str | None,
+        typer.Option(
+            "--top",
+            metavar="±P%|S",
+            help="Top spin over rolling spin: points to add, such as -20%, or the whole: 1 rolls, 0 stun, -0.5 draws.",
+        ),
+    ] = None,
+    spread: Annotated[
+        str | None,
+        typer.Option(
+            "--spread", metavar="P%,A", help="The player's own spread: of the speed in %, of the direction in degrees."
+        ),
+    ] = None,
+    session: Annotated[
+        list[Path] | None,
+        typer.Option("--session", metavar="DIR", help="Take the spread from runs that repeat one shot; repeatable."),
+    ] = None,
+    game: Annotated[
+        str | None,
+        typer.Option("--game", help="What scores: pot, carom or three-cushion. Default: pot with pockets, else carom."),
+    ] = None,
+    ball: Annotated[str, typer.Option("--ball", help="The only ball that counts when potted. Default: any.")] = "",
+    pocket: Annotated[str, typer.Option("--pocket", help="The only pocket that counts. Default: any.")] = "",
+    stroke: Annotated[int, typer.Option("--stroke", min=1, help="Number of the stroke in the clip.")] = 1,
+    profile: Annotated[
+        Path | None,
+        typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
+    ] = None,
+    draws: Annotated[int, typer.Option("--draws", min=50, max=20_000, help="Number of plays.")] = 400,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."
+        ),
+    ] = None,
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Play a shot otherwise: where the balls would go, and how probably it scores."""
+    change = _parse_change(speed, angle, side, top)
+    folder = out if out is not None else source if source.is_dir() else source.parent
+    chosen, origin = _choose_spread(spread, session)
+    place = _parse_pocket(pocket)
+    plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
+    learned = None if profile is None else parse_learned_table(read_profile_text(profile))
+    require_writable_folder(folder)
+    with (
+        console.status("fitting the shot") if console.is_terminal else _no_status(),
+        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
+    ):
+        document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache))
+    _print_result(document, folder, as_json)
+
+
+def _no_status() -> Any:
+    from contextlib import nullcontext
+
+    return nullcontext()
+
+
+def _print_result(document: dict[str, Any], folder: Path, as_json: bool) -> None:
+    if as_json:
+        print(format_strict_json({"folder": str(folder), **document}))
+        return
+    for sentence in format_what_if(document):
+        print(sentence)
+    print(f"Look at {folder / 'what_if.png'}")
+
+
+def _choose_game(game: str | None, source: Path) -> Game:
+    if game is None:
+        return "pot" if read_observed_shot(source)[1].table.pockets else "carom"
+    if game not in GAMES:
+        raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
+    return cast(Game, game)
+
+
+def _parse_pocket(pocket: str) -> str:
+    if pocket and pocket not in POCKETS:
+        raise OptionError(f"--pocket is one of {', '.join(POCKETS)}; got {pocket}")
+    return pocket
+
+
+def _choose_spread(spread: str | None, session: list[Path] | None) -> tuple[PlayerSpread, str]:
+    """Return the player's spread, and where it comes from."""
+    if spread is not None and session:
+        raise OptionError("--spread and --session both state the player's spread; give one of them")
+    if session:
+        return estimate_session_spread(session), "session"
+    if spread is None:
+        return PlayerSpread(), "none"
+    parts = re.fullmatch(r"(\d+(?:\.\d*)?)%,(\d+(?:\.\d*)?)(?:deg)?", spread.replace(" ", ""))
+    if parts is None or float(parts[1]) > 50 or float(parts[2]) > 20:
+        raise OptionError(f"--spread is a share of the speed and degrees, such as 3%,0.4; got {spread}")
+    return PlayerSpread(float(parts[1]) / 100, float(parts[2])), "user"
+
+
+def _parse_change(speed: str | None, angle: str | None, side: str | None, top: str | None) -> StrokeChange:
+    values: dict[str, float] = {}
+    if speed is not None:
+        number, unit, _ = _parse_amount("--speed", speed, ("%", "m/s", ""))
+        values |= {"speed_factor": 1 + number / 100} if unit == "%" else {"speed": number}
+        if not 0 < values.get("speed_factor", 1.0) <= 3 or not 0 < values.get("speed", 1.0) <= MAX_SPEED:
+            raise OptionError(f"--speed is a change of -99% to +200%, or up to {MAX_SPEED:g} m/s; got {speed}")
+    if angle is not None:
+        number, _, _ = _parse_amount("--angle", angle, ("deg", ""))
+        if abs(number) > 180:
+            raise OptionError(f"--angle is a turn of at most 180 degrees; got {angle}")
+        values["angle"] = number
+    for name, text in (("side", side), ("top", top)):
+        if text is not None:
+            number, unit, _ = _parse_amount(f"--{name}", text, ("%", ""))
+            share = number / 100 if unit == "%" else number
+            if abs(share) > MAX_SPIN:
+                raise OptionError(f"--{name} is at most {MAX_SPIN:g}, or {MAX_SPIN:.0%}; got {text}")
+            values[f"{name}_added" if unit == "%" else name] = share
+    return StrokeChange(**values)
+
+
+def _parse_amount(option: str, text: str, units: tuple[str, ...]) -> tuple[float, str, bool]:
+    """Return number, unit, and whether a sign was given."""
+    parts = _AMOUNT.fullmatch(text.strip())
+    if parts is None or (parts["unit"] or "") not in units:
+        raise OptionError(f"{option} is a number{' with ' if any(units) else ''}{' or '.join(filter(None, units))};"
+                          f" got {text}")  # fmt: skip
+    number = float(parts["number"]) * (-1 if parts["sign"] == "-" else 1)
+    return number, parts["unit"] or "", bool(parts["sign"])

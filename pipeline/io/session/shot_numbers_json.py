@@ -1,0 +1,83 @@
+"""Numbers of shots in scene.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from models.core.errors import OptionError
+from models.core.shot_numbers import ShotNumber, ShotNumbers
+from pipeline.io.run_folder import read_scene_document
+
+KEY = "shot_numbers"
+"""Key of scene.json."""
+STATE_NAMES = ("draw", "stun", "follow", "roll")
+"""Names of the probabilities of `ShotNumbers.spin_state_probabilities`."""
+
+
+def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:
+    """Describe the numbers of shots for scene.json.
+
+    Args:
+        shots: Numbers per shot.
+
+    Returns:
+        One JSON object per shot.
+    """
+    return [
+        {
+            "t": shot.t, "cue": shot.cue, "first": shot.first, "spin_state": shot.spin_state,
+            "spin_state_probabilities": dict(zip(STATE_NAMES, shot.spin_state_probabilities, strict=False)),
+            "potted": [{"ball": a, "pocket": b} for a, b in zip(shot.potted, shot.pockets, strict=True)],
+            "numbers": [_describe_number(one) for one in shot.numbers],
+        }
+        for shot in shots
+    ]  # fmt: skip
+
+
+def _describe_number(one: ShotNumber) -> dict[str, Any]:
+    """Describe a number; what is not finite becomes null."""
+    finite = {name: value if isfinite(value) else None for name, value in (("value", one.value), ("sigma", one.sigma))}
+    return asdict(one) | finite
+
+
+def read_shot_numbers(folder: Path) -> tuple[ShotNumbers, ...]:
+    """Read the numbers of the shots of a run folder.
+
+    Args:
+        folder: Run folder.
+
+    Returns:
+        Numbers per shot.
+
+    Raises:
+        OptionError: There is no scene.json with such numbers.
+    """
+    document = read_scene_document(folder / "scene.json")
+    if KEY not in document:
+        raise OptionError(f"{folder} was written by a version without shot numbers; run the clip again")
+    try:
+        return tuple(_parse_shot(entry) for entry in document[KEY])
+    except (KeyError, TypeError, ValueError) as error:
+        raise OptionError(f"{folder / 'scene.json'} has shot numbers that cannot be used: {error}") from error
+
+
+def _parse_shot(entry: dict[str, Any]) -> ShotNumbers:
+    potted = entry["potted"]
+    return ShotNumbers(
+        float(entry["t"]), str(entry["cue"]), str(entry["first"]), entry["spin_state"],
+        tuple(float(p) for p in entry["spin_state_probabilities"].values()),
+        tuple(str(one["ball"]) for one in potted), tuple(str(one["pocket"]) for one in potted),
+        tuple(_parse_number(one) for one in entry["numbers"]),
+    )  # fmt: skip
+
+
+def _parse_number(entry: dict[str, Any]) -> ShotNumber:
+    value, sigma = (float("nan") if entry[name] is None else float(entry[name]) for name in ("value", "sigma"))
+    return ShotNumber(
+        str(entry["name"]), value, sigma, str(entry["unit"]), bool(entry["observable"]), str(entry["ball"]),
+        str(entry["place"]),
+    )  # fmt: skip

@@ -1,0 +1,96 @@
+"""session.html: the shots of a session on one self-contained page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from models.estimation.shot_numbers.session_statistics import SeriesSummary
+from pipeline.io.run_tables import Columns
+from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
+from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.number_sentences import format_shot_cell, name_number
+from pipeline.reporting.text.text_formatting import escape_text
+
+MAIN_NUMBERS = (
+    "cue_speed", "top_spin_share", "side_spin_share", "contact_speed", "cut_angle", "throw", "deflection",
+    "object_speed", "pocket_offset", "pocket_speed", "length", "object_length", "cushions",
+)  # fmt: skip
+"""Numbers of the table of shots, as far as the session has them."""
+_FIGURE_HEIGHT = 300
+"""px."""
+
+
+def write_session_page(
+    columns: Columns,
+    summaries: Mapping[str, Sequence[SeriesSummary]],
+    refusals: Sequence[str],
+    title: str,
+    path: Path,
+) -> None:
+    """Write the page of a session.
+
+    Args:
+        columns: One row per shot.
+        summaries: Summaries of all numbers by group; those of the whole session under the empty name.
+        refusals: Sentences on folders that could not be read.
+        title: Heading of the page.
+        path: File to write.
+    """
+    groups = [name for name in summaries if name]
+    shown = [one for one in summaries[""] if one.count and one.name in MAIN_NUMBERS]
+    figures = [
+        (name_number(one.name), embed_figure(_trend(columns, one, groups), f"trend-{k}", _FIGURE_HEIGHT))
+        for k, one in enumerate(shown)
+    ]
+    has_tips = all(np.isfinite(np.asarray(columns.get(f"{name}_spin_share", []))).any() for name in ("side", "top"))
+    html = render_template(
+        "session.html",
+        name=title,
+        count=len(columns["number"]),
+        groups=[(escape_text(name), [_describe_summary(one) for one in summaries[name] if one.count])
+                for name in (["", *groups] if len(groups) > 1 else [""])],
+        headings=[name_number(one.name) for one in shown],
+        shots=[_describe_shot(columns, row, [one.name for one in shown]) for row in range(len(columns["number"]))],
+        figures=figures,
+        tips=embed_figure(build_tip_figure(columns, groups), "tips", 420) if has_tips else "",
+        refusals=list(refusals),
+        plotly=read_plotly_source(),
+    )  # fmt: skip
+    path.write_text(html, encoding="utf-8")
+
+
+def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]):  # type: ignore[no-untyped-def]
+    label = f"{name_number(one.name)}{f' ({one.unit})' if one.unit else ''}"
+    return build_trend_figure(columns, one.name, one, groups, label)
+
+
+def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
+    """Describe a summary as a table row."""
+    trend = ""
+    if np.isfinite(one.slope):
+        trend = f"{one.slope:+.2g} ({one.slope_low:+.2g} to {one.slope_high:+.2g})"
+    spread = "" if np.isnan(one.spread) else f"{one.spread:.2g}"
+    own = "" if np.isnan(one.own_spread) else f"{one.own_spread:.2g}"
+    return {
+        "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": f"{one.median:.3g}",
+        "spread": spread, "own": own, "measurement": f"{one.measurement:.2g}", "trend": trend,
+        "has_trend": one.has_trend,
+    }  # fmt: skip
+
+
+def _describe_shot(columns: Columns, row: int, names: Sequence[str]) -> dict[str, object]:
+    """Describe a shot as a table row."""
+    return {
+        "number": int(columns["number"][row]),
+        "group": escape_text(str(columns["group"][row])),
+        "folder": escape_text(Path(str(columns["folder"][row])).name),
+        "first": columns["first"][row],
+        "state": columns["spin_state"][row],
+        "potted": columns["potted"][row],
+        "cells": [
+            format_shot_cell(name, float(columns[name][row]), float(columns[f"{name}_sigma"][row])) for name in names
+        ],
+    }

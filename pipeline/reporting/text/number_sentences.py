@@ -1,0 +1,136 @@
+"""Words for the numbers of a shot."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from models.core.shot_numbers import ShotNumber, ShotNumbers
+
+NUMBER_NAMES = {
+    "cue_speed": "Speed after the strike",
+    "direction": "Direction from the x axis",
+    "top_spin": "Top spin after the strike",
+    "top_spin_share": "Top spin over rolling spin",
+    "side_spin": "Side spin after the strike",
+    "side_spin_share": "Side spin, R ω / v",
+    "contact_speed": "Speed at the first ball",
+    "contact_spin_share": "Top spin over rolling spin at the first ball",
+    "cut_angle": "Cut angle",
+    "throw": "Throw",
+    "object_speed": "Speed of the object ball",
+    "deflection": "Deflection of the cue ball",
+    "pocket_offset": "Offset at the pocket",
+    "pocket_speed": "Speed at the pocket",
+    "length": "Length of the path",
+    "cushions": "Cushions",
+}
+"""Words by name of a number."""
+STATE_WORDS = {
+    "draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll", "unknown": "not observable",
+}  # fmt: skip
+SIDES = {
+    "top_spin": ("top", "back"), "top_spin_share": ("top", "back"), "side_spin": ("right", "left"),
+    "side_spin_share": ("right", "left"), "contact_spin_share": ("top", "back"), "cut_angle": ("right", "left"),
+    "throw": ("right", "left"), "deflection": ("right", "left"), "pocket_offset": ("right", "left"),
+}  # fmt: skip
+"""Words for positive and negative values."""
+DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
+"""Decimals by unit."""
+NOT_OBSERVABLE = "not observable"
+
+
+def format_number(one: ShotNumber) -> str:
+    """Format value, standard deviation, unit and side of a number.
+
+    Args:
+        one: The number.
+
+    Returns:
+        Such as `12.3 ± 0.4° right`; `not observable` where the data do not determine it.
+    """
+    if not one.observable:
+        return NOT_OBSERVABLE
+    if one.name == "cushions":
+        return f"{one.value:.1f}" if one.sigma > 0.1 else f"{one.value:.0f}"
+    decimals = DECIMALS[one.unit]
+    sides = SIDES.get(one.name)
+    value = one.value if sides is None else abs(one.value)
+    unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
+    side = "" if sides is None or round(value, decimals) == 0 else f" {sides[one.value < 0]}"
+    return f"{value:.{decimals}f} ± {max(one.sigma, 10.0**-decimals / 2):.{decimals}f}{unit}{side}"
+
+
+def format_shot_line(shot: ShotNumbers) -> str:
+    """Format the main numbers of a shot in one line.
+
+    Args:
+        shot: Numbers of the shot.
+
+    Returns:
+        One line without a full stop.
+    """
+    parts = [f"{shot.cue} at {shot.t:.2f} s"]
+    for name, label in (("cue_speed", ""), ("top_spin_share", "spin "), ("side_spin_share", "side ")):
+        one = shot.find_number(name)
+        if one is not None and one.observable:
+            parts.append(label + format_number(one))
+    if shot.first:
+        parts.append(f"{STATE_WORDS[shot.spin_state]} at {shot.first}" if shot.spin_state != "unknown" else shot.first)
+        for name, label in (("cut_angle", "cut "), ("throw", "throw ")):
+            one = shot.find_number(name)
+            if one is not None and one.observable:
+                parts.append(label + format_number(one))
+    for ball, pocket in zip(shot.potted, shot.pockets, strict=True):
+        parts.append(f"{ball} into the {pocket} pocket")
+    return ", ".join(parts)
+
+
+def list_number_rows(shot: ShotNumbers) -> list[tuple[str, str, str, bool]]:
+    """List the numbers of a shot as table rows.
+
+    Args:
+        shot: Numbers of the shot.
+
+    Returns:
+        Words, ball or pocket, value, and whether it is observable.
+    """
+    rows = []
+    for one in shot.numbers:
+        subject = f"{one.ball}, {one.place} pocket" if one.place else one.ball
+        rows.append((NUMBER_NAMES[one.name], subject, format_number(one), one.observable))
+        if one.name == "contact_spin_share":
+            rows.append(("State at the first ball", one.ball, _format_state(shot), shot.spin_state != "unknown"))
+    return rows
+
+
+def _format_state(shot: ShotNumbers) -> str:
+    if shot.spin_state == "unknown" or not shot.spin_state_probabilities:
+        return NOT_OBSERVABLE
+    return f"{STATE_WORDS[shot.spin_state]} ({max(shot.spin_state_probabilities):.0%})"
+
+
+def name_number(name: str) -> str:
+    """Return the words for a number of a session, such as `object_length`."""
+    if name in NUMBER_NAMES:
+        return NUMBER_NAMES[name]
+    words = NUMBER_NAMES[name.removeprefix("object_")]
+    return f"{words} of the object ball"
+
+
+def format_shot_cell(name: str, value: float, sigma: float) -> str:
+    """Format a number in a table of shots.
+
+    Args:
+        name: Name of the number.
+        value: Value; NaN where it is not observable.
+        sigma: Standard deviation.
+
+    Returns:
+        Value and standard deviation with the sign of the number; empty where it is not observable.
+    """
+    if not isfinite(value):
+        return ""
+    if name.endswith("cushions"):
+        return f"{value:.0f}"
+    decimals = 1 if abs(value) >= 10 else 2
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}"

@@ -1,0 +1,36 @@
+"""The profile over top spin states how little a strike that soon rolls shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.filmed_pot import SCENE, film_pot, true_numbers
+
+from models.estimation.forecast.current_state import collect_captured_observations, inflate_covariance
+from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.shot_numbers.posterior_view import PosteriorView
+from models.estimation.shot_numbers.shot_course import list_shot_courses
+from models.estimation.shot_numbers.slip_profile import SlipProfile, profile_slip
+
+
+def profile_of(seed: int) -> SlipProfile:
+    tracks = film_pot(seed)
+    _, solution = fit_with_solution(tracks, SCENE)
+    assert solution is not None
+    (course,) = list_shot_courses(solution.graph, 0)
+    view = PosteriorView(solution, inflate_covariance(solution, 1.0), SCENE.table.ball_radius)
+    observations = collect_captured_observations(tracks, SCENE.table)
+    profile = profile_slip(view, observations, course.segments[0][0], 1.0, (0.2, 0.1))
+    assert profile is not None
+    return profile
+
+
+def test_speed_and_spin_lie_within_the_profile() -> None:
+    truth = true_numbers()
+    speeds, shares = [], []
+    for seed in range(4):
+        one = profile_of(seed)
+        speeds.append((one.speed - truth["cue_speed"]) / one.speed_sigma)
+        shares.append((one.share - truth["top_spin_share"]) / one.share_sigma)
+        assert one.share_sigma < 0.2
+    assert np.abs([*speeds, *shares]).max() < 3.5
+    assert np.sqrt(np.mean(np.square([*speeds, *shares]))) < 2.0

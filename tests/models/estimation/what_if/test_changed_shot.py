@@ -1,0 +1,106 @@
+"""Changes of a stroke, what scores, and plays of a shot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.filmed_pot import RED, SCENE, TARGET, play_pot
+
+from models.estimation.forecast.ensemble_prediction import EventKey
+from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
+from models.estimation.what_if.shot_outcome import ShotGoal, is_scored
+from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
+from models.estimation.what_if.struck_ensemble import StruckEnsemble, StruckMember
+from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+
+R = 0.028575
+STATE = np.array([0.5, 0.6, 2.0, 0.0, 0.0, 0.6 * 2.0 / R, -0.3 * 2.0 / R])
+IDS = ("cue", "yellow", "red")
+EXACT = PlayerSpread()
+T = np.linspace(0, 3, 31)
+
+
+def shares_of(state: np.ndarray) -> tuple[float, float, float, float]:
+    """Speed, direction, top and side spin of a state."""
+    speed = float(np.hypot(*state[2:4]))
+    top = R * float(state[5] * state[2] - state[4] * state[3]) / speed**2
+    return speed, float(np.degrees(np.arctan2(state[3], state[2]))), top, -R * float(state[6]) / speed
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (StrokeChange(), (2.0, 0.0, 0.6, 0.3)),
+        (StrokeChange(speed_factor=0.9), (1.8, 0.0, 0.6, 0.3)),
+        (StrokeChange(speed=3.0, angle=10.0), (3.0, 10.0, 0.6, 0.3)),
+        (StrokeChange(side_added=-0.5, top_added=-0.7), (2.0, 0.0, -0.1, -0.2)),
+        (StrokeChange(side=0.0, top=1.0, angle=-90.0), (2.0, -90.0, 1.0, 0.0)),
+    ],
+)
+def test_a_change_keeps_what_it_does_not_name(change: StrokeChange, expected: tuple[float, ...]) -> None:
+    assert shares_of(change_stroke(STATE, R, change, 1.0, 0.0)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_strokes_of_a_player_scatter_by_the_spread() -> None:
+    drawn = PlayerSpread(0.03, 0.5).draw(np.random.default_rng(0), 4000)
+    assert drawn.mean(axis=0) == pytest.approx([1.0, 0.0], abs=0.03)
+    assert drawn.std(axis=0) == pytest.approx([0.03, 0.5], rel=0.05)
+
+
+def contacts(*own: EventKey) -> list[list[tuple[float, EventKey]]]:
+    """Contacts of the cue ball; the others have none."""
+    return [[(0.1 * k, event) for k, event in enumerate(own)], [], []]
+
+
+YELLOW, RED_BALL, CUSHION = ("ball", "cue", "yellow"), ("ball", "cue", "red"), ("cushion", "cue", "left")
+
+
+@pytest.mark.parametrize(
+    ("game", "own", "scores"),
+    [
+        ("carom", (YELLOW, RED_BALL), True),
+        ("carom", (YELLOW, YELLOW), False),
+        ("three-cushion", (YELLOW, CUSHION, CUSHION, RED_BALL), False),
+        ("three-cushion", (CUSHION, YELLOW, CUSHION, CUSHION, RED_BALL), True),
+        ("three-cushion", (YELLOW, RED_BALL, CUSHION, CUSHION, CUSHION), False),
+    ],
+)
+def test_a_carom_needs_both_balls_and_its_cushions(game: str, own: tuple[EventKey, ...], scores: bool) -> None:
+    assert is_scored(contacts(*own), IDS, 0, ShotGoal(game)) is scores  # type: ignore[arg-type]
+
+
+def test_a_potted_cue_ball_never_scores() -> None:
+    order = contacts(("pocket", "cue", "top"))
+    order[2].append((0.5, ("pocket", "red", "top-left")))
+    assert not is_scored(order, IDS, 0, ShotGoal("pot"))
+    assert is_scored([[], [], order[2]], IDS, 0, ShotGoal("pot", "red", "top-left"))
+    assert not is_scored([[], [], order[2]], IDS, 0, ShotGoal("pot", "red", "top"))
+
+
+def play(change: StrokeChange, spread: PlayerSpread = EXACT, seed: int = 0, count: int = 60) -> ChangedShot:
+    shot = play_pot()
+    member = StruckMember(shot.balls, shot.physics, np.zeros(4), NO_CORRECTION, np.zeros((0, 5)))
+    ensemble = StruckEnsemble(0.2, ("cue", "red"), 0, SCENE.table, (member,) * count, True)
+    return play_changed_shot(ensemble, change, spread, ShotGoal("pot"), T, seed)
+
+
+def test_the_shot_as_it_was_scores_and_one_aimed_elsewhere_does_not() -> None:
+    real, aside = play(StrokeChange()), play(StrokeChange(angle=2.0))
+    assert real.scored.all()
+    assert not aside.scored.any()
+    assert 0.9 < real.probability < 1.0
+    assert np.isnan(real.members[:, -1, 1]).all()
+    assert {one.event for one in real.events} >= {("ball", "cue", "red"), ("pocket", "red", "bottom-right")}
+
+
+def test_the_spread_of_a_player_costs_pots_and_a_seed_repeats_them() -> None:
+    wild = PlayerSpread(0.02, 0.6)
+    one, same, other = (play(StrokeChange(), wild, seed, 200) for seed in (1, 1, 2))
+    assert 0.1 < one.probability < 0.9
+    np.testing.assert_array_equal(one.members, same.members)
+    assert not np.array_equal(one.members, other.members)
+    assert one.probability_sigma == pytest.approx(np.sqrt(one.probability * (1 - one.probability) / 202))
+
+
+def test_the_pot_of_the_tests_is_a_cut_to_the_right() -> None:
+    assert np.hypot(*(TARGET - RED)) < 0.7

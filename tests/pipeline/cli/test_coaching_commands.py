@@ -1,0 +1,143 @@
+"""`trueroll compare` and `trueroll what-if` write their files, and refuse bad input in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from support.filmed_pot import R, film_pot
+
+from models.core.shot_numbers import ShotNumber, ShotNumbers
+from pipeline.cli.execute import execute_command_line
+from pipeline.io.session.shot_numbers_json import describe_shot_numbers, read_shot_numbers
+
+TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
+
+
+def make_shot(speed: float, direction: float, observable: bool = True) -> ShotNumbers:
+    numbers = (
+        ShotNumber("cue_speed", speed, 0.01, "m/s", True, "cue"),
+        ShotNumber("direction", direction, 0.05, "deg", True, "cue"),
+        ShotNumber("side_spin_share", 0.1 if observable else float("nan"), 0.05, "", observable, "cue"),
+        ShotNumber("top_spin_share", 0.6, 0.05, "", True, "cue"),
+        ShotNumber("pocket_offset", -12.0, 1.0, "mm", True, "red", "top-left"),
+    )
+    return ShotNumbers(0.2, "cue", "red", "follow", (0.0, 0.1, 0.9, 0.0), ("red",), ("top-left",), numbers)
+
+
+def write_run(folder: Path, shot: ShotNumbers | None) -> Path:
+    folder.mkdir(parents=True)
+    scene: dict[str, Any] = {"scene": "billiards", "table": TABLE, "ball_radius": R}
+    if shot is not None:
+        scene["shot_numbers"] = describe_shot_numbers([shot])
+    (folder / "scene.json").write_text(json.dumps(scene, allow_nan=False), encoding="utf-8")
+    return folder
+
+
+def write_session(folder: Path, count: int = 6) -> Path:
+    for k in range(count):
+        write_run(folder / f"shot, {k}", make_shot(2.0 + 0.1 * k, 30.0 + 0.2 * (k % 2), observable=k > 0))
+    return folder
+
+
+def test_numbers_survive_a_scene_file(tmp_path: Path) -> None:
+    one, two = make_shot(2.0, 30.0), make_shot(2.0, 30.0, observable=False)
+    assert read_shot_numbers(write_run(tmp_path / "one", one)) == (one,)
+    (read,) = read_shot_numbers(write_run(tmp_path / "two", two))
+    assert read.spin_state == "follow"
+    assert not read.numbers[2].observable
+
+
+def test_a_session_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = write_session(tmp_path / "session"), tmp_path / "out"
+    assert execute_command_line(["compare", str(folder), "-o", str(out), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    speed = next(one for one in answer["groups"]["all"] if one["name"] == "cue_speed")
+    assert speed["slope"] == pytest.approx(0.1)
+    assert speed["has_trend"]
+    side = next(one for one in answer["groups"]["all"] if one["name"] == "side_spin_share")
+    assert side["count"] == 5
+    with (out / "session.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["number"] for row in rows] == list("123456")
+    assert rows[0]["side_spin_share"] == ""
+    assert rows[0]["folder"].endswith("shot, 0")
+    assert pq.read_table(out / "session.parquet").num_rows == 6
+    assert "Speed after the strike" in (out / "session.html").read_text(encoding="utf-8")
+
+
+def test_shots_are_grouped_by_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = write_session(tmp_path / "monday", 4), write_session(tmp_path / "friday", 5)
+    assert execute_command_line(["compare", str(one), str(two), "-o", str(tmp_path / "out"), "--json"]) == 0
+    groups = json.loads(capsys.readouterr().out)["groups"]
+    assert [rows[0]["count"] for rows in groups.values()] == [9, 4, 5]
+
+
+def test_a_folder_without_numbers_is_named_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_session(tmp_path / "session", 2)
+    write_run(folder / "older", None)
+    assert execute_command_line(["compare", str(folder), "-o", str(tmp_path / "out")]) == 1
+    assert "older was written by a version without shot numbers" in capsys.readouterr().err.replace("\n", "")
+    assert (tmp_path / "out" / "session.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["compare", "nothing"], "there is no scene.json in nothing"),
+        (["compare", "nothing", "--group", "mood"], "--group is one of"),
+        (["what-if", "nothing", "--speed", "fast"], "--speed is a number"),
+        (["what-if", "nothing", "--speed", "99"], "up to 15 m/s"),
+        (["what-if", "nothing", "--side", "+300%"], "--side is at most"),
+        (["what-if", "nothing", "--spread", "much"], "--spread is a share of the speed and degrees"),
+        (["what-if", "nothing", "--spread", "3%,0.4", "--session", "x"], "give one of them"),
+        (["what-if", "nothing", "--pocket", "left"], "--pocket is one of"),
+        (["what-if", "nothing", "--game", "chess"], "--game is one of"),
+    ],
+)
+def test_bad_words_are_refused_in_one_sentence(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert execute_command_line(words) == 2
+    assert sentence in capsys.readouterr().err.replace("\n", " ")
+    assert not list(tmp_path.iterdir())
+
+
+def write_pot(folder: Path) -> Path:
+    folder.mkdir()
+    tracks = film_pot(3)
+    with (folder / "tracks.csv").open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["shot", "frame", "t", "id", "kind", "x", "y", "sigma"])
+        for frame, t, places in zip(tracks.frame, tracks.t, tracks.xy, strict=True):
+            for ball, (x, y) in zip(tracks.ids, places.tolist(), strict=True):
+                if x == x:
+                    rows.writerow([0, frame, t, ball, ball, x, y, 3e-4])
+    scene = {"scene": "billiards", "units": "m", "fps": 60, "table": TABLE, "ball_radius": R}
+    (folder / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.slow
+def test_a_shot_is_played_otherwise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_pot(tmp_path / "pot")
+    words = ["what-if", str(folder), "--draws", "60", "--cache", str(tmp_path / "cache"), "--json"]
+    answers = {}
+    for name, change in (("same", []), ("aside", ["--angle", "-3deg"]), ("again", ["--angle", "-3deg"])):
+        assert execute_command_line([*words, "-o", str(tmp_path / name), *change]) == 0
+        answers[name] = json.loads(capsys.readouterr().out)
+    assert answers["same"]["real"]["scored"]
+    assert answers["same"]["changed"]["probability"] > 0.6
+    assert answers["aside"]["changed"]["probability"] < 0.2
+    assert answers["aside"]["real"] == answers["same"]["real"]
+    for name in ("what_if.json", "what_if.csv", "what_if.png"):
+        assert (tmp_path / "aside" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+    assert Image.open(tmp_path / "aside" / "what_if.png").size[0] == 1280
+    assert execute_command_line([*words[:2], "--game", "carom"]) == 2
+    assert "needs three balls" in capsys.readouterr().err
