@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
-    "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate", "diagnose",
-    "gapcheck", "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
+    "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
+    "diagnose", "gapcheck", "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
