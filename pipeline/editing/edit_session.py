@@ -26,8 +26,8 @@ from pipeline.run_options import RunOptions, apply_corrections
 from pipeline.stages.shot_stages import ClipShot
 
 CLOSE_WAIT_S = 3.0
-"""Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given up,
-and ends with the process."""
+"""Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given
+up, and ends with the process."""
 MAX_UNDO = 200
 """Corrections that can be taken back."""
 
