@@ -216,7 +216,7 @@ function draw() {
 function fitStage() { // the whole frame fits into its place, times the zoom
   if (!run()) return;
   const [width, height] = run().image;
-  const room = Math.min($("scroller").clientWidth, (innerHeight - 250) * width / height);
+  const room = Math.min($("scroller").clientWidth, (innerHeight - 290) * width / height);
   const fits = innerWidth > 900 ? Math.max(room, 320) : $("scroller").clientWidth;
   $("stage").style.width = `${Math.round(fits * $("zoom").value)}px`;
   draw();
@@ -277,7 +277,7 @@ function render(isFirst) {
   if (page.ball && !page.paths.has(page.ball)) page.ball = null;
   if (page.event) page.event = shown.events.find((one) => isSameEvent(one, page.event)) ?? null;
   $("trust-dot").className = `dot ${shown.trust.level}`;
-  $("trust-text").textContent = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
+  $("trust-text").textContent = $("trust").title = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
   $("slider").max = frames().length - 1;
   const span = Math.max(frames().at(-1) - frames()[0], 1);
   $("ticks").replaceChildren(...shown.events.filter((one) => one.kind !== "rest").map((one) => {
