@@ -85,13 +85,15 @@ async function poll() {
 
 function showStatus(status) {
   page.status = status;
+  page.firstRevision ??= status.revision;
   const words = { read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls",
     place: "Measuring placed balls", track: "Tracking balls", fit: "Fitting the motion", export: "Writing the tables",
     render: "Rendering the slow motion", record: "Writing the recording", report: "Writing the report",
     forecast: "Forecasting" };
   const runs = status.stage || status.result !== status.revision && !status.error;
   $("progress-text").textContent = status.stage ? `${words[status.stage] ?? status.stage} …`
-    : runs ? "Starting …" : status.error ? "The run failed" : status.note || "Events are up to date";
+    : runs ? "Starting …" : status.error ? "The run failed" : status.note
+    || (status.revision === page.firstRevision ? "Events are up to date" : "Events are up to date; video and report are older");
   const bar = $("progress");
   if (runs && !status.share) bar.removeAttribute("value");
   else bar.value = runs ? status.share : 1;
