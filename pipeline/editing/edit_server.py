@@ -49,7 +49,10 @@ class EditServer:
     def __init__(self, session: EditSession, port: int = 0) -> None:
         self.session = session
         self.token = secrets.token_urlsafe(18)
-        self._socket = socket.create_server((HOST, port))
+        try:
+            self._socket = socket.create_server((HOST, port))
+        except OSError as error:
+            raise OptionError(f"--port is a free port of this machine; {port}: {error.strerror}") from error
         config = uvicorn.Config(build_app(session, self.token), log_level="error", lifespan="off", access_log=False,
                                 server_header=False, timeout_graceful_shutdown=1)  # fmt: skip
         self._server = uvicorn.Server(config)

@@ -25,6 +25,9 @@ from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import RunOptions, apply_corrections
 from pipeline.stages.shot_stages import ClipShot
 
+CLOSE_WAIT_S = 3.0
+"""Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given
+up, and ends with the process."""
 MAX_UNDO = 200
 """Corrections that can be taken back."""
 
@@ -166,7 +169,7 @@ class EditSession:
         with self._lock:
             self._is_closed = True
             self._lock.notify_all()
-        self._worker.join()
+        self._worker.join(CLOSE_WAIT_S)
         if self._frames is not None:
             self._frames.close()
 

@@ -20,6 +20,10 @@ contact at this frame."""
 ContactCause = Literal["ball", "cushion", "strike"]
 """What changes the velocity of the ball at a contact."""
 
+LARGEST_PX = 100_000.0
+"""px, larger than any frame."""
+LARGEST_FRAME = 1e9
+"""A year of video at 30 frames per second."""
 NAME_CHARACTERS = 32
 """Characters of the longest name of a ball."""
 
@@ -39,8 +43,8 @@ class BallPlace:
 
     def __post_init__(self) -> None:
         _require_frame(self.frame)
-        if not (math.isfinite(self.x_px) and math.isfinite(self.y_px)):
-            raise ValueError("a place has finite x_px and y_px")
+        if not (abs(self.x_px) <= LARGEST_PX and abs(self.y_px) <= LARGEST_PX):
+            raise ValueError(f"x_px and y_px are at most {LARGEST_PX:.0f} px; got {self.x_px} and {self.y_px}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,8 +199,8 @@ def is_ball_name(name: str) -> bool:
 
 
 def _require_frame(frame: float) -> None:
-    if not (math.isfinite(frame) and frame >= 0):
-        raise ValueError(f"a frame is a number of 0 or more; got {frame}")
+    if not 0 <= frame <= LARGEST_FRAME:
+        raise ValueError(f"a frame is a number from 0 to {LARGEST_FRAME:.0f}; got {frame}")
 
 
 def _require_span(first: int | None, last: int | None) -> None:

@@ -85,13 +85,15 @@ async function poll() {
 
 function showStatus(status) {
   page.status = status;
+  page.firstRevision ??= status.revision;
   const words = { read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls",
     place: "Measuring placed balls", track: "Tracking balls", fit: "Fitting the motion", export: "Writing the tables",
     render: "Rendering the slow motion", record: "Writing the recording", report: "Writing the report",
     forecast: "Forecasting" };
   const runs = status.stage || status.result !== status.revision && !status.error;
   $("progress-text").textContent = status.stage ? `${words[status.stage] ?? status.stage} …`
-    : runs ? "Starting …" : status.error ? "The run failed" : status.note || "Events are up to date";
+    : runs ? "Starting …" : status.error ? "The run failed" : status.note
+    || (status.revision === page.firstRevision ? "Events are up to date" : "Events are up to date; video and report are older");
   const bar = $("progress");
   if (runs && !status.share) bar.removeAttribute("value");
   else bar.value = runs ? status.share : 1;
@@ -216,7 +218,7 @@ function draw() {
 function fitStage() { // the whole frame fits into its place, times the zoom
   if (!run()) return;
   const [width, height] = run().image;
-  const room = Math.min($("scroller").clientWidth, (innerHeight - 250) * width / height);
+  const room = Math.min($("scroller").clientWidth, (innerHeight - 290) * width / height);
   const fits = innerWidth > 900 ? Math.max(room, 320) : $("scroller").clientWidth;
   $("stage").style.width = `${Math.round(fits * $("zoom").value)}px`;
   draw();
@@ -277,7 +279,7 @@ function render(isFirst) {
   if (page.ball && !page.paths.has(page.ball)) page.ball = null;
   if (page.event) page.event = shown.events.find((one) => isSameEvent(one, page.event)) ?? null;
   $("trust-dot").className = `dot ${shown.trust.level}`;
-  $("trust-text").textContent = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
+  $("trust-text").textContent = $("trust").title = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
   $("slider").max = frames().length - 1;
   const span = Math.max(frames().at(-1) - frames()[0], 1);
   $("ticks").replaceChildren(...shown.events.filter((one) => one.kind !== "rest").map((one) => {

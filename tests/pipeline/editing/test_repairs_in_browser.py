@@ -84,7 +84,11 @@ class Editor:
         width, height = self.browser.execute_script(
             "const b = document.getElementById('overlay').getBoundingClientRect(); return [b.width, b.height]"
         )
-        image = self.browser.execute_script("return document.getElementById('frame').naturalWidth")
+        image = WebDriverWait(self.browser, 60).until(
+            lambda b: b.execute_script(
+                "const f = document.getElementById('frame'); return f.complete ? f.naturalWidth : 0"
+            )
+        )
         return np.asarray((px + 0.5) * width / image - np.array([width, height]) / 2)
 
     def _move_to(self, px: FloatArray) -> webdriver.ActionChains:
@@ -187,13 +191,14 @@ def test_a_mistake_is_repaired_in_three_clicks(
         plant(mistake, clean.run, clean.detections),
         serve(clip, tmp_path / "out", OPTIONS, tmp_path / "cache") as server,
     ):
-        wait_for_result(server)
+        wait_for_result(server, 300)
         browser.get(server.url)
         WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        console_messages(browser)  # those of the page before
         editor = Editor(browser, server)
         REPAIRS[mistake.name](editor, clean.run)
-        WebDriverWait(browser, 30).until(lambda _: _read_revision(server) == 2)
-        wait_for_result(server)
+        WebDriverWait(browser, 60).until(lambda _: _read_revision(server) == 2)
+        wait_for_result(server, 300)
         messages = console_messages(browser)
         browser.get("about:blank")
         corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")

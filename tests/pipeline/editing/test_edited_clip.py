@@ -1,0 +1,67 @@
+"""What is edited: the clip of a run folder, a clip, or one shot of a recording; else one sentence."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from models.core.errors import ClipError, OptionError
+from pipeline.chain import hash_clip
+from pipeline.editing.edited_clip import EditedClip, find_edited_clip
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    path = tmp_path / "shot.mp4"
+    path.write_bytes(b"\x00\x00\x00\x18ftypmp42 not really a video")
+    return path
+
+
+def make_run_folder(folder: Path, source: object, **scene: object) -> Path:
+    folder.mkdir()
+    (folder / "source.json").write_text(json.dumps(source))
+    (folder / "scene.json").write_text(json.dumps({"scene": "billiards", **scene}))
+    return folder
+
+
+def test_a_run_folder_names_its_clip(clip: Path, tmp_path: Path) -> None:
+    digest = hash_clip(clip)
+    folder = make_run_folder(tmp_path / "out", {"path": str(clip)}, clip={"sha256": digest})
+    assert find_edited_clip(folder, None) == EditedClip(clip, folder, digest)
+
+
+def test_a_clip_gets_the_folder_of_a_run(clip: Path, tmp_path: Path) -> None:
+    assert find_edited_clip(clip, None).folder == Path("out/shot")
+    assert find_edited_clip(clip, tmp_path / "other").folder == tmp_path / "other"
+
+
+def test_a_shot_of_a_recording_is_edited_by_itself(clip: Path, tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path / "shot-002", {"path": str(clip), "first": 30, "stop": 90, "begins": 1.0})
+    edited = find_edited_clip(folder, None)
+    assert (edited.first, edited.stop, edited.name) == (30, 90, "shot.mp4, shot-002")
+
+
+def test_a_clip_that_was_moved_or_changed_gets_a_sentence(clip: Path, tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path / "out", {"path": str(clip)}, clip={"sha256": "0" * 64})
+    with pytest.raises(OptionError, match=f"{re.escape(str(clip))} has changed since .* was computed; run it again"):
+        find_edited_clip(folder, None)
+    clip.unlink()
+    with pytest.raises(OptionError, match=r"The clip of this run is no longer at .*shot\.mp4; move it back"):
+        find_edited_clip(folder, None)
+
+
+@pytest.mark.parametrize("source", ["no object", {}, {"path": 3}, {"path": "x", "first": "soon", "stop": 2}])
+def test_a_malformed_source_gets_a_sentence(source: object, tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path / "out", source)
+    with pytest.raises(OptionError, match=r"source\.json does not name the clip of the run; run it again"):
+        find_edited_clip(folder, None)
+
+
+def test_whatever_else_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=r"A run folder or a clip was expected; .* is neither: first do trueroll run"):
+        find_edited_clip(tmp_path, None)
+    with pytest.raises(ClipError, match="does not exist"):
+        find_edited_clip(tmp_path / "missing.mp4", None)
