@@ -20,6 +20,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.chain import STAGE_FILES, publish_files
+from pipeline.engine.result_cache import CacheEntry
+
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
 PROGRAM = """import signal
@@ -201,6 +204,31 @@ def test_a_full_run_after_a_quick_one_repeats_only_what_differs(home: Home) -> N
     views = {view["stage"]: view["state"] for view in json.loads(out)}
     shared = ("read", "calibrate", "detect", "track", "motion", "poster", "forecast")
     assert [name for name, state in views.items() if state == "cached"] == list(shared)
+
+
+def test_without_video_there_is_a_report_but_no_slow_motion(home: Home) -> None:
+    status, out, err = home.trueroll("run", home.clip, "-o", "bare", "--quick", "--no-video", "--slow", SLOW)
+    assert status == 0, err
+    assert {path.name for path in (home.folder / "bare").iterdir()} == FILES - {"slow.mp4"}
+    assert "slow.mp4" not in out
+    page = (home.folder / "bare" / "report.html").read_text(encoding="utf-8")
+    assert page.count('src="slow.mp4"') == 1
+    assert 'src="slow.mp4"' not in (home.out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("events", "stays"), [("old", True), ("new", False)])
+def test_a_slow_motion_of_other_tables_is_removed_before_the_new_one_is_made(
+    events: str, stays: bool, tmp_path: Path
+) -> None:
+    made, folder = tmp_path / "made", tmp_path / "run"
+    for place, text in ((made, events), (folder, "old")):
+        place.mkdir()
+        for name in STAGE_FILES["export"]:
+            (place / name).write_text(text)
+    (folder / "slow.mp4").write_text("of the old tables")
+    publish_files({"export": CacheEntry(made, "key", "export", "content", 0.0, 0, 0.0)}, folder)
+    assert (folder / "slow.mp4").exists() == stays
+    assert (folder / "events.csv").read_text() == events
 
 
 def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> None:

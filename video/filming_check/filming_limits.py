@@ -42,9 +42,9 @@ class FilmingLimits:
     a cloth of 100 levels; a fifth of that leaves them a margin."""
     glare: Limit = Limit(1.0, 8.0)
     """% of the cloth in bright spots larger than a ball. One ball covers 0.1 %; a lamp's reflection hides about ten."""
-    motion_blur: Limit = Limit(8.0, 20.0)
+    motion_blur: Limit = Limit(8.0, 23.0)
     """ms of exposure. At the 5 m/s of a firm shot a ball moves 40 mm in 8 ms, so its streak overlaps its own disc; in
-    20 ms it moves 100 mm: two diameters, the longest streak whose ends are measured well (how-to/film-a-shot.md)."""
+    23 ms it moves 115 mm: two diameters, the longest streak whose ends are measured well (how-to/film-a-shot.md)."""
     frame_rate: Limit = Limit(45.0, 14.0)
     """Distinct frames per second. A segment of a path should span three frames: at 3 m/s they span 20 cm at 45 fps; at
     14 fps the same length is reached at 1 m/s, so that only slow shots are resolved."""
