@@ -157,7 +157,7 @@ def write_scene(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, path: Path) 
         "trust": summarize_trust(trust),
         "explanation": describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),
-        "notes": [*clip.notes, *fit.profile_misfits, *scene.notes],
+        "notes": list(dict.fromkeys([*clip.notes, *fit.profile_misfits, *scene.notes])),
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip

@@ -179,7 +179,8 @@ def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableL
         )
         ordered, perspective = orient_corners(corners.reshape(4, 2), width, height, _mean_sigma(covariance))
         if np.allclose(ordered, corners.reshape(4, 2)):
-            note = f"table located from the view of {prior.shot_count} earlier shots"
+            shots = f"{prior.shot_count} earlier shot{'s' if prior.shot_count > 1 else ''}"
+            note = f"table located from the view of {shots}"
             colour = _median_colour(image, ordered)
             return TableLocation(ordered, covariance, perspective, colour, None, (note,))
     location = locate_table(image, name) if location is None else location
