@@ -114,8 +114,8 @@ def format_certificate(document: dict[str, Any]) -> str:
     if numbers["roll_out"]["value"] is not None:
         value, sigma, _ = format_number(numbers["roll_out"])
         parts.append(f"a ball of 2 m/s rolls {value} ± {sigma} m")
-    found = "; ".join(parts) or "these shots determine none of its numbers"
-    return f"{document['shots']} shots with {document['cushion_contacts']} cushion contacts on this table: {found}."
+    sentence = "; ".join(parts) or "these shots determine none of its numbers"
+    return f"{document['shots']} shots with {document['cushion_contacts']} cushion contacts on this table: {sentence}."
 
 
 def format_comparison(rows: Sequence[NumberComparison], other: str) -> str:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from models.estimation.table_learning.table_measurements import compute_roll_out
-
-GRAVITY = 9.80665
+from models.physics.billiards.parameter_vector import GRAVITY
 
 
 @pytest.mark.parametrize("drag", [0.0, 1e-7, 0.002, 0.05])
