@@ -132,8 +132,7 @@ class FitOptions:
     )
     profile: str = option(
         "",
-        help="Table profile (FILE) of trueroll fit-table or diagnose: contact models and parameters of the fit of whole"
-        " shots.",
+        help="Of trueroll fit-table, diagnose or run: contact models and parameters of the fit of whole shots.",
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1

@@ -39,6 +39,10 @@ class FittedTable:
     shot_count: int
     refusals: tuple[str, ...]
     """One sentence per shot that could not be used."""
+    fits: tuple[tuple[JointSolution, Tracks], ...] = ()
+    """Joint fit and tracks of every shot that was used."""
+    names: tuple[str, ...] = ()
+    """Folder and number of these shots."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +70,19 @@ def fit_table_of_shots(
     """
     shots, refusals = _read_shots(sources)
     table = _require_one_table(shots, refusals)
-    fits = []
+    fits, names = [], []
     for done, (name, tracks, scene) in enumerate(shots):
         on_shot(done, len(shots))
         try:
             fits.append(prepare_shot(tracks, scene, cache))
+            names.append(name)
         except (TrackError, ArithmeticError, ValueError) as error:
             refusals.append(f"{name}: {error}")
     on_shot(len(shots), len(shots))
     if not fits:
         raise TrackError(f"physics could be fitted to none of the shots; {refusals[0]}")
-    return FittedTable(learn_table(fits, table, executor=executor), table, len(fits), tuple(refusals))
+    lesson = learn_table(fits, table, executor=executor)
+    return FittedTable(lesson, table, len(fits), tuple(refusals), tuple(fits), tuple(names))
 
 
 def _read_shots(sources: list[Path]) -> tuple[list[tuple[str, Tracks, Scene]], list[str]]:

@@ -166,7 +166,7 @@ def write_scene(
         "explanation": describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),
         "set_by_hand": {**describe_corrections(corrections), "outcomes": [asdict(one) for one in fit.mark_outcomes]},
-        "notes": [*clip.notes, *fit.profile_misfits, *scene.notes],
+        "notes": list(dict.fromkeys([*clip.notes, *fit.profile_misfits, *scene.notes])),
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip

@@ -22,12 +22,12 @@ from PIL import Image
 
 from pipeline.chain import STAGE_FILES, publish_files
 from pipeline.engine.result_cache import CacheEntry
+from pipeline.terminal.search_display import COMPILING_NOTE
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
 PROGRAM = """import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests themselves run in the background
-from pipeline.terminal.search_display import COMPILING_NOTE
 from pipeline.cli.main import main
 main()"""
 SECONDS = 1.5

@@ -108,6 +108,49 @@ def _estimate_shape_sigma(
     return np.sqrt(cosine_variance), np.sqrt(ratio_variance)
 
 
+@dataclass(frozen=True, slots=True)
+class ShapeEstimate:
+    """Shape of a table by its corners in one view, without the assumption that it is a rectangle of 2:1."""
+
+    angle: float
+    """Degrees between the long and the short side."""
+    angle_sigma: float
+    """Degrees."""
+    aspect: float
+    """Length over width."""
+    aspect_sigma: float
+
+
+def estimate_shape(corners: FloatArray, covariance: FloatArray, width_px: int, height_px: int) -> ShapeEstimate:
+    """Estimate the angle between the sides and their ratio, over the focal lengths that cameras have.
+
+    In an oblique view both depend on the focal length, which nothing but the shape itself would tell: the errors are
+    then large. From straight above they are those of the corners.
+
+    Args:
+        corners: (4, 2) px, in the order of `Table.corners`.
+        covariance: (8, 8) px^2.
+        width_px: width of the image.
+        height_px: height of the image.
+
+    Returns:
+        Angle and ratio with their standard deviations.
+    """
+    logs = FOCAL_PRIOR_SIGMA * np.linspace(-2.5, 2.5, 41)
+    focals = FOCAL_PRIOR_WIDTHS * width_px * np.exp(logs)
+    weight = np.exp(-0.5 * (logs / FOCAL_PRIOR_SIGMA) ** 2)
+    weight /= weight.sum()
+    cosine, ratio = _evaluate_shape(corners, width_px, height_px, focals)
+    corner_sigma = float(np.sqrt(np.mean(np.diag(covariance))))
+    cosine_sigma, ratio_sigma = _estimate_shape_sigma(corners, width_px, height_px, focals, corner_sigma)
+    angle, angle_sigma = np.degrees(np.arccos(np.clip(cosine, -1, 1))), np.degrees(cosine_sigma)
+    values = []
+    for one, sigma in ((angle, angle_sigma), (ratio, ratio_sigma * ratio)):
+        mean = float(weight @ one)
+        values += [mean, float(np.sqrt(weight @ ((one - mean) ** 2 + sigma**2)))]
+    return ShapeEstimate(*values)
+
+
 def orient_corners(
     corners: FloatArray, width_px: int, height_px: int, corner_sigma: float
 ) -> tuple[FloatArray, PerspectiveFit]:

@@ -124,11 +124,11 @@ def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArr
         is_visible.append(bool(len(near)))
         nearest = near[np.argmin(np.abs(near - USUAL_CUSHION))] if len(near) else 0.0
         lines.append(fit_side_line(side, float(nearest), USUAL_CUSHION) if len(near) else expected)
-    found = intersect_lines([line.coefficients for line in lines])
-    if sum(is_visible) < 2 or found is None:
+    nose_corners = intersect_lines([line.coefficients for line in lines])
+    if sum(is_visible) < 2 or nose_corners is None:
         return None
     bend = max(line.bend for line in lines)
-    return CushionNoses(found, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
+    return CushionNoses(nose_corners, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
 
 
 def _expect_line(corners: FloatArray, covariance: FloatArray, side: int) -> FittedLine:

@@ -171,15 +171,16 @@ def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableL
     noses = find_noses_near(image, prior.corners, prior.covariance)
     is_complete = noses is not None and all(noses.is_visible)
     location = None if is_complete else _locate_if_possible(image, name, noses)
-    found = noses if location is None else location
-    assert found is not None
-    if prior.agrees_with_corners(found.corners, found.covariance):
+    latest = noses if location is None else location
+    assert latest is not None
+    if prior.agrees_with_corners(latest.corners, latest.covariance):
         corners, covariance = intersect_estimates(
-            (prior.corners.ravel(), prior.covariance), (found.corners.ravel(), found.covariance)
+            (prior.corners.ravel(), prior.covariance), (latest.corners.ravel(), latest.covariance)
         )
         ordered, perspective = orient_corners(corners.reshape(4, 2), width, height, _mean_sigma(covariance))
         if np.allclose(ordered, corners.reshape(4, 2)):
-            note = f"table located from the view of {prior.shot_count} earlier shots"
+            shots = f"{prior.shot_count} earlier shot{'s' if prior.shot_count > 1 else ''}"
+            note = f"table located from the view of {shots}"
             colour = _median_colour(image, ordered)
             return TableLocation(ordered, covariance, perspective, colour, None, (note,))
     location = locate_table(image, name) if location is None else location

@@ -22,7 +22,9 @@ class CalibrateOptions:
         None, help="Playing surface as LENGTHxWIDTH in m, such as 2.54x1.27, or a preset such as pool-9ft."
     )
     ball_radius: float | None = option(None, help="Radius of the balls.", unit="m")
-    profile: str = option("", help="Its corners, table and ball size are where the calibration starts.")
+    profile: str = option(
+        "", help="Table profile (FILE): the calibration starts from its corners, table and ball size."
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,16 +48,32 @@ def learn_cloth(
     Returns:
         The parameters of `CLOTH_EFFECTS`; empty without a free path.
     """
+    return fit_cloth(shots, table, executor)[0]
+
+
+def fit_cloth(
+    shots: list[tuple[JointSolution, Tracks]], table: Table, executor: Executor = SERIAL
+) -> tuple[tuple[Parameter, ...], FloatArray]:
+    """Fit the cloth to the free paths of shots, with the covariance of its parameters.
+
+    Args:
+        shots: As in `learn_cloth`.
+        table: Dimensions of the table.
+        executor: Distributes the paths over processes.
+
+    Returns:
+        The P parameters of `CLOTH_EFFECTS` and their covariance (P, P); both empty without a free path.
+    """
     segments: list[ShotSegment] = []
     for solution, tracks in shots:
         segments += extract_free_segments(solution, tracks, len(segments))
     if not segments:
-        return ()
+        return (), np.empty((0, 0))
     model = ShotWindows(tuple(segments), table, _cloth_priors(), ContactModels(), guess_spins=False)
     values = np.array([DRAG_GUESS if one.name == "viscous_drag.k" else one.value for one in model.unknowns])
     starts = tuple(window.start for window in model.windows)
     fitted = fit_windows(model, values, _ITERATIONS, starts, executor=executor)
-    return summarize_parameters(model.unknowns, fitted)
+    return summarize_parameters(model.unknowns, fitted), fitted.covariance
 
 
 def extract_free_segments(solution: JointSolution, tracks: Tracks, first: int) -> Iterator[ShotSegment]:

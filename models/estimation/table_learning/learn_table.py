@@ -14,7 +14,7 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import NOSE_COLUMN
 from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.cloth_learning import learn_cloth
+from models.estimation.table_learning.cloth_learning import fit_cloth
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts
 from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions, refit_scatter
 from models.estimation.table_learning.learned_table import LearnedTable
@@ -49,6 +49,8 @@ class TableLesson:
     correction_gain: float | None
     """Share of the squared deviation of reporting shots that a network removes; None with too few contacts for one. It
     is switched on at `correction_training.MIN_GAIN` or more."""
+    cloth_covariance: FloatArray
+    """(P, P) of the first P parameters, those of the cloth."""
 
 
 def learn_table(
@@ -76,7 +78,7 @@ def learn_table(
         raise TrackError(
             f"{len(contacts.t)} cushion contacts are too few to learn a table from; at least {MIN_CONTACTS} are needed"
         )
-    cloth = learn_cloth(shots, table, executor)
+    cloth, cloth_covariance = fit_cloth(shots, table, executor)
     if not cloth:
         raise TrackError("no ball was observed long enough between contacts to learn the cloth")
     from models.estimation.table_learning.correction_training import train_correction  # torch is slow to import
@@ -94,7 +96,8 @@ def learn_table(
     )  # fmt: skip
     candidates = tuple((one.law, one.log_evidence) for one in fits)
     gain = None if trained is None else trained.gain
-    return TableLesson(learned, (*cloth, *best.parameters), candidates, len(contacts.t), gain)
+    parameters = *cloth, *best.parameters
+    return TableLesson(learned, parameters, candidates, len(contacts.t), gain, cloth_covariance)
 
 
 def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table: Table) -> LearnedTable | None:

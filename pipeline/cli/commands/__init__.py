@@ -9,7 +9,8 @@ from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
     "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
-    "diagnose", "gapcheck", "fit-table", "simulate", "detect", "train-detector", "reproduce", "graph", "cache",
+    "diagnose", "gapcheck", "fit-table", "certify", "simulate", "detect", "train-detector", "reproduce", "graph",
+    "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -84,6 +85,8 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import gapcheck_command as gapcheck_command
         case "fit-table":
             from pipeline.cli.commands import fit_table_command as fit_table_command
+        case "certify":
+            from pipeline.cli.commands.table import certify_command as certify_command
         case "simulate":
             from pipeline.cli.commands import simulate_command as simulate_command
         case "detect":

@@ -262,14 +262,20 @@ def add_view(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
 
 
 def _add_cloth(profile: dict[str, Any], scene: dict[str, Any], prior: ViewPrior | None, notes: list[str]) -> None:
-    """Average the colour of the cloth over the shots."""
+    """Average the colour of the cloth over the shots; another colour begins it anew, and the friction with it."""
     lab = scene["table"].get("cloth_lab")
     if lab is None:
         return
     earlier = profile.get("cloth")
     if earlier is None or prior is None or not prior.agrees_with_cloth(np.array(lab)):
-        if earlier is not None:
-            notes.append(f"{PROFILE_NOTE} the cloth has another colour; its colour was begun anew")
+        if earlier is not None and "learned_from" in profile:
+            notes.append(
+                f"{PROFILE_NOTE} the cloth has another colour; learn its friction anew with trueroll fit-table"
+            )
+        elif earlier is not None:
+            notes.append(f"{PROFILE_NOTE} the cloth has another colour; colour and friction were begun anew")
+            for name in FRICTION:
+                profile.get("effects", {}).pop(name.partition(".")[0], None)
         profile["cloth"] = {"lab": [float(v) for v in lab], "shots": 1}
         return
     shots = int(earlier["shots"]) + 1

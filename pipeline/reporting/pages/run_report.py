@@ -152,7 +152,7 @@ def write_report(
         forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True))),
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, tracks, fit),
-        notes=[*fit.profile_misfits, *scene.notes, *clip.notes],
+        notes=list(dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes])),
         settings=list(settings),
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,

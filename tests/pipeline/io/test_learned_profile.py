@@ -51,7 +51,7 @@ def make_lesson() -> TableLesson:
         np.linspace(-1, 1, WEIGHT_COUNT),
     )  # fmt: skip
     parameters = tuple(Parameter(name, value, 0.05 * value, "1", False) for name, value in values.items())
-    return TableLesson(learned, parameters, (("han_2005", 12.0), ("mirror", -30.0)), 55, 0.2)
+    return TableLesson(learned, parameters, (("han_2005", 12.0), ("mirror", -30.0)), 55, 0.2, np.empty((0, 0)))
 
 
 def test_a_learned_table_survives_its_file(tmp_path: Path) -> None:

@@ -90,6 +90,18 @@ def test_a_camera_that_moved_begins_the_view_anew_and_is_named(tmp_path: Path) -
     np.testing.assert_allclose(prior.corners, CORNERS + np.array([6.0, 0.0]))
 
 
+def test_another_cloth_begins_colour_and_friction_anew(tmp_path: Path) -> None:
+    path = tmp_path / "club.json"
+    for k in range(3):
+        update_profile(path, write_run(tmp_path / f"run{k}"))
+    notes = update_profile(path, write_run(tmp_path / "red", lab=[40.0, 50.0, 30.0], rolling=0.0104))
+    assert len(notes) == 1
+    document = json.loads(path.read_text())
+    assert document["cloth"] == {"lab": [40.0, 50.0, 30.0], "shots": 1}
+    assert document["effects"]["rolling_resistance"]["mu"]["value"] == pytest.approx(0.0104)
+    assert document["view"]["shots"] == 4
+
+
 def test_another_table_is_refused_and_the_profile_stays(tmp_path: Path) -> None:
     path = tmp_path / "club.json"
     update_profile(path, write_run(tmp_path / "a"))

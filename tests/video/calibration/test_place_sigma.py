@@ -1,4 +1,4 @@
-"""Uncertainty of places by the calibration, against calibrations with random errors."""
+"""What a calibration determines: the uncertainty of places, and the shape of the table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from models.core.scene import NOSE_HEIGHT_RADII
 from models.physics.billiards.tables import TABLE_PRESETS
-from video.calibration.camera_model import PerspectiveFit, build_camera
+from video.calibration.camera_model import PerspectiveFit, build_camera, estimate_shape
 from video.calibration.place_sigma import estimate_place_sigma
 from video.rendering.pinhole_camera import look_at
 
@@ -29,3 +29,18 @@ def test_the_sigma_is_the_scatter_of_places_over_erroneous_calibrations() -> Non
         found.append(camera.to_table(px, TABLE.ball_radius))
     exact = build_camera(corners, covariance, TABLE, PerspectiveFit(1500.0, focal_sigma, 2.0, 0.0), 1280, 720)
     np.testing.assert_allclose(estimate_place_sigma(exact, TABLE, PLACES), np.std(found, axis=0), rtol=0.2)
+
+
+def test_the_shape_of_a_table_is_measured_from_above_and_hardly_from_the_side() -> None:
+    skew = np.deg2rad(0.5)
+    seen = 400.0 * (TABLE.corners @ np.array([[1.0, 0.0], [np.sin(skew), 1.0]])) + [130.0, 100.0]
+    above = estimate_shape(seen, 0.1 * np.eye(8), 1280, 720)
+    assert abs(abs(above.angle - 90.0) - 0.5) < 0.05
+    assert above.angle_sigma < 0.1
+    assert abs(above.aspect - 2.0) < 4 * above.aspect_sigma
+    middle = np.array([TABLE.length / 2, TABLE.width / 2, 0.0])
+    camera = look_at(TABLE, middle + np.array([1.5, 3.0, 1.8]), middle, 1200.0, 1280, 720)
+    corners = camera.to_pixels(TABLE.corners, NOSE_HEIGHT_RADII * TABLE.ball_radius)
+    aside = estimate_shape(corners, 0.1 * np.eye(8), 1280, 720)
+    assert aside.angle_sigma > 10 * above.angle_sigma
+    assert abs(aside.angle - 90.0) < 2 * aside.angle_sigma

@@ -1,0 +1,97 @@
+"""The certificate of a table from the shots of a session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from models.core.errors import OptionError
+from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
+from models.numerics.executor import Executor
+from pipeline.actions.fit_table import fit_table_of_shots
+from pipeline.engine.result_cache import ResultCache
+from pipeline.io.run_folder import parse_camera, read_csv_columns, read_scene_document
+from pipeline.io.tables.certificate_files import CertifiedTable, describe_certificate
+from video.calibration.camera_model import ShapeEstimate, estimate_shape
+
+
+def list_shot_folders(sources: Iterable[Path]) -> list[Path]:
+    """List the run folders and track folders of the given folders.
+
+    Args:
+        sources: Run folders, track folders, their tracks.csv, or folders with such folders, as a batch writes them.
+
+    Returns:
+        The folders and files, in the order given, each once.
+
+    Raises:
+        OptionError: A source holds no tracks.
+    """
+    folders: dict[Path, None] = {}
+    for source in sources:
+        if source.is_file() or (source / "tracks.csv").is_file():
+            folders[source] = None
+            continue
+        below = sorted(path.parent for path in source.rglob("tracks.csv")) if source.is_dir() else []
+        if not below:
+            raise OptionError(
+                f"Run folders, track folders or a batch's folder were expected; {source} holds no tracks.csv"
+            )
+        folders |= dict.fromkeys(below)
+    return list(folders)
+
+
+def certify_table(
+    sources: list[Path], cache: ResultCache, executor: Executor, on_shot: Callable[[int, int], None]
+) -> CertifiedTable:
+    """Learn a table from its shots, and measure it.
+
+    Args:
+        sources: Run folders and track folders.
+        cache: Holds the fits of shots.
+        executor: Distributes the learning over processes.
+        on_shot: Called with the number of fitted shots and that of all.
+
+    Returns:
+        The certificate.
+
+    Raises:
+        OptionError: No source can be read, or the tables differ.
+        TrackError: The shots are too few.
+    """
+    fitted = fit_table_of_shots(sources, cache, executor, on_shot)
+    measured = measure_table(fitted.lesson, list(fitted.fits), fitted.table)
+    document = describe_certificate(
+        fitted.table, measured, _measure_shape(sources), fitted.shot_count, fitted.refusals, _count_potted(sources)
+    )
+    tracks = tuple(one for _, one in fitted.fits)
+    return CertifiedTable(document, fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
+
+
+def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:
+    """Measure angle and aspect in the view that tells most; views of one camera share their errors."""
+    shapes: list[ShapeEstimate] = []
+    for source in sources:
+        file = (source if source.is_dir() else source.parent) / "scene.json"
+        camera = parse_camera(read_scene_document(file)) if file.is_file() else None
+        if camera is not None:
+            shapes.append(
+                estimate_shape(camera.corners_px, camera.corner_covariance, camera.width_px, camera.height_px)
+            )
+    if not shapes:
+        return ()
+    best = min(shapes, key=lambda one: one.angle_sigma)
+    return (
+        TableMeasurement("angle", best.angle, best.angle_sigma, "degrees", len(shapes)),
+        TableMeasurement("aspect", best.aspect, best.aspect_sigma, "", len(shapes)),
+    )
+
+
+def _count_potted(sources: list[Path]) -> int:
+    """Count the pocket events of run folders."""
+    count = 0
+    for source in sources:
+        file = (source if source.is_dir() else source.parent) / "events.csv"
+        if file.is_file():
+            count += sum(kind == "pocket" for kind in read_csv_columns(file, ("kind",)).get("kind", ()))
+    return count

@@ -1,0 +1,107 @@
+"""`trueroll certify`: measure a table by the shots of a session."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table as Grid
+
+from models.numerics.first_compilation import notify_first_compilation
+from pipeline.actions.certify_table import certify_table, list_shot_folders
+from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.helper_executor import open_executor
+from pipeline.io.tables.certificate_files import NAMES, compare_certificates, describe_comparison, read_certificate
+from pipeline.reporting.pages.certificate_page import (
+    format_certificate,
+    format_comparison,
+    format_number,
+    write_certificate_page,
+)
+from pipeline.terminal.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    app,
+    console,
+    make_output_console,
+    open_cache,
+    parse_output_path,
+)
+from pipeline.terminal.search_display import COMPILING_NOTE
+
+CERTIFICATE_FILE, PAGE_FILE = "certificate.json", "certificate.html"
+
+
+@app.command("certify")
+def certify(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Run folders, track folders or a batch's folder, all of one table."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the certificate."),
+    ] = Path("certificate"),
+    compare: Annotated[
+        Path | None,
+        typer.Option("--compare", metavar="OTHER.json", help="An earlier certificate: which numbers differ from it."),
+    ] = None,
+    cache: CacheOption = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Certify a table: slope, restitution, speed of the cloth, size and squareness, each with its error.
+
+    The fit of every shot is cached, so that a second call resumes, and a larger one continues.
+    """
+    other = None if compare is None else read_certificate(compare)  # an error of it comes before the work
+    sources = list_shot_folders(inputs)
+    require_writable_folder(out)
+    store = open_cache(cache)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with (
+        open_executor() as executor,
+        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
+        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
+    ):
+        task = bars.add_task("fitting shots")
+
+        def show(done: int, count: int) -> None:
+            text = "measuring the table" if done == count else "fitting shots"
+            bars.update(task, completed=done, total=count, description=text)
+
+        certified = certify_table(sources, store, executor, show)
+    document = certified.document
+    rows = () if other is None else compare_certificates(other, document)
+    name = "" if compare is None else compare.stem if compare.suffix == ".json" else compare.name
+    if other is not None:
+        document["compared_with"] = {"certificate": str(compare), "numbers": describe_comparison(rows)}
+    out.mkdir(parents=True, exist_ok=True)
+    with replace_file(out / CERTIFICATE_FILE) as path:
+        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_certificate_page(certified, inputs[0].resolve().name, out / PAGE_FILE, rows, name)
+    if as_json:
+        print(json.dumps(document, allow_nan=False))
+    else:
+        _print_certificate(document, format_comparison(rows, name) if rows else "", out)
+
+
+def _print_certificate(document: dict[str, Any], comparison: str, out: Path) -> None:
+    screen = make_output_console()
+    screen.print(f"[bold]{escape(format_certificate(document))}[/]")
+    grid = Grid("quantity", "value", "±", "unit", box=None, pad_edge=False)
+    for name, entry in document["numbers"].items():
+        grid.add_row(NAMES[name], *format_number(entry))
+    screen.print(grid)
+    screen.print(escape(f"Pocket openings are not observable: {document['pocket_openings']['why']}"))
+    for refusal in document["refused"]:
+        screen.print(escape(f"Note: {refusal}"))
+    if comparison:
+        screen.print(escape(comparison))
+    print(f"Look at {out / PAGE_FILE}")
