@@ -14,9 +14,10 @@ from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.prediction_files import format_strict_json
+from pipeline.io.run_folder import read_scene_document
 from pipeline.io.run_tables import Columns
+from pipeline.io.scene_entries.shot_numbers_json import parse_shot_numbers
 from pipeline.io.session.session_files import SessionShot, tabulate_session, write_session_tables
-from pipeline.io.session.shot_numbers_json import read_shot_numbers
 from pipeline.reporting.pages.session_page import write_session_page
 
 Grouping = Literal["folder", "spin", "ball", "pocket", "side"]
@@ -54,6 +55,25 @@ def list_run_folders(source: Path) -> list[Path]:
     if not folders:
         raise OptionError(f"A run folder or the folder of a batch was expected; there is no scene.json in {source}")
     return folders
+
+
+def read_shot_numbers(folder: Path) -> tuple[ShotNumbers, ...]:
+    """Read the numbers of the shots of a run folder.
+
+    Args:
+        folder: Run folder.
+
+    Returns:
+        Numbers per shot.
+
+    Raises:
+        OptionError: There is no scene.json with such numbers.
+    """
+    document = read_scene_document(folder / "scene.json")
+    try:
+        return parse_shot_numbers(document)
+    except OptionError as error:
+        raise OptionError(f"{folder} {error}") from error
 
 
 def read_session(sources: Sequence[Path]) -> tuple[list[tuple[str, Path, ShotNumbers]], tuple[str, ...]]:

@@ -23,7 +23,7 @@ from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.by_hand.corrections_file import describe_corrections
 from pipeline.io.explanation_json import describe_explanation
-from pipeline.io.session.shot_numbers_json import describe_shot_numbers
+from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust

@@ -88,7 +88,10 @@ def simulate_contact(
     samples = zip(whole.start_samples, whole.parameter_samples, whole.sample_ball_models, strict=True)
     for start, values, ball_model in samples:
         laws = ContactModels(whole.cushion_model, ball_model)
-        shot = simulate_start(start, whole.moving, table, values, laws, seconds + _VIEW_AFTER)
+        try:
+            shot = simulate_start(start, whole.moving, table, values, laws, seconds + _VIEW_AFTER)
+        except ArithmeticError:  # balls that meet without end: no shot
+            continue
         states = _states_of_contact(shot, *pair, float(values[SLIDING_MU]))
         if states is not None:
             rows.append(evaluate_contact(states))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
@@ -15,7 +16,7 @@ from pipeline.reporting.text.number_sentences import format_shot_cell, name_numb
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAIN_NUMBERS = (
-    "cue_speed", "top_spin_share", "side_spin_share", "contact_speed", "cut_angle", "throw", "deflection",
+    "cue_speed", "direction", "top_spin_share", "side_spin_share", "contact_speed", "cut_angle", "throw", "deflection",
     "object_speed", "pocket_offset", "pocket_speed", "length", "object_length", "cushions",
 )  # fmt: skip
 """Numbers of the table of shots, as far as the session has them."""
@@ -40,7 +41,7 @@ def write_session_page(
         path: File to write.
     """
     groups = [name for name in summaries if name]
-    shown = [one for one in summaries[""] if one.count and one.name in MAIN_NUMBERS]
+    shown = [one for one in summaries[""] if _is_shown(one)]
     figures = [
         (name_number(one.name), embed_figure(_trend(columns, one, groups), f"trend-{k}", _FIGURE_HEIGHT))
         for k, one in enumerate(shown)
@@ -49,8 +50,7 @@ def write_session_page(
     html = render_template(
         "session.html",
         name=title,
-        count=len(columns["number"]),
-        groups=[(escape_text(name), [_describe_summary(one) for one in summaries[name] if one.count])
+        groups=[(escape_text(name), [_describe_summary(one) for one in summaries[name] if _is_shown(one)])
                 for name in (["", *groups] if len(groups) > 1 else [""])],
         headings=[name_number(one.name) for one in shown],
         shots=[_describe_shot(columns, row, [one.name for one in shown]) for row in range(len(columns["number"]))],
@@ -62,7 +62,11 @@ def write_session_page(
     path.write_text(html, encoding="utf-8")
 
 
-def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]):  # type: ignore[no-untyped-def]
+def _is_shown(one: SeriesSummary) -> bool:
+    return one.count > 0 and one.name in MAIN_NUMBERS
+
+
+def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Figure:
     label = f"{name_number(one.name)}{f' ({one.unit})' if one.unit else ''}"
     return build_trend_figure(columns, one.name, one, groups, label)
 

@@ -13,8 +13,9 @@ from PIL import Image
 from support.filmed_pot import R, film_pot
 
 from models.core.shot_numbers import ShotNumber, ShotNumbers
+from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.session.shot_numbers_json import describe_shot_numbers, read_shot_numbers
+from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
 

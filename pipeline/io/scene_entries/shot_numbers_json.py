@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumber, ShotNumbers
-from pipeline.io.run_folder import read_scene_document
 
 KEY = "shot_numbers"
 """Key of scene.json."""
@@ -44,25 +42,24 @@ def _describe_number(one: ShotNumber) -> dict[str, Any]:
     return asdict(one) | finite
 
 
-def read_shot_numbers(folder: Path) -> tuple[ShotNumbers, ...]:
-    """Read the numbers of the shots of a run folder.
+def parse_shot_numbers(scene: dict[str, Any]) -> tuple[ShotNumbers, ...]:
+    """Parse the numbers of the shots of a scene.json.
 
     Args:
-        folder: Run folder.
+        scene: Content of the scene.json.
 
     Returns:
         Numbers per shot.
 
     Raises:
-        OptionError: There is no scene.json with such numbers.
+        OptionError: It has none, or they are malformed.
     """
-    document = read_scene_document(folder / "scene.json")
-    if KEY not in document:
-        raise OptionError(f"{folder} was written by a version without shot numbers; run the clip again")
+    if KEY not in scene:
+        raise OptionError("was written by a version without shot numbers; run the clip again")
     try:
-        return tuple(_parse_shot(entry) for entry in document[KEY])
-    except (KeyError, TypeError, ValueError) as error:
-        raise OptionError(f"{folder / 'scene.json'} has shot numbers that cannot be used: {error}") from error
+        return tuple(_parse_shot(entry) for entry in scene[KEY])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OptionError(f"has shot numbers that cannot be used: {error}") from error
 
 
 def _parse_shot(entry: dict[str, Any]) -> ShotNumbers:
