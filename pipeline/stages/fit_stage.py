@@ -11,7 +11,7 @@ from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.place_stage import describe_facts
+from pipeline.stages.correction_facts import describe_facts
 
 
 def fit_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
