@@ -32,11 +32,12 @@ from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import RunOptions, apply_corrections, format_changed_settings
 from pipeline.stages.calibrate_stage import calibrate_stage
+from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.export_stage import export_stage
 from pipeline.stages.fit_stage import fit_stage, motion_stage
 from pipeline.stages.forecast_stage import forecast_stage
-from pipeline.stages.place_stage import name_detections, place_stages
+from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import poster_stage, render_stage

@@ -14,7 +14,7 @@ from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.joint_fit.fit_solution import FittedMotion
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.place_stage import describe_facts
+from pipeline.stages.correction_facts import describe_facts
 
 
 def motion_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:

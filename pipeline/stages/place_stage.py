@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from models.core.by_hand.corrections import BallMark, Corrections
 from models.core.detections import MarkedDetections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.stages.correction_facts import describe_facts, list_placed_balls
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceOptions:
     """Options of the stage, which has none beside the corrections."""
-
-
-def name_detections(corrections: Corrections) -> str:
-    """Name the stage whose detections are tracked.
-
-    Args:
-        corrections: What a person corrected.
-
-    Returns:
-        `place` where a person placed balls, else `detect`.
-    """
-    return "place" if _list_placed_balls(corrections) else "detect"
 
 
 def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
@@ -39,27 +27,11 @@ def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
     Returns:
         The stage `place`, whose output is `MarkedDetections`; nothing where no ball was placed.
     """
-    placed = _list_placed_balls(corrections)
+    placed = list_placed_balls(corrections)
     if not placed:
         return ()
     run, facts = partial(_add_balls, placed), describe_facts(Corrections(balls=placed))
     return (Stage("place", __name__, ("read", "calibrate", "detect"), MarkedDetections, run, PlaceOptions(), facts),)
-
-
-def describe_facts(corrections: Corrections) -> dict[str, Any]:
-    """Describe the corrections that a stage depends on, for its cache key.
-
-    Args:
-        corrections: Those of the stage.
-
-    Returns:
-        JSON values by name; empty where there are none, so that uncorrected runs keep their keys.
-    """
-    return {name: value for name, value in asdict(corrections).items() if value}
-
-
-def _list_placed_balls(corrections: Corrections) -> tuple[BallMark, ...]:
-    return tuple(mark for mark in corrections.balls if mark.kind == "placed")
 
 
 def _add_balls(

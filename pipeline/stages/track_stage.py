@@ -10,7 +10,7 @@ from models.core.options import TrackOptions
 from models.core.progress import Progress
 from models.core.tracks import Tracks
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.place_stage import describe_facts, name_detections
+from pipeline.stages.correction_facts import describe_facts, name_detections
 
 
 def track_stage(options: TrackOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
