@@ -33,9 +33,20 @@ def detect_stage(options: DetectOptions, executor: Executor = SERIAL) -> Stage:
     )
 
 
-def import_detectors() -> None:
-    """Import the detectors, which takes a second, so that a helper process is ready when the stage begins."""
+def load_detectors() -> None:
+    """Load modules, networks and compiled code, which takes a second, before the stage begins in a helper process."""
+    import numpy as np
+
     from detectors import detect as detect
+    from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
+    from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
+    from video.io.pixel_kernels import fill_blend
+
+    open_ball_model(SHIPPED_BALL_MODEL)
+    for kind in (STREAK, DISC):
+        open_offset_regressor(kind)
+    level = np.zeros(1, np.uint8)
+    fill_blend(level, level, 0.5, level.copy())  # the first call loads the compiler's registries
 
 
 def _hash_model(model: Path) -> str:

@@ -20,7 +20,7 @@ from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions, use_growing_profile
-from pipeline.stages.detect_stage import import_detectors
+from pipeline.stages.detect_stage import load_detectors
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
@@ -71,7 +71,7 @@ def run(
         return
     answers: list[FinishedRun] = []
     with (
-        open_executor(import_detectors) as executor,
+        open_executor(load_detectors) as executor,
         StageDisplay(console, str(clip)) as display,
         _announce_compilation(),
     ):
