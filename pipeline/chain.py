@@ -13,11 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.errors import ClipError, OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
-from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file

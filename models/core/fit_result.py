@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.events import Events
 from models.core.shot_explanation import MarkOutcome, ShotExplanation
-from models.core.shot_numbers import ShotNumbers
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 

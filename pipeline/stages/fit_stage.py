@@ -12,7 +12,7 @@ from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.scene import Scene
 from models.core.tracks import Tracks
-from models.estimation.joint_fit.fit_solution import FittedMotion
+from models.estimation.joint_fit.fit_solution import ClipMotion
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.stages.correction_facts import describe_facts
 
@@ -25,12 +25,12 @@ def motion_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS)
         corrections: What a person corrected, of which contacts matter here.
 
     Returns:
-        The stage `motion`, whose output is `FittedMotion` without contact models of whole shots.
+        The stage `motion`, whose output is `ClipMotion` without contact models of whole shots.
     """
     own = replace(options, quick=False, laws=None, profile="")  # another search for models leaves the motion as it is
     marks = Corrections(contacts=corrections.contacts)
     run = partial(_fit_motion, marks.contacts)
-    return Stage("motion", __name__, ("calibrate", "track"), FittedMotion, run, own, describe_facts(marks))
+    return Stage("motion", __name__, ("calibrate", "track"), ClipMotion, run, own, describe_facts(marks))
 
 
 def fit_stage(options: FitOptions) -> Stage:
@@ -47,11 +47,11 @@ def fit_stage(options: FitOptions) -> Stage:
 
 def _fit_motion(
     marks: tuple[ContactCorrection, ...], inputs: Inputs, options: FitOptions, folder: Path, progress: Progress
-) -> FittedMotion:
+) -> ClipMotion:
     """Fit the contacts and the motion."""
     from models.estimation.reconstruction.fit_shot import fit_with_solution  # slow to import
 
-    return FittedMotion(*fit_with_solution(inputs["track"], inputs["calibrate"], options, progress, marks))
+    return ClipMotion(*fit_with_solution(inputs["track"], inputs["calibrate"], options, progress, marks))
 
 
 def _complete_fit(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> Fit:

@@ -8,6 +8,7 @@ import numpy as np
 from support.filmed_shots import PX_PER_M, RADIUS, scene
 
 from models.core.tracks import Tracks
+from models.physics.billiards.cushion_geometry import find_mouth_line
 from models.physics.billiards.simulation.simulate_shot import BallSet, Physics, SimulatedShot, simulate
 
 R, FPS, LEAD, NOISE = RADIUS, 60.0, 0.2, 3e-4
@@ -53,7 +54,9 @@ def true_numbers() -> dict[str, float]:
     t = float(shot.contacts[0, 1])
     before, after = shot.states_at(t - 1e-7), shot.states_at(t + 1e-7)
     line = before[1, :2] - before[0, :2]
-    fall = shot.states_at(float(shot.pocket_times[1]) - 1e-6)[1]
+    mouth = find_mouth_line(SCENE.table, "bottom-right")
+    late = shot.states_at(np.linspace(t, float(shot.pocket_times[1]) - 1e-6, 20_001))[:, 1, :2]
+    passage = late[int(np.argmax((late - mouth.middle) @ mouth.outward > 0))]
     fine = shot.states_at(np.linspace(0, 2.6 - LEAD, 20_001))[:, 0, :2]
     return {
         "cue_speed": float(np.hypot(*strike[2:4])),
@@ -63,7 +66,7 @@ def true_numbers() -> dict[str, float]:
         "cut_angle": angle_of(before[0, 2:4], line),
         "object_speed": float(np.hypot(*after[1, 2:4])),
         "length": float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum()),
-        "pocket_offset": 1e3 * float((fall[:2] - TARGET) @ np.array([-1.0, 1.0]) / np.sqrt(2)),
+        "pocket_offset": 1e3 * float((passage - TARGET) @ np.array([-1.0, 1.0]) / np.sqrt(2)),
     }
 
 

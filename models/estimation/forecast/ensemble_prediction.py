@@ -164,7 +164,10 @@ def _simulate_members(
     state: StateEstimate, seconds: float, rng: np.random.Generator, draws: int
 ) -> list[SimulatedShot]:
     """Simulate draws from all uncertainties, including the cushion law."""
-    return [state.simulate_ahead(*one, seconds, deviations) for *one, deviations in draw_members(state, rng, draws)]
+    return [
+        state.simulate_ahead(inputs, law, seconds, deviations)
+        for inputs, law, deviations in draw_members(state, rng, draws)
+    ]
 
 
 def draw_members(

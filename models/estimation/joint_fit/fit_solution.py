@@ -54,7 +54,7 @@ class JointSolution:
 
 
 @dataclass(frozen=True, slots=True)
-class FittedMotion:
+class ClipMotion:
     """The motion of a clip, and the parameters behind it."""
 
     fit: Fit

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.capture_clock import CaptureClock
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.events import Events
 from models.core.fit_result import Fit, WholeShotSolution
 from models.core.scene import Table
-from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import (
     collect_captured_observations,
@@ -79,7 +79,8 @@ def _refine_strike(
 def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tracks, table: Table) -> ShotNumbers:
     clock, ids, meeting = fit.trajectory.clock, tracks.ids, course.meeting
     begin, end = present_time(course.begin, clock), present_time(course.end, clock)
-    cue, first, chances = ids[course.cue], "", ()
+    cue, first = ids[course.cue], ""
+    chances: tuple[float, ...] = ()
     spin: SpinState = "unknown"
     whole = select_whole_shot(fit.whole_shot, cue, begin) if course.is_struck else None
     if whole is None:

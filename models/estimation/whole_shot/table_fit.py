@@ -265,16 +265,19 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
     explain the shot. Their evidence, divided by the factor on variances of the best, weights them.
     """
     free = replace(model, budget=None)  # that of the search may be spent
+    usual, own_priors = {prior.name for prior in table_priors(laws)}, {prior.name: prior for prior in model.unknowns}
+    added = tuple(prior for prior in model.unknowns if prior.name not in usual)
     modes = [(laws, free, best)]
     for ball in _RIVAL_BALL_LAWS:
         rival = ContactModels(laws.cushion, ball)
-        own = free if rival == laws else replace(free, laws=rival, unknowns=table_priors(rival))
+        unknowns = (*(own_priors.get(prior.name, prior) for prior in table_priors(rival)), *added)
+        own = free if rival == laws else replace(free, laws=rival, unknowns=unknowns)
         for share in _RIVAL_SIDE_SPINS if rival == laws else (1.0, *_RIVAL_SIDE_SPINS):
             starts = [
                 _scale_side_spin(start, one.moving, share)
                 for start, one in zip(best.starts, model.segments, strict=True)
             ]
-            fitted = _continue_fit(own, [(laws, replace(best, starts=tuple(starts)))], _RIVAL_OPTIONS)
+            fitted = _continue_from(own, model.unknowns, replace(best, starts=tuple(starts)), _RIVAL_OPTIONS)
             if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
                 modes.append((rival, own, fitted))
     rng, widening = _make_generator(None), float(np.sqrt(best.inflation))
@@ -374,7 +377,14 @@ def _continue_fit(
 ) -> ShootingFit:
     """Fit one pair of contact models from the states and parameters of the best fit of others."""
     laws, neighbour = min(others, key=lambda one: one[1].cost)
-    neighbour_values = {prior.name: value for prior, value in zip(table_priors(laws), neighbour.shared, strict=True)}
+    return _continue_from(model, table_priors(laws), neighbour, options)
+
+
+def _continue_from(
+    model: ShotWindows, priors: tuple[Prior, ...], neighbour: ShootingFit, options: ShootingOptions
+) -> ShootingFit:
+    """Fit contact models from the states of a fit, and from its parameters, which have these priors."""
+    neighbour_values = {prior.name: value for prior, value in zip(priors, neighbour.shared, strict=True)}
     shared = np.array([neighbour_values.get(prior.name, prior.value) for prior in model.unknowns])
     return fit_windows(model, shared, options, neighbour.starts)
 

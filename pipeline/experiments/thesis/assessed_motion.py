@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.neural.common.method_interface import FittedMotion
+from models.neural.common.method_interface import ClipMotion
 
 
 @dataclass(frozen=True, slots=True)
-class AssessedMotion(FittedMotion):
+class AssessedMotion(ClipMotion):
     """A fitted motion with warnings."""
 
     warnings: tuple[str, ...]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from models.core.typing import FloatArray
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
 
@@ -73,15 +72,15 @@ def build_tip_figure(columns: Columns, groups: Sequence[str]) -> go.Figure:
         The figure: the ball as the player sees it, in radii.
     """
     figure, owners = go.Figure(), np.array(columns["group"])
-    side, top = (np.asarray(columns.get(name, []), np.float64) for name in ("side_spin_share", "top_spin_share"))
+    side, top = (np.asarray(columns[name], np.float64) for name in ("side_spin_share", "top_spin_share"))
     for radius, dash in ((1.0, "solid"), (MAX_TIP_OFFSET, "dot")):
         figure.add_shape(
             type="circle", x0=-radius, y0=-radius, x1=radius, y1=radius, line={"color": "#4d5852", "dash": dash}
         )
     for k, group in enumerate(groups):
-        rows = (owners == group) & np.isfinite(side) & np.isfinite(top) if len(side) and len(top) else []
+        rows = (owners == group) & np.isfinite(side) & np.isfinite(top)
         figure.add_scatter(
-            x=_tip_offset(side, rows), y=_tip_offset(top, rows), mode="markers", name=group, showlegend=len(groups) > 1,
+            x=TIP_OFFSET * side[rows], y=TIP_OFFSET * top[rows], mode="markers", name=group, showlegend=len(groups) > 1,
             marker={"color": _colour(k), "size": 9}, hovertemplate="right %{x:.2f} R, up %{y:.2f} R<extra></extra>",
         )  # fmt: skip
     figure.update_xaxes(title="to the right (radii)", range=[-1.1, 1.1])
@@ -91,7 +90,3 @@ def build_tip_figure(columns: Columns, groups: Sequence[str]) -> go.Figure:
 
 def _colour(k: int) -> str:
     return GROUP_COLOURS[k % len(GROUP_COLOURS)]
-
-
-def _tip_offset(share: FloatArray, rows: object) -> FloatArray:
-    return TIP_OFFSET * share[rows]  # type: ignore[index,no-any-return]

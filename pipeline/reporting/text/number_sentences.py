@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from support.filmed_pot import R, film_pot
 
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers

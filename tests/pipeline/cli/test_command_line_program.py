@@ -196,7 +196,7 @@ def test_debug_shows_where_an_error_comes_from(trueroll: Terminal) -> None:
 
 
 def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a sum\nof nothing")
 
     monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", fail)
@@ -207,7 +207,7 @@ def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: py
 
 
 def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(*_: object) -> None:
+    def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", stop)
@@ -248,7 +248,7 @@ def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
         def __del__(self) -> None:
             raise KeyboardInterrupt
 
-    def work(*_: object) -> None:
+    def work(*_: object, **__: object) -> None:
         Swallows()
         time.sleep(20)
 

@@ -124,6 +124,7 @@ def test_a_report_without_its_slow_motion_says_so(report: Path, browser: webdriv
     open_page(tmp_path / "report.html", browser)
     WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
     assert not browser.find_element(By.ID, "playing").is_displayed()
+    browser.get_log("browser")  # the missing file is reported there, and a later test must not see it
 
 
 def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver.Chrome) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 from rich.markup import escape
@@ -13,7 +13,6 @@ from models.core.errors import OptionError
 from pipeline.actions.compare_session import (
     GROUPINGS,
     ComparedSession,
-    Grouping,
     compare_session,
     write_session,
 )
@@ -48,7 +47,7 @@ def compare(
     if group not in GROUPINGS:
         raise OptionError(f"--group is one of {', '.join(GROUPINGS)}; got {group}")
     require_writable_folder(out)
-    session = compare_session(folders, cast(Grouping, group))
+    session = compare_session(folders, group)
     document = write_session(session, f"{len(session.columns['number'])} shots of {_name_sources(folders)}", out)
     if as_json:
         print(format_strict_json({"folder": str(out), **document}))

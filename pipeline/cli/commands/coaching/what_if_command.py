@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
@@ -135,7 +135,7 @@ def _choose_game(game: str | None, source: Path) -> Game:
         return "pot" if read_observed_shot(source)[1].table.pockets else "carom"
     if game not in GAMES:
         raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
-    return cast(Game, game)
+    return game
 
 
 def _parse_pocket(pocket: str) -> str:

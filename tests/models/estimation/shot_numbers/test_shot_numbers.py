@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.filmed_pot import SCENE, film_pot, true_numbers
 
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.fit_result import WholeShotSolution
 from models.core.scene import Table
-from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.shot_numbers.contact_numbers import classify_spin, evaluate_contact
