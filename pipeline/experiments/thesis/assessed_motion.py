@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.neural.common.method_interface import ClipMotion
+from models.neural.common.method_interface import FittedMotion
 
 
 @dataclass(frozen=True, slots=True)
-class AssessedMotion(ClipMotion):
+class AssessedMotion(FittedMotion):
     """A fitted motion with warnings."""
 
     warnings: tuple[str, ...]

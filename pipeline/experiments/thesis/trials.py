@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import ClipMotion, MotionMethod, TrainingBudget
+from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.early_stopping import EarlyStopping
 from pipeline.engine.cache_key import CacheKey
@@ -135,7 +135,7 @@ def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingB
     (folder / "trial.json").write_text(json.dumps(values), encoding="utf-8")
 
 
-def _fit_or_explain(fit: Callable[[], ClipMotion]) -> tuple[ClipMotion | None, str]:
+def _fit_or_explain(fit: Callable[[], FittedMotion]) -> tuple[FittedMotion | None, str]:
     """Fit a method; None and the reason where it rejects the series."""
     try:
         return fit(), ""
@@ -143,7 +143,7 @@ def _fit_or_explain(fit: Callable[[], ClipMotion]) -> tuple[ClipMotion | None, s
         return None, str(error)
 
 
-def _describe_defects(guess: FloatArray, fitted: ClipMotion | None) -> str:
+def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:
     """Describe the defects of a motion."""
     if not np.isfinite(guess).all():
         return "the motion is lost"
