@@ -12,8 +12,6 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-SLOW_NOTEBOOKS = ("thesis",)
-"""They train networks to the end."""
 CELL_SECONDS = 300
 
 
@@ -24,11 +22,8 @@ def test_the_three_notebooks_are_stored_without_output() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook libraries themselves
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in SLOW_NOTEBOOKS)) for path in NOTEBOOKS],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("TRUEROLL_CACHE", str(tmp_path / "cache"))
