@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
@@ -114,7 +115,7 @@ def list_cases(plan: ExperimentPlan) -> list[ExperimentCase]:
 
 def _iterate_settings(scene: str, plan: ExperimentPlan) -> Iterator[tuple[str, float, float]]:
     """Yield variants, frame rates and noises of a scene, the setting of the thesis first."""
-    if scene in ("double-pendulum", "boxes"):
+    if scene == "double-pendulum" or (scene == "boxes" and _has_boxes(plan)):
         yield from _iterate_grid(scene, tuple(SPRING_KINDS) if scene == "double-pendulum" else SPEEDS, plan.depth)
     elif scene == "real" and plan.data is not None:
         slow = REAL_RATES[-1]
@@ -124,6 +125,11 @@ def _iterate_settings(scene: str, plan: ExperimentPlan) -> Iterator[tuple[str, f
             yield from ((start, fps, 0.0) for start in starts for fps in REAL_RATES if fps != slow)
     elif scene == "pool" and plan.run is not None:
         yield from ((shot, fps, 0.0) for shot, fps in list_shots(plan.run))
+
+
+def _has_boxes(plan: ExperimentPlan) -> bool:
+    """Return whether the boxes run: without their simulator only where nothing else is asked for, which then fails."""
+    return plan.scenes == ("boxes",) or find_spec("pymunk") is not None
 
 
 def _iterate_grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterator[tuple[str, float, float]]:
@@ -209,6 +215,8 @@ def explain_omissions(plan: ExperimentPlan) -> list[str]:
         One sentence for every scene that is left out.
     """
     omissions = []
+    if "boxes" in plan.scenes and not _has_boxes(plan):
+        omissions.append("The boxes are left out: install pymunk (the extra `check`).")
     if "real" in plan.scenes and plan.data is None:
         omissions.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
     if "pool" in plan.scenes and plan.run is None:

@@ -248,12 +248,18 @@ def test_the_methods_that_sentences_speak_of_exist() -> None:
         assert (PRETRAINED_NET in names) == (scene != "real")
 
 
-def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(tmp_path: Path) -> None:
+def test_the_plan_has_what_was_asked_for_and_says_what_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = list_cases(ExperimentPlan(depth=Depth.WHOLE))
     assert {case.scene for case in whole} == {"double-pendulum", "boxes"}
     assert len(whole) == 3 * 2 * 27
     assert {case.seed for case in whole[: len(whole) // 3]} == {0}
     assert [sentence.split()[1] for sentence in explain_omissions(ExperimentPlan())] == ["real", "pool"]
+    monkeypatch.setattr("pipeline.experiments.thesis.experiment_plan.find_spec", lambda _: None)
+    assert {case.scene for case in list_cases(ExperimentPlan())} == {"double-pendulum"}
+    assert explain_omissions(ExperimentPlan())[0].startswith("The boxes are left out")
+    assert {case.scene for case in list_cases(ExperimentPlan(scenes=("boxes",)))} == {"boxes"}
     assert find_recording(tmp_path) is None
     (tmp_path / "below").mkdir()
     (tmp_path / "below" / RECORDING).touch()
