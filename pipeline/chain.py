@@ -93,22 +93,7 @@ def build_run_graph(
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
-    options = honour_corrections(clip, digest, options, shot)
-    settings, title = (
-        format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
-        escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
-    )
-    stages: tuple[Stage, ...] = (
-        *_build_fit_stages(clip, digest, options, shot, executor),
-        export_stage(options.detect, options.corrections),
-        poster_stage(options.render),
-        forecast_stage(options.forecast),
-        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)),
-        record_stage(RecordOptions(title, name_detections(options.corrections))),
-    )
-    if not options.render.no_video:
-        stages = (*stages, render_stage(options.render), page_stage())
-    return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
+    return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), shot, executor)
 
 
 def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
@@ -124,9 +109,7 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
     Raises:
         ClipError: The clip is no video or cannot be read.
     """
-    digest = hash_clip(clip)
-    options = honour_corrections(clip, digest, options)
-    return StageGraph.from_stages(_build_fit_stages(clip, digest, options), digest)
+    return build_run_graph(clip, options).select("fit")
 
 
 def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> RunOptions:
@@ -148,11 +131,13 @@ def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipS
     return apply_corrections(options, corrections if shot is None else corrections.extract_span(shot.first, shot.stop))
 
 
-def _build_fit_stages(
-    clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
-) -> tuple[Stage, ...]:
-    """Build the stages up to the fit, of a clip or of one shot."""
-    return (
+def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor) -> StageGraph:
+    """Build the graph of a run whose options hold the corrections of the clip."""
+    settings, title = (
+        format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
+        escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
+    )
+    stages: tuple[Stage, ...] = (
         read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
@@ -160,7 +145,15 @@ def _build_fit_stages(
         track_stage(options.track, options.corrections),
         motion_stage(options.fit, options.corrections),
         fit_stage(options.fit),
+        export_stage(options.detect, options.corrections),
+        poster_stage(options.render),
+        forecast_stage(options.forecast),
+        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)),
+        record_stage(RecordOptions(title, name_detections(options.corrections))),
     )
+    if not options.render.no_video:
+        stages = (*stages, render_stage(options.render), page_stage())
+    return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
 def run_fit_graph(
@@ -178,6 +171,11 @@ def run_fit_graph(
         Clip, scene, tracks and fit.
     """
     entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
+    return _load_fit(graph, entries, clip)
+
+
+def _load_fit(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) -> tuple[Clip, Scene, Tracks, Fit]:
+    """Load what a graph up to the fit has computed of a clip."""
     stages = {stage.name: stage for stage in graph.stages}
     cached_clip, scene, tracks, fit = (
         load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
@@ -204,45 +202,13 @@ def run_tables(
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
-    graph = build_run_graph(clip, options, shot)
+    graph = build_run_graph(clip, options, shot).select("export")
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
-    names = ("read", "calibrate", "detect", "place", "track", "motion", "fit", "export")
-    stages = {stage.name: stage for stage in graph.stages if stage.name in names}
-    tables = StageGraph.from_stages(stages.values(), graph.clip)
-    entries = tables.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
+    entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
     publish_files(entries, folder)
     write_source(clip, folder, shot)
-    cached_clip, scene, tracks, fit = (
-        load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
-    )
-    return _relocate_clip(clip, cached_clip), scene, tracks, fit
-
-
-def read_shot(
-    clip: Path, options: RunOptions, span: tuple[int, int], number: int, cache: ResultCache, watcher: RunWatcher
-) -> ClipShot:
-    """Read a recording, with the frame rate of its corrections, and cut one shot out of it.
-
-    Args:
-        clip: Path of the recording.
-        options: Options of all stages.
-        span: First frame of the shot, and the frame after its last.
-        number: Number of the shot, from 0.
-        cache: The cache.
-        watcher: Follows the run.
-
-    Returns:
-        The shot.
-
-    Raises:
-        TruerollError: The recording or an option cannot be used.
-    """
-    unchanged, digest = make_change_check(clip), hash_clip(clip)
-    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
-    graph = StageGraph.from_stages([read], digest)
-    whole: Clip = load_stage_output(read, graph.run(cache, watcher)["read"])
-    return ClipShot(_relocate_clip(clip, whole), number, *span, unchanged)
+    return _load_fit(graph, entries, clip)
 
 
 def hash_clip(path: Path) -> str:
@@ -300,12 +266,13 @@ def run_clip(
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
     require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
-    graph = build_run_graph(clip, options, shot, executor)
+    digest = hash_clip(clip) if shot is None else shot.whole.digest
+    options = honour_corrections(clip, digest, options, shot)
+    graph = _build_graph(clip, digest, options, shot, executor)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
     adapters: dict[str, Callable[[Any], Any]] = {"read": partial(_relocate_clip, clip)}
-    digest = graph.clip if shot is None else shot.whole.digest
     shown: set[str] = set()
     if value_listener is not None:
         adapters = {
@@ -313,7 +280,7 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
-    by_hand = len(format_corrections(honour_corrections(clip, digest, options, shot).corrections))
+    by_hand = len(format_corrections(options.corrections))
     notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     is_answered = False
 

@@ -22,6 +22,7 @@ from pipeline.chain import (
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import RunOptions
@@ -52,19 +53,55 @@ def find_recording_shots(
     clip: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, snapshot: SourceSnapshot
 ) -> list[ClipShot]:
     """Find the shots of a recording; empty if it is too short for several, or is a single shot."""
-    unchanged, digest = make_change_check(clip), hash_clip(clip)
-    check = partial(unchanged, digest)
-    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
-    whole: Clip = _run_stage(StageGraph.from_stages([read], digest), "read", clip, cache, watcher, check, snapshot)
+    unchanged = make_change_check(clip)
+    read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot)
     if whole.t[-1] < LONG_RECORDING_S:
         return []
-    intervals: ShotIntervals = _run_stage(
-        StageGraph.from_stages([read, shots_stage()], digest), "shots", clip, cache, watcher, check, snapshot
-    )
+    graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
+    check = partial(unchanged, whole.digest)
+    intervals: ShotIntervals = _run_stage(graph, "shots", clip, cache, watcher, check, snapshot)
     if len(intervals) < 2 and not len(intervals.cut_frames):
         return []
     spans = zip(intervals.first_frames.tolist(), intervals.stop_frames.tolist(), strict=True)
     return [ClipShot(whole, number, *span, unchanged) for number, span in enumerate(spans)]
+
+
+def read_recording_shot(
+    clip: Path, options: RunOptions, span: tuple[int, int], number: int, cache: ResultCache, watcher: RunWatcher
+) -> ClipShot:
+    """Read a recording, with the frame rate of its corrections, and cut one shot out of it.
+
+    Args:
+        clip: Path of the recording.
+        options: Options of all stages.
+        span: First frame of the shot, and the frame after its last.
+        number: Number of the shot, from 0.
+        cache: The cache.
+        watcher: Follows the run.
+
+    Returns:
+        The shot.
+
+    Raises:
+        TruerollError: The recording or an option cannot be used.
+    """
+    unchanged = make_change_check(clip)
+    return ClipShot(_read_recording(clip, options, cache, watcher, unchanged)[1], number, *span, unchanged)
+
+
+def _read_recording(
+    clip: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    unchanged: Callable[[str], None],
+    snapshot: SourceSnapshot | None = None,
+) -> tuple[Stage, Clip]:
+    """Read a recording with the frame rate of its corrections; also return the stage that reads it."""
+    digest = hash_clip(clip)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
+    graph = StageGraph.from_stages([read], digest)
+    return read, _run_stage(graph, "read", clip, cache, watcher, partial(unchanged, digest), snapshot)
 
 
 def _run_stage(
@@ -74,7 +111,7 @@ def _run_stage(
     cache: ResultCache,
     watcher: RunWatcher,
     check: Callable[[], None],
-    snapshot: SourceSnapshot,
+    snapshot: SourceSnapshot | None,
 ) -> Any:
     """Run a graph and load the output of one stage, with the present path of the clip."""
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from models.core.by_hand.corrections import Corrections
 from models.core.progress import Progress
-from pipeline.chain import read_shot, run_clip, run_tables
+from pipeline.batch.long_clip import read_recording_shot
+from pipeline.chain import run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.editing.training_export import export_training_data
@@ -235,7 +236,7 @@ class EditSession:
         if first is None or stop is None:
             return None
         number = int("".join(filter(str.isdigit, self.edited.folder.name)) or 1) - 1
-        return read_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
+        return read_recording_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
 
     def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int, note: str) -> None:
         with self._lock:

@@ -90,6 +90,14 @@ class StageGraph:
             order.append(ready[0])
         return cls(tuple(order), clip)
 
+    def select(self, name: str) -> StageGraph:
+        """Select a stage and all that it needs, directly or indirectly."""
+        needed = {name}
+        for stage in reversed(self.stages):
+            if stage.name in needed:
+                needed.update(stage.needs)
+        return StageGraph(tuple(stage for stage in self.stages if stage.name in needed), self.clip)
+
     def list_statuses(self, cache: ResultCache) -> list[StageStatus]:
         """List the state of every stage in the order of a run, without running any."""
         sources = self._hash_all_sources()

@@ -205,3 +205,9 @@ def test_the_drawing_names_every_stage_and_its_reason(code: Path, cache: ResultC
         assert len(image.getcolors(1 << 20)) > 10
     with pytest.raises(OptionError, match="svg"):
         write_graph_image(views, tmp_path / "graph.gif")
+
+
+def test_a_selected_stage_keeps_all_that_it_needs_in_order(code: Path) -> None:
+    chosen = build_chain().select("render")
+    assert [stage.name for stage in chosen.stages] == ["read", "detect", "fit", "render"]
+    assert chosen.clip == build_chain().clip
