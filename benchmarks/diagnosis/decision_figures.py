@@ -23,12 +23,11 @@ from diagnosis.fitting.shot_split import ShotSplit, split_shots
 from diagnosis.selection.hypotheses import compute_hypothesis_signatures, get_shot_information, ignore_progress
 from diagnosis.selection.study import Study, run_study
 from diagnosis.verdicts.verdict import DiagnosisReport
-from models.core.typing import FloatArray
 from pipeline.io.track_folder_scene import build_gap_scene
+from pipeline.reporting.figures.gap_figures import AFTER, BEFORE, compute_error_growth
 
 CASE, SEED = "pair: flight, air drag and lift by spin", 2
-BEFORE, AFTER, GREY = "#c62828", "#0f5c42", "#7b837f"
-"""Colours of the gap figures: without and with the effects; observations."""
+GREY = "#7b837f"
 SIZE = (6.4, 2.5)
 
 
@@ -144,26 +143,11 @@ def draw_agreement(axes: Any, study: Study, report: DiagnosisReport) -> None:
 def draw_closure(axes: Any, study: Study, report: DiagnosisReport) -> None:
     gap = report.gap
     for paths, colour, label in ((gap.before, BEFORE, "gravity alone"), (gap.after, AFTER, "with the named effects")):
-        time, error = _collect_errors(report, paths)
-        bins = np.linspace(0, time.max(), 13)
-        place = np.digitize(time, bins[1:-1])
-        rms = [float(np.sqrt(np.mean(error[place == k] ** 2))) for k in range(12)]
-        axes.plot((bins[1:] + bins[:-1]) / 2, np.array(rms) * 1000, "o-", ms=3, color=colour, label=label)
+        t, rms = compute_error_growth(gap, paths)
+        axes.plot(t, 1000 * rms, "o-", ms=3, color=colour, label=label)
     axes.axhline(gap.closure.floor * 1000, color=GREY, ls="--", label="floor: noise alone, all times")
     axes.set(xlabel="time ahead of the last observation that was used, s", ylabel="error, mm", yscale="log")
     axes.legend(frameon=False)
-
-
-def _collect_errors(report: DiagnosisReport, paths: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
-    """Collect time ahead, s, and error, m, of all predicted observations of the hold-out shots."""
-    times, errors = [], []
-    for one, path in zip(report.gap.windows, paths, strict=True):
-        later = one.segment.is_observed.copy()
-        later[: one.start_rows] = False
-        rows, _ = np.nonzero(later)
-        times.append(one.segment.t[rows] - one.segment.t[one.start_rows - 1])
-        errors.append(np.linalg.norm((path - one.segment.positions)[later], axis=1))
-    return np.concatenate(times), np.concatenate(errors)
 
 
 def _pick_colour(name: str, study: Study) -> str:

@@ -87,7 +87,7 @@ def search_effects(
             now = _try_rivals(search, larger)
         elif search.hypotheses[now.names] is not now:
             now = search.hypotheses[now.names]  # a larger one gave it better starts
-        elif rival is not None and rival is not now:
+        elif rival is not None:
             now = rival  # better starts have raised its evidence
         elif extended != now.names:
             search.report_step("extending windows", now.names)
@@ -226,14 +226,10 @@ def _select_of_size(search: EffectSearch, size: int, least: float = -np.inf) -> 
     Its log evidence is above `least` and not below that of a smaller hypothesis: whether a less probable one needs all
     effects decides nothing, and takes a fit without each of them.
     """
-    fitted = tuple(search.hypotheses.values())
-    smaller = max((search.log_evidence(one) for one in fitted if one.size < size), default=-np.inf)
-    alike = [
-        one
-        for one in fitted
-        if one.size == size and search.log_evidence(one) > least and search.log_evidence(one) >= smaller
-    ]
-    ranked = sorted(alike, key=search.log_evidence, reverse=True)
+    evidence = {one.names: search.log_evidence(one) for one in search.hypotheses.values()}
+    smaller = max((value for names, value in evidence.items() if len(names) < size), default=-np.inf)
+    alike = [names for names, value in evidence.items() if len(names) == size and value > least and value >= smaller]
+    ranked = [search.hypotheses[names] for names in sorted(alike, key=evidence.__getitem__, reverse=True)]
     return next((one for one in ranked if needs_all_effects(search, one)), None)
 
 

@@ -17,7 +17,7 @@ from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
-from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
+from models.physics.billiards.simulation.table_physics import BALL_MODEL_CHOICE, CUSHION_MODEL_CHOICE
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.track_folder import SceneEntry, TrackFolder
 
@@ -84,7 +84,7 @@ def _build_billiards(folder: TrackFolder) -> GapScene:
 def _read_contact_models(entry: SceneEntry) -> ContactModels:
     """Read the contact models of the user's simulator; those of a run folder explain its shot, and are not assumed."""
     laws = {} if entry.laws is None or _is_run_folder(entry) else entry.laws
-    forms = {"cushion": BILLIARDS_MODEL_CHOICES[0].forms, "ball": BILLIARDS_MODEL_CHOICES[1].forms}
+    forms = {"cushion": CUSHION_MODEL_CHOICE.forms, "ball": BALL_MODEL_CHOICE.forms}
     for kind, name in laws.items():
         if name not in forms.get(kind, ()):
             raise OptionError(

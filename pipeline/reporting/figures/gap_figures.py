@@ -188,15 +188,30 @@ def _format_plan(figure: go.Figure, table: Table | None, unit: str) -> go.Figure
     return figure
 
 
+def compute_error_growth(gap: Gap, paths: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+    """Compute how the error of predictions grows.
+
+    Args:
+        gap: Hold-out windows.
+        paths: Predicted positions (T, N, D) of each window.
+
+    Returns:
+        (12,) times since the start of the prediction, s; (12,) rms error around them, m or rad; NaN for none.
+    """
+    parts = [_prediction_errors(gap, k, paths) for k in range(len(gap.windows))]
+    t, miss = np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts])
+    edges = np.linspace(0, gap.horizon, 13)
+    here = [(t > low) & (t <= high) for low, high in pairwise(edges)]
+    rms = [np.sqrt(np.mean(np.square(miss[part]))) if part.any() else np.nan for part in here]
+    return (edges[1:] + edges[:-1]) / 2, np.array(rms)
+
+
 def _draw_error_growth(gap: Gap) -> go.Figure:
     figure = go.Figure()
     for label, paths, line in _list_predictions(gap):
-        parts = [_prediction_errors(gap, k, paths) for k in range(len(gap.windows))]
-        t, miss = np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts])
-        edges = np.linspace(0, gap.horizon, 13)
-        here = [(t > low) & (t <= high) for low, high in pairwise(edges)]
-        rms = [float(1000 * np.sqrt(np.mean(np.square(miss[part])))) if part.any() else None for part in here]
-        figure.add_scatter(x=(edges[1:] + edges[:-1]) / 2, y=rms, name=label, line=line, connectgaps=True)
+        t, rms = compute_error_growth(gap, paths)
+        shown = [None if np.isnan(value) else 1000 * float(value) for value in rms]
+        figure.add_scatter(x=t, y=shown, name=label, line=line, connectgaps=True)
     floor = gap.closure.floor
     if np.isfinite(floor):
         figure.add_hline(
