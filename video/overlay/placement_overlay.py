@@ -22,13 +22,22 @@ TEXT_PX, HEADER_PX = 15, 17
 """px, font sizes on a frame of 720 rows."""
 MIN_ARROW_RADII = 0.9
 """Least length of an arrow in ball radii: a shift of two millimetres is a pixel or two."""
+PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
+"""Colour of a ball that lies where it is wanted."""
+MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
+"""Colour of a ball that must still be moved."""
+MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
+"""Colour of a wanted place without a ball."""
+WANTED_COLOUR: Colour = WHITE
+"""Colour of a place on the frame that it comes from."""
+NOTE_COLOUR: Colour = MUTED_GREY
+"""Colour of notes."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedRing:
     """A wanted place of a ball on an image."""
 
-    name: str
     xy: FloatArray
     """(2,) m, where the ball is wanted."""
     colour: Colour
@@ -199,15 +208,3 @@ def _draw_header(image: ImageArray, header: list[tuple[str, Colour]], scale: flo
         draw_text(image, text, 2 * margin, top, size_px, colour, bold=k == 0)
         top += masks[k].shape[0]
     return float(margin), float(margin), float(width), float(height)
-
-
-PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
-"""Colour of a ball that lies where it is wanted."""
-MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
-"""Colour of a ball that must still be moved."""
-MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
-"""Colour of a wanted place without a ball."""
-WANTED_COLOUR: Colour = WHITE
-"""Colour of a place on the frame that it comes from."""
-NOTE_COLOUR: Colour = MUTED_GREY
-"""Colour of notes."""

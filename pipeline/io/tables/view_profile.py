@@ -18,9 +18,9 @@ from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
 from models.numerics.covariance_intersection import intersect_estimates
 from models.physics.billiards.parameter_vector import GRAVITY, TABLE_PARAMETERS
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_json
 from pipeline.io.profile_export import SCHEMA
-from pipeline.io.run_folder import parse_camera, parse_table, read_scene_document
+from pipeline.io.run_folder import list_files_beside, parse_camera, parse_table, read_scene_document
 from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, read_profile_text
 from video.calibration.view_prior import PROFILE_NOTE, ViewPrior
 
@@ -189,8 +189,7 @@ def update_profile(path: Path, folder: Path) -> tuple[str, ...]:
     scene = read_scene_document(folder / "scene.json")
     notes = [*add_view(profile, scene), *_add_effects(profile, scene)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(path) as part:
-        part.write_text(json.dumps(profile, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(profile, path)
     return tuple(notes)
 
 
@@ -204,12 +203,10 @@ def collect_views(sources: Iterable[Path]) -> dict[str, Any]:
         The entries `table`, `view`, `cloth`, `balls` and `ball_radius` of a profile, as far as they are known.
     """
     profile: dict[str, Any] = {}
-    for source in sources:
-        file = (source if source.is_dir() else source.parent) / "scene.json"
-        if file.is_file():
-            document = read_scene_document(file)
-            if "calibration" in document and "ball_size" in document:
-                add_view(profile, document)
+    for file in list_files_beside(sources, "scene.json"):
+        document = read_scene_document(file)
+        if "calibration" in document and "ball_size" in document:
+            add_view(profile, document)
     return profile
 
 
