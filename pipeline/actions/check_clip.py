@@ -15,7 +15,6 @@ from models.core.scene import Scene
 from models.core.typing import ImageArray
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
-from video.filming_check.image_measurements import table_mask
 from video.filming_check.measure_filming import (
     FilmedView,
     FilmingMeasurement,
@@ -88,8 +87,7 @@ def _judge(measurements: tuple[FilmingMeasurement, ...]) -> Verdict:
 
 def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> Detections:
     """Detect the balls in the first frame and in those in which they are fastest."""
-    size = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
-    runs = select_lively_runs(sample.thumbnails, table_mask(size, view.corners, size[0] / sample.clip.width))
+    runs = select_lively_runs(sample.thumbnails, view.thumbnail_mask)
     detector = build_detector(scene, zip(sample.still_frames, sample.stills, strict=True), DetectOptions())
     frames = np.unique(np.concatenate([[0], *runs]))
     return concatenate_detections(

@@ -93,8 +93,8 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
                 "value": one.value if math.isfinite(one.value) else None,
                 "unit": WORDS[one.code].unit,
                 "level": one.level,
-                "good": getattr(limits, one.code).good,
-                "bad": getattr(limits, one.code).bad,
+                "good": limits.find_limit(one.code).good,
+                "bad": limits.find_limit(one.code).bad,
                 "advice": WORDS[one.code].advice if one.level in ("doubt", "bad") else "",
             }
             for one in report.measurements
