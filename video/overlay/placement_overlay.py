@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -73,13 +73,6 @@ def project_ball_outline(camera: Camera, xy: FloatArray, radius: float) -> Float
     points = points + ring * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
     homogeneous = points @ camera.matrix[:, :3].T + camera.matrix[:, 3]
     return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-
-
-def shift_camera(camera: Camera, shift: FloatArray) -> Camera:
-    """Shift the image of a camera by (2,) px: the view of a frame of a camera that drifts."""
-    move = np.eye(3)
-    move[:2, 2] = shift
-    return replace(camera, matrix=move @ camera.matrix, corners_px=camera.corners_px + shift)
 
 
 def draw_places(
@@ -171,7 +164,7 @@ def _bound_points(points: FloatArray) -> Rect:
 
 def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstacles: list[Rect], scale: float) -> Rect:
     """Draw the label of a ring where it hides little; return its rectangle."""
-    box = _panel_size(ring.label, scale)
+    box = _measure_panel(ring.label, scale)
     centre, radius = outline.mean(axis=0), float(np.ptp(outline, axis=0).max()) / 2
     position = place_label(box, centre, radius, np.zeros(2), obstacles, (image.shape[1], image.shape[0]), None)
     middle = centre + position.top_left_corner(box, radius) + np.array(box) / 2
@@ -180,7 +173,7 @@ def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstac
 
 def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour, scale: float) -> Rect:
     """Draw a text on a dark panel around a point, moved into the image; return its rectangle."""
-    box = _panel_size(text, scale)
+    box = _measure_panel(text, scale)
     room = np.maximum(np.subtract((image.shape[1], image.shape[0]), box), 0)
     left, top = (round(float(v)) for v in np.clip(middle - np.array(box) / 2, 0, room))
     blend_mask(image, round_corner_mask(*box, max(3, box[1] // 4)), left, top, INK, 0.72)
@@ -188,7 +181,7 @@ def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour
     return float(left), float(top), float(box[0]), float(box[1])
 
 
-def _panel_size(text: str, scale: float) -> tuple[int, int]:
+def _measure_panel(text: str, scale: float) -> tuple[int, int]:
     """Return width and height, px, of a text on its panel."""
     height, width = text_mask(text, round(TEXT_PX * scale), bold=True).shape
     return width + round(10 * scale), height + round(2 * scale)
