@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +32,8 @@ PARTS, LEAST_PART_FRAMES = 2, 24
 """Parts of a clip that are searched independently of each other, and the fewest frames of a part. Their number does not
 depend on the machine, because a search remembers the frame before: another division gives slightly other results."""
 
-M = TypeVar("M")
-
-
-class Detector(Protocol[M]):
-    """A detector of balls in the frames of a clip; M is its state from one frame to the next."""
-
-    def detect(self, rgb: ByteArray, frame: int = 0) -> Detections:
-        """Detect the balls in an image (H, W, 3), frame number `frame`."""
-        ...
-
-    def detect_next(self, rgb: ByteArray, frame: int, memory: M | None) -> tuple[Detections, M]:
-        """Detect the balls in the next frame; `memory` is the state that the call for the previous frame returned."""
-        ...
+BallDetector = HoughDetector | NetworkDetector
+"""Detects the balls of one scene; `detect_next` takes and returns what its search of a clip remembers."""
 
 
 def detect_balls(
@@ -71,11 +61,7 @@ def detect_balls(
     Raises:
         ModelError: The file of the network cannot be used.
     """
-    detector: HoughDetector | NetworkDetector = (
-        prepare_hough_detector(clip, scene)
-        if select_detector(options, scene) == "hough"
-        else prepare_network_detector(clip, scene, options)
-    )
+    detector = prepare_detector(clip, scene, options)
     count = len(clip.distinct_frames)
     borders = np.linspace(0, count, PARTS + 1 if count >= PARTS * LEAST_PART_FRAMES else 2).round().astype(int).tolist()
     detection = ClipDetection(clip, detector, options, progress)
@@ -93,7 +79,7 @@ class ClipDetection:
     def __init__(
         self,
         clip: Clip,
-        detector: HoughDetector | NetworkDetector,
+        detector: BallDetector,
         options: DetectOptions,
         progress: Progress = ignore_progress,
     ) -> None:
@@ -104,12 +90,11 @@ class ClipDetection:
 
     def detect_frames(self, first: int, stop: int) -> Detections:
         """Detect the balls in distinct frames `first` to `stop` - 1."""
-        detector: Detector[Any] = self._detector
         memory: Any = None
         frames = self._clip.distinct_frames[first:stop]
         detections: list[Detections] = []
         for done, (frame, rgb) in enumerate(read_frames(self._clip, indices=frames), start=1):
-            frame_detections, memory = detector.detect_next(rgb, frame, memory)
+            frame_detections, memory = self._detector.detect_next(rgb, frame, memory)
             detections.append(frame_detections)
             self._progress((first + done) / max(len(self._clip.distinct_frames), 1))
         return concatenate_detections(detections)
@@ -137,32 +122,16 @@ def detect_in_image(rgb: ByteArray, scene: Scene, options: DetectOptions | None 
         ModelError: The file of the network cannot be used.
     """
     options = options or DetectOptions()
-    images = [(0, rgb)]
-    if select_detector(options, scene, is_still=True) == "hough":
-        return build_hough_detector(scene, images).detect(rgb)
-    return build_network_detector(scene, images, open_ball_model(select_model_file(options))).detect(rgb)
+    return build_detector(scene, [(0, rgb)], options, is_still=True).detect(rgb)
 
 
-def prepare_hough_detector(clip: Clip, scene: Scene) -> HoughDetector:
-    """Prepare the detector without a network for a clip.
+def prepare_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallDetector:
+    """Prepare the detector of a clip.
 
     Args:
         clip: The clip.
         scene: Table and camera.
-
-    Returns:
-        The detector.
-    """
-    return build_hough_detector(scene, read_frames(clip, indices=_select_background_frames(clip)))
-
-
-def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -> NetworkDetector:
-    """Prepare the detector with a network for a clip.
-
-    Args:
-        clip: The clip.
-        scene: Table and camera.
-        options: Which network.
+        options: Which detector and network.
 
     Returns:
         The detector.
@@ -170,8 +139,29 @@ def prepare_network_detector(clip: Clip, scene: Scene, options: DetectOptions) -
     Raises:
         ModelError: The file of the network cannot be used.
     """
-    model = open_ball_model(select_model_file(options))
-    return build_network_detector(scene, read_frames(clip, indices=_select_background_frames(clip)), model)
+    return build_detector(scene, read_frames(clip, indices=_select_background_frames(clip)), options)
+
+
+def build_detector(
+    scene: Scene, images: Iterable[tuple[int, ByteArray]], options: DetectOptions, is_still: bool = False
+) -> BallDetector:
+    """Build a detector that learns the empty table from images.
+
+    Args:
+        scene: Table and camera.
+        images: Frame numbers and images (H, W, 3).
+        options: Which detector and network.
+        is_still: Whether the detector is for a single image.
+
+    Returns:
+        The detector.
+
+    Raises:
+        ModelError: The file of the network cannot be used.
+    """
+    if select_detector(options, scene, is_still=is_still) == "hough":
+        return build_hough_detector(scene, images)
+    return build_network_detector(scene, images, open_ball_model(select_model_file(options)))
 
 
 def select_model_file(options: DetectOptions) -> Path:

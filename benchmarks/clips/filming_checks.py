@@ -326,7 +326,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after so many minutes (default 60)")
     parser.add_argument("--keep", type=Path, help="folder in which the clips are kept")
     arguments = parser.parse_args()
-    rows = [] if arguments.rows is None else read_rows(arguments.rows, CheckedRow)
+    rows = read_rows(arguments.rows, CheckedRow)
     finished, parts = {row.number for row in rows}, dict[str, FilmedPart]()
     end = time.monotonic() + 60 * arguments.minutes
     with tempfile.TemporaryDirectory() as scratch:
@@ -338,8 +338,7 @@ def main() -> int:
             row = check_case(number, arguments.seed, parts, folder / f"clip{number}.mp4")
             print(f"{number}: {row.fault} {row.strength:g} -> {row.all_named or NONE}", file=sys.stderr, flush=True)
             rows.append(row)
-            if arguments.rows is not None:
-                append_row(row, arguments.rows)
+            append_row(row, arguments.rows)
     return int(not print_table(sorted(rows, key=lambda row: row.number)))
 
 

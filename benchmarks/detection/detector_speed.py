@@ -13,12 +13,13 @@ import argparse
 import time
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from benchmarks.detection.detector_cases import DATA
-from detectors.detect import Detector, prepare_hough_detector, prepare_network_detector
+from detectors.detect import BallDetector, prepare_detector
 from detectors.detect_options import DetectOptions
 from detectors.network.ball_model import SHIPPED_BALL_MODEL
 from video.calibration.table_finder import calibrate_clip
@@ -36,7 +37,6 @@ def main() -> None:
     arguments = parser.parse_args()
     clips = arguments.clips or [DATA / "billiards" / f"{name}.mp4" for name in CLIPS]
     cv2.setNumThreads(1)
-    options = DetectOptions(model=str(arguments.model))
     print(
         "| clip | image | detector | median ms | mean | 90 % below | balls per frame |\n|---|---|---|---|---|---|---|"
     )
@@ -46,8 +46,8 @@ def main() -> None:
             continue
         clip = open_clip(path)
         scene = calibrate_clip(clip, CalibrateOptions())
-        hough, network = prepare_hough_detector(clip, scene), prepare_network_detector(clip, scene, options)
-        for name, detector in (("hough", hough), ("onnx", network)):
+        for name in ("hough", "onnx"):
+            detector = prepare_detector(clip, scene, DetectOptions(name, str(arguments.model)))
             spent, balls = _measure_detector(detector, clip, arguments.frames)
             low, high = np.median(spent), np.quantile(spent, 0.9)
             print(
@@ -57,9 +57,10 @@ def main() -> None:
             )
 
 
-def _measure_detector(detector: Detector, clip: Clip, count: int) -> tuple[np.ndarray, float]:
+def _measure_detector(detector: BallDetector, clip: Clip, count: int) -> tuple[np.ndarray, float]:
     """Return CPU milliseconds (n,) of each of the first frames, and the mean number of detections."""
-    spent, balls, memory = [], 0, None
+    spent, balls = [], 0
+    memory: Any = None
     for frame, rgb in islice(read_frames(clip, indices=clip.distinct_frames[:count]), count):
         start = time.process_time()
         detections, memory = detector.detect_next(rgb, frame, memory)

@@ -29,7 +29,7 @@ from benchmarks.detection.detector_cases import DATA, MARK_OFFSET, place_camera
 from detectors.detect import detect_in_image
 from detectors.still_images import classify_detections
 from models.core.errors import TableNotFound
-from models.core.scene import Scene
+from models.core.scene import Camera, Scene
 from models.estimation.ball_placement.ball_places import BallPlaces
 from models.physics.billiards.tables import TABLE_PRESETS
 from models.tracking.ball_classes import assign_ids
@@ -152,7 +152,7 @@ def measure_hall(random_scene: RandomScene, rng: np.random.Generator, errors: Pl
     state = guide.compare_image(second)
     draw_live_image(wanted, state)
     errors.seconds.append(time.process_time() - begin)
-    owner = nearest_points(xy, turned, 2 * table.ball_radius)
+    owner = assign_true_points(xy, turned, 2 * table.ball_radius)
     turned_after = turn_table(moved.position, scene, camera)
     for ball, at in enumerate(owner):
         if at < 0 or np.isnan(state.present[ball, 0]):
@@ -178,10 +178,10 @@ def move_balls(rng: np.random.Generator, arrangement: BallArrangement, radius: f
     return replace(arrangement, position=xy)
 
 
-def turn_table(xy: NDArray[np.float64], scene: Scene, camera: object) -> NDArray[np.float64]:
+def turn_table(xy: NDArray[np.float64], scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return true places in the calibrated coordinates, which may be turned by half a turn."""
     table = scene.table
-    px = camera.to_pixels(xy, table.ball_radius)  # type: ignore[attr-defined]
+    px = camera.to_pixels(xy, table.ball_radius)
     calibrated = scene.camera.to_table(px, table.ball_radius)
     turned = np.array([table.length, table.width]) - xy
     return turned if np.abs(calibrated - turned).sum() < np.abs(calibrated - xy).sum() else xy
@@ -191,11 +191,11 @@ def match_points(
     found: NDArray[np.float64], true: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Match points one to one within a reach; return the pairs."""
-    owner = nearest_points(found, true, reach)
+    owner = assign_true_points(found, true, reach)
     return found[owner >= 0], true[owner[owner >= 0]]
 
 
-def nearest_points(found: NDArray[np.float64], true: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+def assign_true_points(found: NDArray[np.float64], true: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
     """Return the index of the true point of each found one, -1 where none is within reach."""
     owner = np.full(len(found), -1, np.int64)
     distance = np.linalg.norm(found[:, None] - true[None], axis=2)
@@ -219,7 +219,7 @@ def measure_stills(folder: Path) -> PlacementErrors:
         scene = calibrate_image(rgb, options, entry["image"])
         balls = detect_in_image(rgb, scene)
         xy = scene.camera.to_table(balls.centre, scene.table.ball_radius)
-        owner = nearest_points(balls.centre, marks_px, 8.0)
+        owner = assign_true_points(balls.centre, marks_px, 8.0)
         found, seen = owner >= 0, owner[owner >= 0]
         errors.place_mm += list(1e3 * np.linalg.norm(xy[found] - true[seen], axis=1))
         errors.predicted_mm += list(1e3 * np.hypot(*estimate_place_sigma(scene.camera, scene.table, xy).T))
@@ -231,15 +231,16 @@ def measure_stills(folder: Path) -> PlacementErrors:
 def print_errors(name: str, errors: PlacementErrors) -> None:
     """Print one row of the table, and the failures."""
 
-    def row(values: list[float]) -> str:
+    def format_quantiles(values: list[float]) -> str:
         return f"{np.median(values):7.2f}{np.quantile(values, 0.95):7.2f}" if values else "      -      -"
 
+    place, exact, move = (format_quantiles(one) for one in (errors.place_mm, errors.exact_mm, errors.move_mm))
     sigma = f"{np.median(errors.predicted_mm):7.2f}" if errors.predicted_mm else "      -"
     share = f"{errors.matched_count}/{len(errors.place_mm)}" if errors.move_mm else "-"
     seconds = f"{np.median(errors.seconds):.2f}" if errors.seconds else "-"
     print(
-        f"{name:22s}{errors.ball_count:6d}{len(errors.place_mm):7d} |            {row(errors.place_mm)}{sigma} |"
-        f"              {row(errors.exact_mm)} |          {row(errors.move_mm)}  {share:>10s} | {seconds}",
+        f"{name:22s}{errors.ball_count:6d}{len(errors.place_mm):7d} |            {place}{sigma} |"
+        f"              {exact} |          {move}  {share:>10s} | {seconds}",
         flush=True,
     )
     for text in errors.failed:

@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--shots", type=int, default=6, help="shots of a session (default 6)")
     parser.add_argument("--rows", type=Path, default=None, help="CSV file of the rows, from which a run continues")
     arguments = parser.parse_args()
-    rows = [] if arguments.rows is None else read_rows(arguments.rows, CertificateRow)
+    rows = read_rows(arguments.rows, CertificateRow)
     done = {row.trial for row in rows}
     for trial in range(arguments.trials):
         if trial in done:
@@ -67,8 +67,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as place:
             fresh = play_trial(trial, arguments.shots, Path(place))
         for row in fresh:
-            if arguments.rows is not None:
-                append_row(row, arguments.rows)
+            append_row(row, arguments.rows)
         rows += fresh
         print(f"trial {trial}: {format_trial(fresh)}", flush=True)
     print_summary(rows)

@@ -53,15 +53,14 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=20, help="tables (default 20)")
     parser.add_argument("--rows", type=Path, default=None, help="CSV file of the rows, from which a run continues")
     arguments = parser.parse_args()
-    rows = [] if arguments.rows is None else read_rows(arguments.rows, GainRow)
+    rows = read_rows(arguments.rows, GainRow)
     done = {row.number for row in rows}
     for number in range(arguments.sets):
         if number in done:
             continue
         with tempfile.TemporaryDirectory() as place:
             row = play_set(number, Path(place))
-        if arguments.rows is not None:
-            append_row(row, arguments.rows)
+        append_row(row, arguments.rows)
         rows.append(row)
         print(f"set {number}: {row.contacts} contacts, {row.with_profile:.0f} mm with the profile,"
               f" {row.without:.0f} mm without", flush=True)  # fmt: skip

@@ -10,7 +10,7 @@ from models.estimation.table_learning.table_measurements import TableMeasurement
 from models.numerics.executor import Executor
 from pipeline.actions.fit_table import fit_table_of_shots
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.run_folder import parse_camera, read_csv_columns, read_scene_document
+from pipeline.io.run_folder import list_files_beside, parse_camera, read_csv_columns, read_scene_document
 from pipeline.io.tables.certificate_files import CertifiedTable, describe_certificate
 from video.calibration.camera_model import ShapeEstimate, estimate_shape
 
@@ -71,9 +71,8 @@ def certify_table(
 def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:
     """Measure angle and aspect in the view that tells most; views of one camera share their errors."""
     shapes: list[ShapeEstimate] = []
-    for source in sources:
-        file = (source if source.is_dir() else source.parent) / "scene.json"
-        camera = parse_camera(read_scene_document(file)) if file.is_file() else None
+    for file in list_files_beside(sources, "scene.json"):
+        camera = parse_camera(read_scene_document(file))
         if camera is not None:
             shapes.append(
                 estimate_shape(camera.corners_px, camera.corner_covariance, camera.width_px, camera.height_px)
@@ -89,9 +88,8 @@ def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:
 
 def _count_potted(sources: list[Path]) -> int:
     """Count the pocket events of run folders."""
-    count = 0
-    for source in sources:
-        file = (source if source.is_dir() else source.parent) / "events.csv"
-        if file.is_file():
-            count += sum(kind == "pocket" for kind in read_csv_columns(file, ("kind",)).get("kind", ()))
-    return count
+    return sum(
+        kind == "pocket"
+        for file in list_files_beside(sources, "events.csv")
+        for kind in read_csv_columns(file, ("kind",))["kind"]
+    )

@@ -8,18 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from detectors.detect import concatenate_detections
+from detectors.detect import build_detector, concatenate_detections
 from detectors.detect_options import DetectOptions
-from detectors.hough.hough_detector import HoughDetector, build_hough_detector
-from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
-from detectors.network.network_detector import NetworkDetector, build_network_detector
-from detectors.select_detector import select_detector
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import ImageArray
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
-from video.filming_check.image_measurements import table_mask
 from video.filming_check.measure_filming import (
     FilmedView,
     FilmingMeasurement,
@@ -92,14 +87,8 @@ def _judge(measurements: tuple[FilmingMeasurement, ...]) -> Verdict:
 
 def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> Detections:
     """Detect the balls in the first frame and in those in which they are fastest."""
-    size = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
-    runs = select_lively_runs(sample.thumbnails, table_mask(size, view.corners, size[0] / sample.clip.width))
-    images = [(k, image) for k, image in zip(sample.still_frames, sample.stills, strict=True)]
-    detector: HoughDetector | NetworkDetector = (
-        build_hough_detector(scene, images)
-        if select_detector(DetectOptions(), scene) == "hough"
-        else build_network_detector(scene, images, open_ball_model(SHIPPED_BALL_MODEL))
-    )
+    runs = select_lively_runs(sample.thumbnails, view.thumbnail_mask)
+    detector = build_detector(scene, zip(sample.still_frames, sample.stills, strict=True), DetectOptions())
     frames = np.unique(np.concatenate([[0], *runs]))
     return concatenate_detections(
         [detector.detect(rgb, frame) for frame, rgb in read_frames(sample.clip, indices=frames)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -14,9 +13,10 @@ import numpy as np
 from models.core.errors import OptionError, TableNotFound
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_placement.ball_places import measure_cushion_distances
+from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
 from pipeline.actions.put_back import PLACED_M, PlacementGuide, PlacementState, WantedPlaces
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_json
+from pipeline.io.image_file import write_image
 from pipeline.reporting.pages.page_template import render_template
 from video.drawing.palette import WHITE, Colour
 from video.drawing.placement_plan import draw_placement_plan
@@ -32,8 +32,6 @@ from video.overlay.placement_overlay import (
 
 FRAME_IMAGE, PLAN_IMAGE = "put_back_frame.png", "put_back_plan.png"
 LIVE_IMAGE, LIVE_TABLE, LIVE_PAGE = "live.png", "live.json", "live.html"
-FAST_PNG_LEVEL = 1
-"""zlib level of live images: they are replaced within a second."""
 
 
 def draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
@@ -67,9 +65,8 @@ def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
     distances = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy)
     rings = []
     for name, xy, own in zip(wanted.places.ids, wanted.places.xy, distances, strict=True):
-        sides = [min(pair, key=lambda k: own[k]) for pair in ((0, 1), (2, 3))]
-        numbers = ", ".join(f"{CUSHIONS[k]} {own[k]:.0f}" for k in sides)
-        rings.append(PlacedRing(name, xy, WANTED_COLOUR, f"{name}: {numbers}"))
+        numbers = ", ".join(f"{CUSHIONS[k]} {own[k]:.0f}" for k in find_nearest_cushions(own))
+        rings.append(PlacedRing(xy, WANTED_COLOUR, f"{name}: {numbers}"))
     header: list[tuple[str, Colour]] = [
         (f"{wanted.places.t:.3f} s", WHITE), ("mm from the centre to the nearest cushions", NOTE_COLOUR)
     ]  # fmt: skip
@@ -96,11 +93,11 @@ def draw_live_image(wanted: WantedPlaces, state: PlacementState) -> ImageArray:
     for name, xy, move, present in zip(wanted.places.ids, wanted.places.xy, moves, state.present, strict=True):
         distance = float(np.hypot(*move))
         if np.isnan(distance):
-            rings.append(PlacedRing(name, xy, MISSING_COLOUR, f"{name} here"))
+            rings.append(PlacedRing(xy, MISSING_COLOUR, f"{name} here"))
         elif distance <= PLACED_M:
-            rings.append(PlacedRing(name, xy, PLACED_COLOUR, name))
+            rings.append(PlacedRing(xy, PLACED_COLOUR, name))
         else:
-            rings.append(PlacedRing(name, xy, MISPLACED_COLOUR, f"{name} {_format_mm(distance)} mm", present))
+            rings.append(PlacedRing(xy, MISPLACED_COLOUR, f"{name} {_format_mm(distance)} mm", present))
     placed = int(np.sum(np.hypot(*moves.T) <= PLACED_M))
     header: list[tuple[str, Colour]] = [
         (
@@ -167,25 +164,6 @@ def format_move(move: FloatArray) -> str:
     return ", ".join(parts) or "in place"
 
 
-def write_image(image: ImageArray, path: Path, level: int = 6) -> None:
-    """Write an image as PNG in one step.
-
-    Args:
-        image: (H, W, 3) RGB.
-        path: File to write.
-        level: zlib level, 0 to 9.
-    """
-    is_encoded, data = cv2.imencode(
-        ".png",
-        cv2.cvtColor(image, cv2.COLOR_RGB2BGR),
-        [cv2.IMWRITE_PNG_COMPRESSION, level, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY],
-    )
-    if not is_encoded:
-        raise RuntimeError("cv2 could not encode a PNG image in memory")
-    with replace_file(path) as target:
-        target.write_bytes(data.tobytes())
-
-
 def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path) -> dict[str, Any]:
     """Write live.png and live.json, each in one step.
 
@@ -198,9 +176,8 @@ def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path) -> di
         The content of live.json.
     """
     document = describe_state(wanted, state)
-    write_image(draw_live_image(wanted, state), folder / LIVE_IMAGE, FAST_PNG_LEVEL)
-    with replace_file(folder / LIVE_TABLE) as path:
-        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_image(draw_live_image(wanted, state), folder / LIVE_IMAGE)
+    write_json(document, folder / LIVE_TABLE)
     return document
 
 
@@ -258,9 +235,7 @@ def read_camera(number: int, width_px: int, height_px: int) -> Iterator[ImageArr
     Raises:
         OptionError: There is no such camera, or it stops.
     """
-    cv2.utils.logging.setLogLevel(
-        cv2.utils.logging.LOG_LEVEL_SILENT
-    )  # a missing camera is reported below, in one sentence
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # a missing camera is reported below
     capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():

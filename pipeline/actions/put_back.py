@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -15,7 +15,7 @@ from detectors.network.network_detector import NetworkDetector
 from detectors.still_images import classify_detections
 from models.core.detections import Detections
 from models.core.errors import OptionError, TableNotFound
-from models.core.scene import Camera, Scene, Table, apply_homography
+from models.core.scene import Camera, Scene, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import BallPlaces, locate_balls, select_moment_before_strike
 from models.estimation.ball_placement.place_matching import match_places
@@ -28,11 +28,12 @@ from video.calibration.camera_motion import (
     ReferenceFeatures,
     register_image,
     select_reference_features,
+    shift_camera,
+    warp_camera,
 )
 from video.calibration.place_sigma import estimate_place_sigma
 from video.calibration.table_finder import locate_table
 from video.io.clip import open_clip, read_frames
-from video.overlay.placement_overlay import shift_camera
 
 PLACED_M = 2e-3
 """m, distance up to which a ball counts as put back. Centres in single images are accurate to about 1 mm
@@ -228,16 +229,11 @@ class PlacementGuide:
         if aligned is not None and aligned.share > MIN_INLIER_SHARE:
             if aligned.shift <= MAX_STILL_SHIFT_PX:
                 return camera, 0.0, ""
-            corners = apply_homography(aligned.homography, camera.corners_px)
-            moved = replace(camera, matrix=aligned.homography @ camera.matrix, corners_px=corners)
-            return (
-                moved,
-                aligned.shift,
-                (
-                    f"The camera has moved: the edges of the table are {aligned.shift:.1f} px away;"
-                    " calibrated again by them"
-                ),
+            note = (
+                f"The camera has moved: the edges of the table are {aligned.shift:.1f} px away; calibrated again by"
+                " them"
             )
+            return warp_camera(camera, aligned.homography), aligned.shift, note
         return self._locate_again(image)
 
     def _locate_again(self, image: ImageArray) -> tuple[Camera, float, str]:
@@ -255,17 +251,14 @@ class PlacementGuide:
         moved = build_camera(
             location.corners, location.covariance, table, location.perspective, camera.width_px, camera.height_px
         )
-        return (
-            moved,
-            shift,
-            (
-                f"The camera has moved: the corners of the table are {shift:.0f} px away; calibrated anew, to"
-                f" {_median_sigma_mm(moved, table):.1f} mm"
-            ),
+        note = (
+            f"The camera has moved: the corners of the table are {shift:.0f} px away; calibrated anew, to"
+            f" {_estimate_middle_sigma_mm(moved, table):.1f} mm"
         )
+        return moved, shift, note
 
 
-def _median_sigma_mm(camera: Camera, table: Table) -> float:
+def _estimate_middle_sigma_mm(camera: Camera, table: Table) -> float:
     """Return the standard deviation (mm) of a place in the middle of the table by the calibration alone."""
     middle = np.array([[table.length / 2, table.width / 2]])
     return 1e3 * float(np.hypot(*estimate_place_sigma(camera, table, middle)[0]))

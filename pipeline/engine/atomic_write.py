@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import json
 import os
 import platform
 import shutil
@@ -13,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 LEFTOVER_AGE_S = 3600.0
 """Age after which an unfinished file of another machine counts as left by a killed process, s since its last write."""
@@ -42,6 +44,17 @@ def replace_file(target: Path) -> Iterator[Path]:
         raise
     finally:
         path.unlink(missing_ok=True)
+
+
+def write_json(document: Any, target: Path) -> None:
+    """Write a document as strict JSON, in one step.
+
+    Args:
+        document: JSON values; all numbers are finite.
+        target: Final path of the file; an existing file is replaced.
+    """
+    with replace_file(target) as path:
+        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def remove_leftovers(folder: Path, name: str | None = None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength, Unexplained
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_json
 
 SCHEMA = "trueroll.gap/1"
 _DECIMALS = 7
@@ -29,8 +28,7 @@ def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "gap_predictions.csv") as path:
         csv.write_csv(tabulate_predictions(report.gap), path, csv.WriteOptions(quoting_style="needed"))
-    with replace_file(folder / "gap.json") as path:
-        path.write_text(json.dumps(build_gap_document(report), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(build_gap_document(report), folder / "gap.json")
 
 
 def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:

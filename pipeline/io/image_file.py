@@ -1,4 +1,4 @@
-"""Image files that a user gives, read as upright RGB."""
+"""Image files: those that a user gives, read as upright RGB, and those of results."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from models.core.errors import OptionError
+from models.core.errors import ClipError, OptionError
 from models.core.typing import ImageArray
+from pipeline.engine.atomic_write import replace_file
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -34,3 +35,21 @@ def read_image(path: Path) -> ImageArray:
     if decoded is None:
         raise UnreadableImage(f"{path.name} is no readable image ({', '.join(IMAGE_SUFFIXES)} are)")
     return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def write_image(image: ImageArray, path: Path) -> None:
+    """Write an image in one step.
+
+    Args:
+        image: (H, W, 3) RGB.
+        path: File to write; its suffix names the format.
+
+    Raises:
+        ClipError: The image cannot be encoded.
+    """
+    is_encoded, data = cv2.imencode(path.suffix.lower(), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not is_encoded:
+        height, width = image.shape[:2]
+        raise ClipError(f"{path.name} was to be an image of {width} x {height} px; it failed")
+    with replace_file(path) as target:
+        target.write_bytes(data.tobytes())

@@ -8,7 +8,6 @@ only by the ball friction model `average`. Effects that pooltool does not have a
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -24,7 +23,7 @@ from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
 from models.physics.billiards.parameter_vector import GRAVITY, PARAMETER_NAMES
 from models.physics.effects.catalogue import find_prior
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_json
 
 SCHEMA = "trueroll.profile/1"
 PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
@@ -90,12 +89,8 @@ def write_profile_files(
     if not has_fitted_model(report):
         return
     cushion, ball = report.forms
-    for name, content in (
-        (PROFILE_FILE, {**build_profile(report, table), **views}),
-        (POOLTOOL_FILE, build_pooltool_parameters(report.fitted, cushion, ball, table)),
-    ):
-        with replace_file(folder / name) as path:
-            path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json({**build_profile(report, table), **views}, folder / PROFILE_FILE)
+    write_json(build_pooltool_parameters(report.fitted, cushion, ball, table), folder / POOLTOOL_FILE)
 
 
 def write_learned_profile(
@@ -135,9 +130,8 @@ def write_learned_profile(
     exported = build_pooltool_parameters((*lesson.parameters, usual), learned.cushion_law, LEARNED_BALL_MODEL, table)
     corrected = ("correction of the cushion model",) if len(learned.correction) else ()
     exported["not_held"] = sorted({*exported["not_held"], *_LEARNED_ONLY, *corrected})
-    for target, document in ((path, content), (name_pooltool_file(path), exported)):
-        with replace_file(target) as part:
-            part.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(content, path)
+    write_json(exported, name_pooltool_file(path))
     return tuple(exported["not_held"])
 
 

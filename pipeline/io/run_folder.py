@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +127,20 @@ def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
         except ValueError as error:
             raise OptionError(f"{path}: column {name} has a value that is not a number: {error}") from error
     return columns
+
+
+def list_files_beside(sources: Iterable[Path], name: str) -> list[Path]:
+    """List the files of one name beside the tracks of shots.
+
+    Args:
+        sources: Run folders, track folders, or their tracks.csv.
+        name: Such as scene.json.
+
+    Returns:
+        The files that exist, in the order of the sources.
+    """
+    files = ((source if source.is_dir() else source.parent) / name for source in sources)
+    return [file for file in files if file.is_file()]
 
 
 def parse_table(scene: dict[str, Any]) -> Table:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.scene import apply_homography
+from models.core.scene import Camera, apply_homography
 from models.core.typing import ByteArray, FloatArray
 from video.calibration.camera_model import homography_between
 
@@ -108,6 +108,27 @@ def register_image(
     return Registration(
         _rescale_homography(homography, 1 / reference.scale), int(is_inlier.sum()), share, residual, shift
     )
+
+
+def warp_camera(camera: Camera, homography: FloatArray) -> Camera:
+    """Return the camera of an image that a homography aligns with the reference.
+
+    Args:
+        camera: Camera of the reference image.
+        homography: (3, 3) reference pixels to pixels of the image.
+
+    Returns:
+        The camera of the image.
+    """
+    corners = apply_homography(homography, camera.corners_px)
+    return replace(camera, matrix=homography @ camera.matrix, corners_px=corners)
+
+
+def shift_camera(camera: Camera, shift: FloatArray) -> Camera:
+    """Return the camera of an image that is shifted by (2,) px from the reference, as of a camera that drifts."""
+    move = np.eye(3)
+    move[:2, 2] = shift
+    return warp_camera(camera, move)
 
 
 def _track_features(

@@ -78,7 +78,7 @@ def find_cloth_regions(image: ImageArray, count: int = 3) -> list[ClothRegion]:
     return [
         ClothRegion(
             (quadrangle.corners + 0.5) * scale - 0.5,
-            _median_colour_inside(small, quadrangle.corners),
+            measure_median_colour(small, quadrangle.corners),
             quadrangle.support,
         )
         for quadrangle in different[:count]
@@ -159,12 +159,11 @@ def estimate_local_cloth_colour(image: ImageArray, width: int, height: int) -> F
     return np.asarray(large, np.float64)
 
 
-def _median_colour_inside(small: ImageArray, corners: FloatArray) -> FloatArray:
-    """Return the median colour (3,) inside corners (4, 2)."""
-    inside = np.zeros(small.shape[:2], np.uint8)
+def measure_median_colour(image: ImageArray, corners: FloatArray) -> FloatArray:
+    """Measure the median colour (3,) of an image (H, W, 3) inside corners (4, 2) px."""
+    inside = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
-    colour: FloatArray = np.median(small[inside > 0], axis=0).astype(np.float64)
-    return colour
+    return np.asarray(np.median(image[inside > 0], axis=0), np.float64)
 
 
 def _colour_masks(small: ImageArray, colour: FloatArray) -> list[NDArray[np.uint8]]:

@@ -22,10 +22,10 @@ from models.physics.billiards.tables import TABLE_PRESETS, parse_table, replace_
 from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
 from video.calibration.camera_motion import detect_camera_motion, estimate_camera_motion, select_reference_features
-from video.calibration.cloth_region import find_cloth_regions, intersect_lines, line_through
+from video.calibration.cloth_region import find_cloth_regions, intersect_lines, line_through, measure_median_colour
 from video.calibration.cushion_noses import CushionNoses, find_cushion_noses, find_noses_near
 from video.calibration.table_classifier import classify_table, has_snooker_d, measure_pocket_share
-from video.calibration.view_prior import PROFILE_NOTE, ViewPrior
+from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
 from video.io.clip import Clip, read_frames
 from video.io.video_options import CalibrateOptions
 
@@ -100,7 +100,7 @@ def calibrate_clip(
     notes = (*location.notes, *table_notes, _height_note(camera, location.perspective), *_motion_notes(motion, lost))
     cloth = _convert_rgb_to_lab(location.cloth_colour)
     if prior is not None and not prior.agrees_with_cloth(cloth):
-        notes += (f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used",)
+        notes += (CLOTH_MISFIT,)
     return Scene(table, replace(camera, motion=motion), cloth, notes, warnings, ball_sizes)
 
 
@@ -181,7 +181,7 @@ def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableL
         if np.allclose(ordered, corners.reshape(4, 2)):
             shots = f"{prior.shot_count} earlier shot{'s' if prior.shot_count > 1 else ''}"
             note = f"table located from the view of {shots}"
-            colour = _median_colour(image, ordered)
+            colour = measure_median_colour(image, ordered)
             return TableLocation(ordered, covariance, perspective, colour, None, (note,))
     location = locate_table(image, name) if location is None else location
     shift = float(np.linalg.norm(location.corners - prior.corners, axis=1).max())
@@ -201,13 +201,6 @@ def _locate_if_possible(image: ImageArray, name: str, noses: CushionNoses | None
 
 def _add_note(location: TableLocation, why: str) -> TableLocation:
     return replace(location, notes=(*location.notes, f"{PROFILE_NOTE} {why}"))
-
-
-def _median_colour(image: ImageArray, corners: FloatArray) -> FloatArray:
-    """Return the median colour (3,), RGB, inside corners (4, 2) px."""
-    inside = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
-    return np.asarray(np.median(image[inside > 0], axis=0), np.float64)
 
 
 def _estimate_motion(clip: Clip, images: list[ImageArray], location: TableLocation) -> tuple[FloatArray | None, int]:
@@ -353,7 +346,7 @@ def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
         corners,
         np.eye(8) * USER_CORNER_SIGMA_PX**2,
         perspective,
-        _median_colour(background, corners),
+        measure_median_colour(background, corners),
         None,
         ("corners were given by the user",),
         True,

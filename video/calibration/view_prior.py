@@ -12,6 +12,8 @@ from models.numerics.covariance_intersection import measure_contradiction
 
 PROFILE_NOTE = "table profile:"
 """Start of the notes about a profile of which something does not fit."""
+CLOTH_MISFIT = f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used"
+"""Note about a profile of another cloth."""
 MIN_AGREEMENT = 1e-3
 """Probability of a larger difference below which two estimates of the corners, or of the cloth, are of different views:
 a fitting profile is refused once in a thousand clips."""

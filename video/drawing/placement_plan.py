@@ -9,6 +9,7 @@ import numpy as np
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, ImageArray
+from models.estimation.ball_placement.ball_places import find_nearest_cushions
 from video.drawing.label_layout import Rect, overlap_share
 from video.drawing.palette import INK, WHITE, Colour, ensure_contrast, mix_colours
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset, build_empty_inset
@@ -43,7 +44,7 @@ def draw_placement_plan(
     """
     inset = build_empty_inset(table, CLOTH_COLOUR, False, PLAN_WIDTH_PX)
     colours = assign_ball_colours(ids)
-    lines = [_list_dimension_lines(table, place, row) for place, row in zip(xy, distances, strict=True)]
+    lines = [_list_dimension_lines(place, row) for place, row in zip(xy, distances, strict=True)]
     for own, colour in zip(lines, colours, strict=True):
         for start, end, _ in own:
             _draw_dimension_line(inset, start, end, mix_colours(colour, CLOTH_COLOUR, 0.25))
@@ -62,13 +63,10 @@ def draw_placement_plan(
     return image
 
 
-def _list_dimension_lines(
-    table: Table, place: FloatArray, distances: FloatArray
-) -> list[tuple[FloatArray, FloatArray, float]]:
+def _list_dimension_lines(place: FloatArray, distances: FloatArray) -> list[tuple[FloatArray, FloatArray, float]]:
     """List start (2,), end (2,) and length (m) of the lines from a ball to its nearest noses, one per axis."""
     lines = []
-    for pair in ((0, 1), (2, 3)):
-        side = min(pair, key=lambda k: distances[k])
+    for side in find_nearest_cushions(distances):
         outwards = np.array(_OUTWARDS[CUSHIONS[side]], float)
         lines.append((place, place + outwards * distances[side], float(distances[side])))
     return lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -90,7 +90,8 @@ def sample_clip(path: Path) -> ClipSample:
     """
     require_readable_file(path)
     if path.is_dir():
-        return _decode_part(open_clip(path), np.empty(0), float("nan"))
+        clip = open_clip(path)
+        return _decode_part(clip, clip.t, float("nan"))
     packets = _read_packets(path)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
     first, stop = _select_liveliest_part(packets, count)
@@ -152,7 +153,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
                 break
             orientation = read_orientation(frame) if orientation is None else orientation
             if k < QUANTISER_FRAMES:
-                steps += [step for step in [_read_quantiser_step(frame)] if np.isfinite(step)]
+                steps.append(_read_quantiser_step(frame))
             grey = orientation.rotate_upright(extract_luma(frame))
             changes.append(meter.measure_change(grey))
             size = (THUMBNAIL_WIDTH, max(round(THUMBNAIL_WIDTH * grey.shape[0] / grey.shape[1]), 1))
@@ -165,13 +166,12 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
             f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
         )
     decoded = len(thumbnails)
-    whole = Clip(
-        clip.path, clip.digest, grey.shape[1], grey.shape[0], clip.fps, clip.t[:decoded],
-        find_duplicate_frames(*np.array(changes).T), clip.has_audio, clip.notes, clip.first_frame, clip.start_time,
-        clip.is_whole_file,
-    )  # fmt: skip
+    steps = [step for step in steps if np.isfinite(step)]
+    height, width = grey.shape
+    repeats = find_duplicate_frames(*np.array(changes).T)
+    part = replace(clip, width=width, height=height, t=clip.t[:decoded], is_duplicate=repeats)
     return ClipSample(
-        times if len(times) else clip.t, bits_per_pixel, whole, np.stack(thumbnails), tuple(stills), tuple(places),
+        times, bits_per_pixel, part, np.stack(thumbnails), tuple(stills), tuple(places),
         float(np.mean(steps)) if steps else float("nan"),
     )  # fmt: skip
 

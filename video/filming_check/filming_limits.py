@@ -68,10 +68,10 @@ class FilmingLimits:
     """Ball radii, standard deviation of the blur of sharp edges. Edges are located to a tenth of their width; at half a
     radius the outlines of both sides of a ball overlap."""
 
-    def grade(self, code: str, value: float) -> Level:
-        """Grade the value of a measurement."""
+    def find_limit(self, code: str) -> Limit:
+        """Find the limit of a measurement."""
         limit: Limit = getattr(self, code)
-        return limit.grade(value)
+        return limit
 
 
 CODES = tuple(one.name for one in fields(FilmingLimits))

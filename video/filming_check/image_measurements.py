@@ -32,7 +32,7 @@ LEAST_LEVEL = 12
 """Level of 255 below which a cell is too dark for a ratio."""
 
 
-def table_mask(size: tuple[int, int], corners: FloatArray, scale: float = 1.0) -> BoolArray:
+def draw_table_mask(size: tuple[int, int], corners: FloatArray, scale: float = 1.0) -> BoolArray:
     """Draw the playing surface.
 
     Args:

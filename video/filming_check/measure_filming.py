@@ -53,6 +53,8 @@ class FilmedView:
     """(4, 2) px of the playing surface; of the assumed one where no table was located."""
     mask: BoolArray
     """(H, W) of the playing surface."""
+    thumbnail_mask: BoolArray
+    """(h, w) the same in the small grey frames of the sample."""
     ball_radius: float
     """px, of a ball at the far end of the table."""
     drift: float
@@ -77,7 +79,7 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     height, width = sample.stills[0].shape[:2]
     margin = UNKNOWN_INSET * np.array([width, height])
     inset = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (np.array([width, height]) - 2 * margin) + margin
-    greys = [_to_grey(image) for image in sample.stills]
+    greys = [_convert_to_grey(image) for image in sample.stills]
     scene: Scene | None = None
     refusal = ""
     try:
@@ -89,10 +91,12 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     is_still = scene is not None and scene.camera.motion is None and not refusal
     background = compute_median_image(list(sample.stills)) if is_still else sample.stills[0]
     corners = inset if scene is None else scene.camera.corners_px
-    radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _far_ball_radius(scene)
-    mask = image_measurements.table_mask((width, height), corners)
+    radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _find_least_radius(scene)
+    mask = image_measurements.draw_table_mask((width, height), corners)
+    small = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
     return FilmedView(
-        background, scene, "" if scene is not None else refusal, corners, mask, radius, measure_drift(greys, corners),
+        background, scene, "" if scene is not None else refusal, corners, mask,
+        image_measurements.draw_table_mask(small, corners, small[0] / width), radius, measure_drift(greys, corners),
         image_measurements.find_glare(background, mask, radius),
     )  # fmt: skip
 
@@ -109,17 +113,15 @@ def measure_filming(sample: ClipSample, view: FilmedView, exposure_ms: float) ->
         Values by code, in the units that `FilmingLimits` states; NaN where a property could not be measured.
     """
     height, width = view.background.shape[:2]
-    thumbnail = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
-    small_mask = image_measurements.table_mask(thumbnail, view.corners, thumbnail[0] / width)
     steps = np.diff(sample.times)
     usual = float(np.median(steps))
     distinct = float((~sample.clip.is_duplicate).mean())
     inside = ((view.corners >= 0) & (view.corners <= (width - 1, height - 1))).all(axis=1)
-    blur = image_measurements.measure_edge_blur(_to_grey(sample.stills[0]), _mask_with_rails(view))
+    blur = image_measurements.measure_edge_blur(_convert_to_grey(sample.stills[0]), _draw_mask_with_rails(view))
     return {
         "exposure": image_measurements.measure_exposure(view.background, view.mask),
         "clipping": image_measurements.measure_clipping(view.background, view.mask & ~view.glare),
-        "flicker": image_measurements.measure_flicker(sample.thumbnails, small_mask),
+        "flicker": image_measurements.measure_flicker(sample.thumbnails, view.thumbnail_mask),
         "glare": 100 * float(view.glare.sum() / max(view.mask.sum(), 1)),
         "motion_blur": exposure_ms,
         "frame_rate": distinct / usual,
@@ -135,23 +137,25 @@ def measure_filming(sample: ClipSample, view: FilmedView, exposure_ms: float) ->
 
 def grade_measurements(values: dict[str, float], limits: FilmingLimits) -> tuple[FilmingMeasurement, ...]:
     """Grade values by code."""
-    return tuple(FilmingMeasurement(code, value, limits.grade(code, value)) for code, value in values.items())
+    return tuple(
+        FilmingMeasurement(code, value, limits.find_limit(code).grade(value)) for code, value in values.items()
+    )
 
 
-def _to_grey(image: ImageArray) -> ByteArray:
+def _convert_to_grey(image: ImageArray) -> ByteArray:
     """Convert an image (H, W, 3) to grey levels (H, W)."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
-def _far_ball_radius(scene: Scene) -> float:
+def _find_least_radius(scene: Scene) -> float:
     """Return the least radius of a ball anywhere on the table, px."""
     table = scene.table
     return float(min(scene.camera.radius_px(corner, table.ball_radius) for corner in table.corners))
 
 
-def _mask_with_rails(view: FilmedView) -> BoolArray:
+def _draw_mask_with_rails(view: FilmedView) -> BoolArray:
     """Draw the playing surface and the rails around it, (H, W)."""
     centre = view.corners.mean(axis=0)
     outer = centre + (1 + 2 * RAIL_SHARE) * (view.corners - centre)
     height, width = view.mask.shape
-    return image_measurements.table_mask((width, height), outer)
+    return image_measurements.draw_table_mask((width, height), outer)

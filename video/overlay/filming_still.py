@@ -11,7 +11,7 @@ import numpy as np
 from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.drawing.palette import FLASH, INK, TRUST_COLOURS, Colour
 from video.drawing.text import draw_text
-from video.overlay.frame_overlay import draw_disc, draw_ring, drawing_scale, to_fixed_point
+from video.overlay.frame_overlay import SHIFT, draw_disc, draw_ring, drawing_scale, to_fixed_point
 
 PANEL_SHARE, LEAST_PANEL_PX = 0.42, 380
 """Width of the panel relative to the image, and at least."""
@@ -20,8 +20,6 @@ FONT_PX, LEAST_FONT_PX = 17.0, 13
 LINE_SPACING, MARGIN_LINES = 1.5, 1.0
 """Distance of the lines, and margin, in font sizes."""
 GLARE_COLOUR: Colour = (240, 68, 68)
-SHIFT = 4
-"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,20 +55,18 @@ def draw_filming_still(
         A wider image.
     """
     scale = drawing_scale(image.shape[0])
-    still = image.copy()
+    still, thickness = image.copy(), max(round(2 * scale), 1)
     if glare.any():
         spots, _ = cv2.findContours(glare.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(still, spots, -1, GLARE_COLOUR, max(round(2 * scale), 1), cv2.LINE_AA)
+        cv2.drawContours(still, spots, -1, GLARE_COLOUR, thickness, cv2.LINE_AA)
     if outline is not None:
-        thickness = max(round(2 * scale), 1)
         cv2.polylines(still, [to_fixed_point(outline.corners)], True, FLASH, thickness, cv2.LINE_AA, SHIFT)
         for corner in outline.corners:
             draw_disc(still, corner, 5 * scale, FLASH)
         for centre, radius in zip(outline.centre, outline.radius, strict=True):
             draw_ring(still, centre, float(radius) + 1.5 * scale, 1.5 * scale, TRUST_COLOURS["green"], 0.9)
-    size = max(round(FONT_PX * scale), LEAST_FONT_PX)
+    size, width = _measure_panel(image.shape)
     step, margin = round(LINE_SPACING * size), round(MARGIN_LINES * size)
-    width = max(round(PANEL_SHARE * image.shape[1]), LEAST_PANEL_PX)
     height = max(image.shape[0], 2 * margin + step * len(lines))
     whole = np.full((height, image.shape[1] + width, 3), INK, dtype=np.uint8)
     whole[: image.shape[0], : image.shape[1]] = still
@@ -81,6 +77,11 @@ def draw_filming_still(
 
 def count_panel_letters(shape: tuple[int, ...]) -> int:
     """Count the letters of an average line that fit into the panel of an image of a shape (H, W, 3)."""
-    size = max(round(FONT_PX * drawing_scale(shape[0])), LEAST_FONT_PX)
-    width = max(round(PANEL_SHARE * shape[1]), LEAST_PANEL_PX)
+    size, width = _measure_panel(shape)
     return int((width - 2 * MARGIN_LINES * size) / (0.57 * size))
+
+
+def _measure_panel(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return font size and width, px, of the panel of an image of a shape (H, W, 3)."""
+    size = max(round(FONT_PX * drawing_scale(shape[0])), LEAST_FONT_PX)
+    return size, max(round(PANEL_SHARE * shape[1]), LEAST_PANEL_PX)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,13 +22,22 @@ TEXT_PX, HEADER_PX = 15, 17
 """px, font sizes on a frame of 720 rows."""
 MIN_ARROW_RADII = 0.9
 """Least length of an arrow in ball radii: a shift of two millimetres is a pixel or two."""
+PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
+"""Colour of a ball that lies where it is wanted."""
+MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
+"""Colour of a ball that must still be moved."""
+MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
+"""Colour of a wanted place without a ball."""
+WANTED_COLOUR: Colour = WHITE
+"""Colour of a place on the frame that it comes from."""
+NOTE_COLOUR: Colour = MUTED_GREY
+"""Colour of notes."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedRing:
     """A wanted place of a ball on an image."""
 
-    name: str
     xy: FloatArray
     """(2,) m, where the ball is wanted."""
     colour: Colour
@@ -64,13 +73,6 @@ def project_ball_outline(camera: Camera, xy: FloatArray, radius: float) -> Float
     points = points + ring * (np.cos(angle) * across + np.sin(angle) * np.cross(normal, across))
     homogeneous = points @ camera.matrix[:, :3].T + camera.matrix[:, 3]
     return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-
-
-def shift_camera(camera: Camera, shift: FloatArray) -> Camera:
-    """Shift the image of a camera by (2,) px: the view of a frame of a camera that drifts."""
-    move = np.eye(3)
-    move[:2, 2] = shift
-    return replace(camera, matrix=move @ camera.matrix, corners_px=camera.corners_px + shift)
 
 
 def draw_places(
@@ -162,7 +164,7 @@ def _bound_points(points: FloatArray) -> Rect:
 
 def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstacles: list[Rect], scale: float) -> Rect:
     """Draw the label of a ring where it hides little; return its rectangle."""
-    box = _panel_size(ring.label, scale)
+    box = _measure_panel(ring.label, scale)
     centre, radius = outline.mean(axis=0), float(np.ptp(outline, axis=0).max()) / 2
     position = place_label(box, centre, radius, np.zeros(2), obstacles, (image.shape[1], image.shape[0]), None)
     middle = centre + position.top_left_corner(box, radius) + np.array(box) / 2
@@ -171,7 +173,7 @@ def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstac
 
 def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour, scale: float) -> Rect:
     """Draw a text on a dark panel around a point, moved into the image; return its rectangle."""
-    box = _panel_size(text, scale)
+    box = _measure_panel(text, scale)
     room = np.maximum(np.subtract((image.shape[1], image.shape[0]), box), 0)
     left, top = (round(float(v)) for v in np.clip(middle - np.array(box) / 2, 0, room))
     blend_mask(image, round_corner_mask(*box, max(3, box[1] // 4)), left, top, INK, 0.72)
@@ -179,7 +181,7 @@ def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour
     return float(left), float(top), float(box[0]), float(box[1])
 
 
-def _panel_size(text: str, scale: float) -> tuple[int, int]:
+def _measure_panel(text: str, scale: float) -> tuple[int, int]:
     """Return width and height, px, of a text on its panel."""
     height, width = text_mask(text, round(TEXT_PX * scale), bold=True).shape
     return width + round(10 * scale), height + round(2 * scale)
@@ -199,15 +201,3 @@ def _draw_header(image: ImageArray, header: list[tuple[str, Colour]], scale: flo
         draw_text(image, text, 2 * margin, top, size_px, colour, bold=k == 0)
         top += masks[k].shape[0]
     return float(margin), float(margin), float(width), float(height)
-
-
-PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
-"""Colour of a ball that lies where it is wanted."""
-MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
-"""Colour of a ball that must still be moved."""
-MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
-"""Colour of a wanted place without a ball."""
-WANTED_COLOUR: Colour = WHITE
-"""Colour of a place on the frame that it comes from."""
-NOTE_COLOUR: Colour = MUTED_GREY
-"""Colour of notes."""

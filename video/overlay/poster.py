@@ -61,7 +61,8 @@ class Poster:
         Returns:
             The poster; its `rows` are the frames that it needs.
         """
-        return cls(timeline, plate, _select_ghost_positions(timeline), find_poster_rows(timeline))
+        ghosts = _select_ghost_positions(timeline)
+        return cls(timeline, plate, ghosts, _list_rows(timeline, ghosts))
 
     def add_frame(self, row: int, image: ImageArray) -> None:
         """Take what the poster needs from a frame.
@@ -103,7 +104,11 @@ class Poster:
 
 def find_poster_rows(timeline: BallTimeline) -> frozenset[int]:
     """Find the rows of a timeline whose frames a poster shows: the first, the last, and those of the ghosts."""
-    return frozenset({0, len(timeline.t) - 1, *(row for row, _ in _select_ghost_positions(timeline))})
+    return _list_rows(timeline, _select_ghost_positions(timeline))
+
+
+def _list_rows(timeline: BallTimeline, ghosts: list[tuple[int, int]]) -> frozenset[int]:
+    return frozenset({0, len(timeline.t) - 1, *(row for row, _ in ghosts)})
 
 
 def _select_ghost_positions(timeline: BallTimeline) -> list[tuple[int, int]]:

@@ -97,3 +97,15 @@ def measure_cushion_distances(table: Table, xy: FloatArray) -> FloatArray:
         Distances (N, 4), m, in the order of `CUSHIONS`: left, right, top, bottom.
     """
     return np.column_stack([xy[:, 0], table.length - xy[:, 0], xy[:, 1], table.width - xy[:, 1]])
+
+
+def find_nearest_cushions(distances: FloatArray) -> tuple[int, int]:
+    """Find the nearer one of the two short cushions, and of the two long ones.
+
+    Args:
+        distances: Distances (4,) of a ball to the noses, in the order of `CUSHIONS`.
+
+    Returns:
+        Their indices in `CUSHIONS`.
+    """
+    return int(np.argmin(distances[:2])), 2 + int(np.argmin(distances[2:]))

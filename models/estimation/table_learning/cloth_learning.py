@@ -35,29 +35,13 @@ MIN_PATH_ROWS, MIN_PATH_SPEED = 6, 0.05
 _ITERATIONS = ShootingOptions(iterations=25)
 
 
-def learn_cloth(
-    shots: list[tuple[JointSolution, Tracks]], table: Table, executor: Executor = SERIAL
-) -> tuple[Parameter, ...]:
-    """Fit the cloth to the free paths of shots.
-
-    Args:
-        shots: Joint fit and tracks, with realistic sigmas, of each shot.
-        table: Dimensions of the table.
-        executor: Distributes the paths over processes.
-
-    Returns:
-        The parameters of `CLOTH_EFFECTS`; empty without a free path.
-    """
-    return fit_cloth(shots, table, executor)[0]
-
-
 def fit_cloth(
     shots: list[tuple[JointSolution, Tracks]], table: Table, executor: Executor = SERIAL
 ) -> tuple[tuple[Parameter, ...], FloatArray]:
     """Fit the cloth to the free paths of shots, with the covariance of its parameters.
 
     Args:
-        shots: As in `learn_cloth`.
+        shots: Joint fit and tracks, with realistic sigmas, of each shot.
         table: Dimensions of the table.
         executor: Distributes the paths over processes.
 

@@ -91,11 +91,11 @@ def measure_table(lesson: TableLesson, shots: list[tuple[JointSolution, Tracks]]
         Its numbers. The error of each contains the scatter between shots, over the root of their number.
     """
     contacts = measure_contacts(lesson.table, [solution for solution, _ in shots], table)
-    rolls = [_measure_shot_cloth([shot], table) for shot in shots]
-    by_shot = np.array([[*one["roll_out"]] for one in rolls])
-    restitution = _measure_restitution(lesson.table, contacts, table)
+    rolls = [_measure_shot_cloth(shot, table) for shot in shots]
+    by_shot = np.array([one["roll_out"] for one in rolls])
     cloth, repeatability = _measure_cloth(lesson, rolls)
     scatter = _scatter_between(*_average_excess_by_shot(contacts))
+    restitution = _measure_restitution(lesson.table, contacts, 0.0 if scatter is None else scatter[0], table)
     if scatter is not None:
         repeatability.append(TableMeasurement("restitution", *scatter, "", len(np.unique(contacts.shot))))
     sizes = _measure_sizes(lesson.table, table, contacts)
@@ -202,11 +202,11 @@ def _derive_cloth(names: list[str], values: FloatArray, covariance: FloatArray) 
     return derived
 
 
-def _measure_shot_cloth(shots: list[tuple[JointSolution, Tracks]], table: Table) -> dict[str, tuple[float, float]]:
+def _measure_shot_cloth(shot: tuple[JointSolution, Tracks], table: Table) -> dict[str, tuple[float, float]]:
     """Measure the cloth from one shot alone; NaN where it does not determine a number."""
     unknown = {name: (math.nan, math.nan) for name, _, _ in _CLOTH_NUMBERS}
     try:
-        parameters, covariance = fit_cloth(shots, table)
+        parameters, covariance = fit_cloth([shot], table)
     except (TrackError, ArithmeticError, ValueError):
         return unknown
     if not parameters:
@@ -216,12 +216,12 @@ def _measure_shot_cloth(shots: list[tuple[JointSolution, Tracks]], table: Table)
     return {name: unknown[name] if source in prior_only else derived[name] for name, _, source in _CLOTH_NUMBERS}
 
 
-def _measure_restitution(learned: LearnedTable, contacts: ContactMeasurement, table: Table) -> list[TableMeasurement]:
-    """Return the restitution of the test ball, of all cushions and of each."""
+def _measure_restitution(
+    learned: LearnedTable, contacts: ContactMeasurement, between: float, table: Table
+) -> list[TableMeasurement]:
+    """Return the restitution of the test ball, of all cushions and of each; `between` is the scatter between shots."""
     test, model_sigma = _evaluate_test_ball(learned, table)
-    shots, (means, sigmas) = np.unique(contacts.shot), _average_excess_by_shot(contacts)
-    scatter = _scatter_between(means, sigmas)
-    between = 0.0 if scatter is None else scatter[0]
+    shots = np.unique(contacts.shot)
     mean, sigma = _average_excess(contacts, np.ones(len(contacts.excess), np.bool_))
     sigma = math.hypot(math.hypot(sigma, model_sigma), between / math.sqrt(max(len(shots), 1)))
     rows = [TableMeasurement("restitution", test + mean, sigma, "", len(contacts.excess))]

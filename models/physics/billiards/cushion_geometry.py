@@ -79,8 +79,6 @@ class MouthLine:
     """(2,) m, its middle."""
     outward: FloatArray
     """(2,) unit vector from the table into the pocket: the centre line of the pocket."""
-    half_width: float
-    """m, from the middle to the point where nose and facing would meet if they were sharp."""
 
 
 def find_mouth_line(table: Table, pocket: str) -> MouthLine:
@@ -94,12 +92,12 @@ def find_mouth_line(table: Table, pocket: str) -> MouthLine:
         The line, square to the centre line of the pocket.
     """
     kind = _select_pockets(table)
-    place, is_corner = table.pocket_centres[POCKETS.index(pocket)], "-" in pocket
-    mouth = kind.corner if is_corner else kind.middle
+    place = table.pocket_centres[POCKETS.index(pocket)]
     inward = np.sign(np.array([table.length, table.width]) / 2 - place)
     inward = inward / np.linalg.norm(inward)
-    half = table.ball_radius / kind.ball_radius * mouth.width / 2
-    return MouthLine(place + half * inward * is_corner, -inward, half)
+    if "-" in pocket:
+        place = place + table.ball_radius / kind.ball_radius * kind.corner.width / 2 * inward
+    return MouthLine(place, -inward)
 
 
 def build_rails(table: Table, offsets: FloatArray | None = None) -> Rails:

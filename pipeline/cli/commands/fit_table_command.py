@@ -9,11 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
 from models.estimation.table_learning.rebound_summary import fit_restitution_formula
-from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
@@ -29,7 +27,7 @@ from pipeline.terminal.command_line import (
     open_cache,
     parse_output_path,
 )
-from pipeline.terminal.search_display import COMPILING_NOTE
+from pipeline.terminal.shot_fit_display import show_shot_fits
 
 
 @app.command("fit-table")
@@ -51,18 +49,7 @@ def fit_table(
     """
     store = open_cache(cache)
     out.parent.mkdir(parents=True, exist_ok=True)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with (
-        open_executor() as executor,
-        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
-        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
-    ):
-        task = bars.add_task("fitting shots")
-
-        def show(done: int, count: int) -> None:
-            text = "learning the table" if done == count else "fitting shots"
-            bars.update(task, completed=done, total=count, description=text)
-
+    with open_executor() as executor, show_shot_fits(console, "learning the table") as show:
         fitted = fit_table_of_shots(inputs, store, executor, show)
     left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out, collect_views(inputs))
     page = out.with_suffix(".html")

@@ -16,6 +16,7 @@ from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.table_learning.table_measurements import MeasuredTable, TableMeasurement
 
+CERTIFICATE_FILE = "certificate.json"
 SCHEMA = "trueroll.certificate/1"
 FALSE_ALARM = 0.01
 """Probability that any number of two equal tables is called different."""
@@ -113,7 +114,7 @@ def read_certificate(path: Path) -> dict[str, Any]:
     Raises:
         OptionError: It is no certificate.
     """
-    file = path / "certificate.json" if path.is_dir() else path
+    file = path / CERTIFICATE_FILE if path.is_dir() else path
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
         if document["schema"] != SCHEMA:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ import numpy as np
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.ball_placement.ball_places import BallPlaces, measure_cushion_distances
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_json
 
 SCHEMA = "trueroll.put-back/1"
 COLUMNS = (
@@ -65,17 +63,11 @@ def write_places(document: dict[str, Any], folder: Path) -> None:
         document: Content of `describe_places`.
         folder: Folder of the files.
     """
-    text = io.StringIO()
-    rows = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    rows.writeheader()
-    rows.writerows(document["balls"])
-    contents = {
-        "put_back.csv": text.getvalue(),
-        "put_back.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
-    }
-    for name, content in contents.items():
-        with replace_file(folder / name) as path:
-            path.write_text(content, encoding="utf-8")
+    with replace_file(folder / "put_back.csv") as path, path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        rows.writeheader()
+        rows.writerows(document["balls"])
+    write_json(document, folder / "put_back.json")
 
 
 def _round_metres(value: float) -> float:

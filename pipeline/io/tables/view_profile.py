@@ -18,11 +18,11 @@ from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
 from models.numerics.covariance_intersection import intersect_estimates
 from models.physics.billiards.parameter_vector import GRAVITY, TABLE_PARAMETERS
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_json
 from pipeline.io.profile_export import SCHEMA
-from pipeline.io.run_folder import parse_camera, parse_table, read_scene_document
+from pipeline.io.run_folder import list_files_beside, parse_camera, parse_table, read_scene_document
 from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, read_profile_text
-from video.calibration.view_prior import PROFILE_NOTE, ViewPrior
+from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
 
 FRICTION = ("sliding_friction.mu", "rolling_resistance.mu")
 """Parameters of the cloth that every shot gives."""
@@ -104,7 +104,11 @@ def parse_view_prior(text: str) -> ViewPrior | None:
     Raises:
         OptionError: A part of the profile is malformed.
     """
-    document = json.loads(text)
+    return _build_view_prior(json.loads(text))
+
+
+def _build_view_prior(document: dict[str, Any]) -> ViewPrior | None:
+    """Build the start of a calibration from the content of a profile."""
     try:
         entry = ViewProfileEntry.model_validate(document)
     except ValidationError as error:
@@ -135,11 +139,11 @@ def list_profile_misfits(text: str, cloth_lab: FloatArray, parameters: Iterable[
     """
     if not text:
         return ()
-    prior = parse_view_prior(text)
+    profile = json.loads(text)
+    prior, effects = _build_view_prior(profile), ProfileEntry.model_validate(profile).effects
     misfits = []
     if prior is not None and not prior.agrees_with_cloth(cloth_lab):
-        misfits.append(f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used")
-    effects = ProfileEntry.model_validate(json.loads(text)).effects
+        misfits.append(CLOTH_MISFIT)
     for one in parameters:
         expected = _expect_friction(effects, one.name)
         if expected is None or one.prior_only:
@@ -189,8 +193,7 @@ def update_profile(path: Path, folder: Path) -> tuple[str, ...]:
     scene = read_scene_document(folder / "scene.json")
     notes = [*add_view(profile, scene), *_add_effects(profile, scene)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(path) as part:
-        part.write_text(json.dumps(profile, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(profile, path)
     return tuple(notes)
 
 
@@ -204,12 +207,10 @@ def collect_views(sources: Iterable[Path]) -> dict[str, Any]:
         The entries `table`, `view`, `cloth`, `balls` and `ball_radius` of a profile, as far as they are known.
     """
     profile: dict[str, Any] = {}
-    for source in sources:
-        file = (source if source.is_dir() else source.parent) / "scene.json"
-        if file.is_file():
-            document = read_scene_document(file)
-            if "calibration" in document and "ball_size" in document:
-                add_view(profile, document)
+    for file in list_files_beside(sources, "scene.json"):
+        document = read_scene_document(file)
+        if "calibration" in document and "ball_size" in document:
+            add_view(profile, document)
     return profile
 
 
@@ -234,7 +235,7 @@ def add_view(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
             f"--update-profile is of a table of {own['length']:g} x {own['width']:g} m; that of the clip is"
             f" {table.length:g} x {table.width:g} m: name another file"
         )
-    prior = parse_view_prior(json.dumps(profile))
+    prior = _build_view_prior(profile)
     profile["table"] = _describe_table(table) | (own or {})
     camera = parse_camera(scene)
     if camera is not None and not scene["calibration"].get("camera_moves"):
@@ -326,13 +327,7 @@ def _add_effects(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
 
 
 def _describe_table(table: Table) -> dict[str, Any]:
-    return {
-        "name": table.name,
-        "game": table.game,
-        "length": table.length,
-        "width": table.width,
-        "pockets": table.pockets,
-    }
+    return {name: getattr(table, name) for name in ("name", "game", "length", "width", "pockets")}
 
 
 def _require_shape(rows: list[list[float]], shape: tuple[int, int], name: str) -> list[list[float]]:

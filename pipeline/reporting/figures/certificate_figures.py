@@ -18,6 +18,7 @@ SLOPE_LENGTH = 0.35
 """Length of the arrow of a slope of 1 mm/m, share of the table's width."""
 MAX_ARROW = 0.45
 """Longest arrow, share of the table's width."""
+_SLOPES = ("slope_x", "slope_y")
 
 
 def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table: Table) -> go.Figure:
@@ -65,9 +66,6 @@ def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table:
     figure.update_xaxes(title="x (m)", constrain="domain", range=[-0.05, table.length + 0.05])
     figure.update_yaxes(title="y (m)", scaleanchor="x", range=[table.width + 0.05, -0.05])
     return figure
-
-
-_SLOPES = ("slope_x", "slope_y")
 
 
 def build_restitution_figure(numbers: dict[str, Any], measured: MeasuredTable) -> go.Figure:

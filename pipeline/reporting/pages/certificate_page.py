@@ -90,11 +90,11 @@ def format_number(entry: dict[str, Any]) -> tuple[str, str, str]:
     """
     if entry["value"] is None:
         return "not determined", "–", entry["unit"]
-    decimals = max(0, min(5, 1 - _order_of(entry["sigma"])))
+    decimals = max(0, min(5, 1 - _find_order(entry["sigma"])))
     return f"{entry['value']:.{decimals}f}", f"{entry['sigma']:.{decimals}f}", entry["unit"]
 
 
-def _order_of(value: float) -> int:
+def _find_order(value: float) -> int:
     """Return the power of ten of a positive value."""
     return int(f"{max(value, 1e-12):e}".partition("e")[2])
 

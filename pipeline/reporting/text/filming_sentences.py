@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from video.filming_check.filming_limits import FilmingLimits, Limit
+from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import FilmingMeasurement
 
 VERDICT_WORDS = {
@@ -132,7 +132,7 @@ def format_value(one: FilmingMeasurement) -> str:
 
 def format_limit(code: str, limits: FilmingLimits) -> str:
     """Format from or up to which value a measurement is good, and from where it is bad."""
-    limit: Limit = getattr(limits, code)
+    limit = limits.find_limit(code)
     good, bad = ("at least", "below") if limit.bad < limit.good else ("at most", "above")
     return f"{good} {limit.good:g}; no-go {bad} {limit.bad:g}"
 
@@ -160,10 +160,10 @@ def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimit
     A table may be missing because of another fault, so the other fault is named first.
     """
     faults = [one for one in measurements if one.level in ("doubt", "bad")]
-    return sorted(faults, key=lambda one: (one.level != "bad", one.code == "corners", -_excess(one, limits)))
+    return sorted(faults, key=lambda one: (one.level != "bad", one.code == "corners", -_measure_excess(one, limits)))
 
 
-def _excess(one: FilmingMeasurement, limits: FilmingLimits) -> float:
+def _measure_excess(one: FilmingMeasurement, limits: FilmingLimits) -> float:
     """Return how far a value is beyond the last good one, relative to the last one that is not bad."""
-    limit: Limit = getattr(limits, one.code)
+    limit = limits.find_limit(one.code)
     return (one.value - limit.good) / (limit.bad - limit.good)

@@ -33,8 +33,8 @@ def test_rings_have_the_colour_of_their_state_and_an_arrow_points_from_the_ball_
     image = np.zeros((720, 1280, 3), np.uint8)
     placed, wanted, present = np.array([0.6, 0.4]), np.array([1.6, 0.7]), np.array([1.9, 0.7])
     rings = [
-        PlacedRing("cue", placed, PLACED_COLOUR, ""),
-        PlacedRing("eight", wanted, MISPLACED_COLOUR, "", present),
+        PlacedRing(placed, PLACED_COLOUR, ""),
+        PlacedRing(wanted, MISPLACED_COLOUR, "", present),
     ]
     drawn = draw_places(image, CAMERA, rings, TABLE.ball_radius, [])
     assert not image.any()

@@ -8,16 +8,15 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 import typer
 from rich.table import Table as Grid
 
-from models.core.errors import ClipError, OptionError
+from models.core.errors import OptionError
 from models.core.typing import ImageArray
 from pipeline.actions.check_clip import FilmingReport, check_clip
 from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import (
     VERDICT_WORDS,
     WORDS,
@@ -75,7 +74,7 @@ def check(
         _print_report(report)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        _write_still(report, out)
+        write_image(_draw_still(report), out)
     if report.verdict == "no-go":
         raise typer.Exit(1)
 
@@ -94,8 +93,8 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
                 "value": one.value if math.isfinite(one.value) else None,
                 "unit": WORDS[one.code].unit,
                 "level": one.level,
-                "good": getattr(limits, one.code).good,
-                "bad": getattr(limits, one.code).bad,
+                "good": limits.find_limit(one.code).good,
+                "bad": limits.find_limit(one.code).bad,
                 "advice": WORDS[one.code].advice if one.level in ("doubt", "bad") else "",
             }
             for one in report.measurements
@@ -113,18 +112,6 @@ def _print_report(report: FilmingReport) -> None:
     for line in format_advice(report.measurements, report.refusal):
         screen.print(f"- {line}", markup=False, soft_wrap=True)
     screen.print(VERDICT_WORDS[report.verdict], markup=False)
-
-
-def _write_still(report: FilmingReport, path: Path) -> None:
-    """Write the annotated still."""
-    image, encoding = _draw_still(report), path.suffix.lower()
-    encoded, data = cv2.imencode(encoding, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    if not encoded:
-        raise ClipError(
-            f"the still {path.name} was to be an image of {image.shape[1]} x {image.shape[0]} px; it failed"
-        )
-    with replace_file(path) as fresh:
-        fresh.write_bytes(data.tobytes())
 
 
 def _draw_still(report: FilmingReport) -> ImageArray:

@@ -8,15 +8,19 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
-from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.certify_table import certify_table, list_shot_folders
 from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_json
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.tables.certificate_files import NAMES, compare_certificates, describe_comparison, read_certificate
+from pipeline.io.tables.certificate_files import (
+    CERTIFICATE_FILE,
+    NAMES,
+    compare_certificates,
+    describe_comparison,
+    read_certificate,
+)
 from pipeline.reporting.pages.certificate_page import (
     format_certificate,
     format_comparison,
@@ -33,9 +37,9 @@ from pipeline.terminal.command_line import (
     open_cache,
     parse_output_path,
 )
-from pipeline.terminal.search_display import COMPILING_NOTE
+from pipeline.terminal.shot_fit_display import show_shot_fits
 
-CERTIFICATE_FILE, PAGE_FILE = "certificate.json", "certificate.html"
+PAGE_FILE = "certificate.html"
 
 
 @app.command("certify")
@@ -64,18 +68,7 @@ def certify(
     sources = list_shot_folders(inputs)
     require_writable_folder(out)
     store = open_cache(cache)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with (
-        open_executor() as executor,
-        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
-        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
-    ):
-        task = bars.add_task("fitting shots")
-
-        def show(done: int, count: int) -> None:
-            text = "measuring the table" if done == count else "fitting shots"
-            bars.update(task, completed=done, total=count, description=text)
-
+    with open_executor() as executor, show_shot_fits(console, "measuring the table") as show:
         certified = certify_table(sources, store, executor, show)
     document = certified.document
     rows = () if other is None else compare_certificates(other, document)
@@ -83,8 +76,7 @@ def certify(
     if other is not None:
         document["compared_with"] = {"certificate": str(compare), "numbers": describe_comparison(rows)}
     out.mkdir(parents=True, exist_ok=True)
-    with replace_file(out / CERTIFICATE_FILE) as path:
-        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(document, out / CERTIFICATE_FILE)
     write_certificate_page(certified, inputs[0].resolve().name, out / PAGE_FILE, rows, name)
     if as_json:
         print(json.dumps(document, allow_nan=False))

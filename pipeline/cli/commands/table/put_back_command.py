@@ -20,12 +20,11 @@ from pipeline.actions.placement_views import (
     draw_wanted_plan,
     follow_images,
     read_camera,
-    write_image,
     write_live_page,
 )
 from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wanted_places
 from pipeline.chain import require_writable_folder
-from pipeline.io.image_file import read_image
+from pipeline.io.image_file import read_image, write_image
 from pipeline.io.run_folder import read_scene_document, read_shot_record
 from pipeline.io.tables.placement_files import describe_places, write_places
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
