@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from detectors.measurement.circle_fit import fit_circles, smooth_image
 from detectors.measurement.cloth_background import build_colour_basis
 from detectors.measurement.frame_detections import FrameDetections, add_colours
 from models.core.by_hand.corrections import BallMark
+from models.core.columns.array_columns import concatenate_rows
 from models.core.detections import Detections, MarkedDetections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
@@ -75,20 +76,17 @@ def add_placed_balls(
         All detections, sorted by frame.
     """
     frames = clip.distinct_frames
-    rows: list[tuple[int, Detections]] = []
     starts = [int(np.searchsorted(frames, mark.ball.frame, side="right")) - 1 for mark in marks]
     images = dict(read_frames(clip, indices=np.unique(frames[starts])))
-    seeds: dict[int, FloatArray] = {}
-    templates: dict[int, _Template] = {}
-    for number, (mark, start) in enumerate(zip(marks, starts, strict=True)):
-        frame = int(frames[start])
-        seed = _measure_placed_ball(images[frame], mark, scene, frame)
-        rows.append((number, seed))
-        seeds[number] = seed.centre[0]
-        templates[number] = _cut_template(images[frame], seed)
+    seeds = [
+        _measure_placed_ball(images[int(frames[start])], mark, scene, int(frames[start]))
+        for mark, start in zip(marks, starts, strict=True)
+    ]
+    templates = [_cut_template(images[int(seed.frame[0])], seed) for seed in seeds]
+    rows = list(enumerate(seeds))
     for is_forward in (True, False):
-        spans = {number: _list_span(mark, frames, starts[number], is_forward) for number, mark in enumerate(marks)}
-        rows += _follow_balls(clip, scene, detections, spans, seeds, templates, is_forward)
+        spans = [_list_span(mark, frames, start, is_forward) for mark, start in zip(marks, starts, strict=True)]
+        rows += _follow_balls(clip, detections, spans, seeds, templates, is_forward)
         progress(0.5 if is_forward else 1.0)
     return _merge_rows(detections, rows)
 
@@ -155,24 +153,23 @@ def _cut_patch(rgb: ByteArray, centre: FloatArray, reach: float) -> ByteArray:
 
 def _follow_balls(
     clip: Clip,
-    scene: Scene,
     detections: Detections,
-    spans: dict[int, NDArray[np.int64]],
-    seeds: dict[int, FloatArray],
-    templates: dict[int, _Template],
+    spans: Sequence[NDArray[np.int64]],
+    seeds: Sequence[Detections],
+    templates: Sequence[_Template],
     is_forward: bool,
 ) -> list[tuple[int, Detections]]:
     """Follow the balls in one direction; all frames are decoded once."""
-    wanted = np.unique(np.concatenate([*spans.values(), np.empty(0, np.int64)]))
+    wanted = np.unique(np.concatenate([*spans, np.empty(0, np.int64)]))
     if not len(wanted):
         return []
-    steps = {number: np.zeros(2) for number in spans}
-    places = dict(seeds)
+    steps = [np.zeros(2) for _ in seeds]
+    places = {number: seed.centre[0] for number, seed in enumerate(seeds)}
     rows: list[tuple[int, Detections]] = []
     for frame, rgb in _read_in_order(clip, wanted, is_forward):
         for number in [one for one in places if frame in spans[one]]:
             row = _find_ball(rgb, frame, places[number] + steps[number], templates[number])
-            if row is None or _is_detected(detections, frame, row.centre[0], templates[number].radius):
+            if row is None or len(_find_same_ball(detections, row)):
                 del places[number]
                 continue
             steps[number] = row.centre[0] - places[number]
@@ -214,23 +211,20 @@ def _find_vertex(score: NDArray[np.float32], at: int) -> float:
     return 0.0 if curvature >= 0 else float(np.clip((left - right) / (2 * curvature), -0.5, 0.5))
 
 
-def _is_detected(detections: Detections, frame: int, centre: FloatArray, radius: float) -> bool:
-    """Return whether the detector has a ball at a place."""
-    first, end = np.searchsorted(detections.frame, [frame, frame + 1])
-    distance = np.hypot(*(detections.centre[first:end] - centre).T)
-    return bool((distance < OTHER_RADII * radius).any())
+def _find_same_ball(detections: Detections, placed: Detections) -> NDArray[np.int64]:
+    """Find the detections that are the same ball as the one detection of a placed ball; return their rows."""
+    first, end = np.searchsorted(detections.frame, [placed.frame[0], placed.frame[0] + 1])
+    distance = np.hypot(*(detections.centre[first:end] - placed.centre[0]).T)
+    return np.asarray(first + np.flatnonzero(distance < OTHER_RADII * placed.radius[0]))
 
 
 def _merge_rows(detections: Detections, rows: list[tuple[int, Detections]]) -> MarkedDetections:
     """Merge the detections of the detector with those of marks; a placed ball replaces detections at its place."""
-    rest = detections
+    is_kept = np.ones(len(detections), bool)
     for _, row in rows:
-        same = (rest.frame == row.frame[0]) & (
-            np.hypot(*(rest.centre - row.centre[0]).T) < OTHER_RADII * float(row.radius[0])
-        )
-        rest = rest.select_rows(~same) if same.any() else rest
+        is_kept[_find_same_ball(detections, row)] = False
+    rest = detections.select_rows(is_kept)
     parts = [rest, *(row for _, row in rows)]
     mark = np.concatenate([np.full(len(rest), -1, np.int64), np.array([number for number, _ in rows], np.int64)])
     order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
-    columns = (np.concatenate([getattr(part, one.name) for part in parts])[order] for one in fields(Detections))
-    return MarkedDetections(Detections(*columns), mark[order])
+    return MarkedDetections(concatenate_rows(parts, order), mark[order])

@@ -39,19 +39,6 @@ class Damaged:
 DetectionDamage = Callable[[FittedShot, ShotTruth, BallMatch, np.random.Generator], Damaged]
 
 
-def select_rows(detections: Detections, rows: NDArray[np.bool_] | IntArray) -> Detections:
-    """Select rows of detections.
-
-    Args:
-        detections: K detections.
-        rows: Mask (K,), or indices in order of frame.
-
-    Returns:
-        The selected ones.
-    """
-    return Detections(**{field.name: getattr(detections, field.name)[rows] for field in fields(Detections)})
-
-
 def remove_every_second_frame(
     shot: FittedShot, truth: ShotTruth, match: BallMatch, rng: np.random.Generator
 ) -> Damaged:
@@ -147,14 +134,14 @@ def _find_owners(shot: FittedShot) -> NDArray[np.str_]:
 
 def _keep_frames(recording: Recording, kept: IntArray) -> Damaged:
     rows = np.isin(recording.frame, kept)
-    detections = select_rows(recording.detections, np.isin(recording.detections.frame, kept))
+    detections = recording.detections.select_rows(np.isin(recording.detections.frame, kept))
     return Damaged(Recording(detections, recording.frame[rows], recording.t[rows], recording.scene), kept)
 
 
 def _drop(recording: Recording, remove: NDArray[np.bool_]) -> Damaged:
     if not remove.any():
         raise NothingToDamage("no detection to remove")
-    return Damaged(replace(recording, detections=select_rows(recording.detections, ~remove)))
+    return Damaged(replace(recording, detections=recording.detections.select_rows(~remove)))
 
 
 DETECTION_DAMAGES: dict[str, DetectionDamage] = {

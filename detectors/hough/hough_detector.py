@@ -10,7 +10,6 @@ import numpy as np
 
 from detectors.hough.circle_candidates import find_circle_candidates
 from detectors.hough.streak_candidates import StreakCandidates, find_streak_candidates, refine_streaks
-from detectors.measurement.array_columns import concatenate_rows
 from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.circle_fit import (
     DIRECTIONS,
@@ -36,6 +35,7 @@ from detectors.measurement.frame_detections import (
     suppress_overlaps,
 )
 from detectors.measurement.working_view import WorkingView, build_view, values_at
+from models.core.columns.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.measurement.array_columns import replace_rows, take_rows
 from detectors.measurement.cloth_background import SHADOW_WEIGHT
+from models.core.columns.array_columns import replace_rows, take_rows
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
 RAYS = 48

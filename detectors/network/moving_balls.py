@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from detectors.measurement.array_columns import concatenate_rows
 from detectors.measurement.frame_detections import NO_BALLS, FrameDetections, is_inside_streaks
 from detectors.measurement.motion_blur import fit_motion_blur
 from detectors.network.candidate_rules import CLEAR_SCORE, STREAK_RADII, is_certain
@@ -13,6 +12,7 @@ from detectors.network.offset_regressor import MIN_STREAK_RADII, OffsetRegressor
 from detectors.network.outline_fusion import CLEAR_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections
 from detectors.network.resting_balls import RestingBalls
+from models.core.columns.array_columns import concatenate_rows
 from models.core.typing import BoolArray
 
 MIN_DISPLACEMENT_RADII = 0.5

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from detectors.measurement.array_columns import replace_rows
 from detectors.measurement.circle_fit import MAX_RAY_RADII, Circles, fit_circles
 from detectors.measurement.frame_detections import FrameDetections
 from detectors.network.offset_regressor import OffsetRegressor, measure_discs
 from detectors.network.peak_decoding import CandidateDetections
+from models.core.columns.array_columns import replace_rows
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 

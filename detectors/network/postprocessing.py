@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detectors.measurement.array_columns import concatenate_rows
 from detectors.measurement.circle_fit import smooth_image
 from detectors.measurement.cloth_background import ClothBackground
 from detectors.measurement.frame_detections import FrameDetections, add_colours, is_inside_streaks
@@ -25,6 +24,7 @@ from detectors.network.offset_regressor import OffsetRegressor
 from detectors.network.outline_fusion import MIN_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections
 from detectors.network.resting_balls import RestingBalls, is_resting_ball, locate_resting_balls, refine_resting_balls
+from models.core.columns.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.typing import BoolArray, ByteArray, FloatArray
 

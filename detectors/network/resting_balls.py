@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from detectors.measurement.array_columns import replace_rows
 from detectors.measurement.circle_fit import Circles
 from detectors.measurement.frame_detections import FrameDetections
 from detectors.measurement.working_view import values_at
@@ -15,6 +14,7 @@ from detectors.network.frame_context import FrameContext
 from detectors.network.offset_regressor import OffsetRegressor
 from detectors.network.outline_fusion import CLEAR_SUPPORT, locate_outlines, refine_doubtful_discs
 from detectors.network.peak_decoding import CandidateDetections
+from models.core.columns.array_columns import replace_rows
 from models.core.typing import BoolArray, IntArray
 
 MIN_CLEAR_SIZE = 0.8

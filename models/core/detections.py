@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.columns.array_columns import take_rows
 from models.core.typing import FloatArray
 
 
@@ -57,7 +58,7 @@ class Detections:
 
     def select_rows(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Detections:
         """Return the detections of a mask (K,) or of rows in their order."""
-        return Detections(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return take_rows(self, rows)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.typing import FloatArray
+from models.core.columns.array_columns import concatenate_rows, take_rows
+from models.core.typing import BoolArray, FloatArray, IntArray
 
 EVENT_KINDS = ("strike", "ball", "cushion", "pocket", "rest")
 
@@ -56,3 +57,20 @@ class Events:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def select_rows(self, rows: IntArray | BoolArray) -> Events:
+        """Return the events of a mask (E,) or of rows in their order."""
+        return take_rows(self, rows)
+
+
+def merge_events(one: Events, two: Events) -> Events:
+    """Merge events by time; of events at the same time, those of `one` come first.
+
+    Args:
+        one: Events.
+        two: Other events.
+
+    Returns:
+        All of them.
+    """
+    return concatenate_rows([one, two], np.argsort(np.concatenate([one.t, two.t]), kind="stable"))

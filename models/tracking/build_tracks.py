@@ -90,23 +90,23 @@ def _find_balls(
     detections = marked.detections
     table_detections = project_detections(detections, frame, scene)
     pixels = TrackPixels(table_detections, detections, frame, t)
-    is_placed = marked.mark[table_detections.row] >= 0
+    is_marked = marked.mark[table_detections.row] >= 0
+
+    def is_placed(tracklet: Tracklet) -> bool:
+        return bool(is_marked[tracklet.row].any())
+
     chains = track_balls(table_detections, t, scene.table, options.breadth, options.patience, progress)
     tracklets = [
         tracklet
         for tracklet in cut_tracklets(chains, table_detections, t)
-        if is_placed[tracklet.row].any() or looks_like_ball(tracklet, table_detections, t, scene)
+        if is_placed(tracklet) or looks_like_ball(tracklet, table_detections, t, scene)
     ]
     linked = link_tracklets(tracklets, table_detections, t, scene.table)
-    likely = [
-        tracklet
-        for tracklet in linked
-        if is_placed[tracklet.row].any() or is_ball(tracklet, table_detections, t, scene)
-    ]
+    likely = [tracklet for tracklet in linked if is_placed(tracklet) or is_ball(tracklet, table_detections, t, scene)]
     balls = [
         tracklet
         for tracklet in likely
-        if is_placed[tracklet.row].any()
+        if is_placed(tracklet)
         or moves_like_ball(
             tracklet, [other for other in likely if other is not tracklet], table_detections, t, scene.table
         )

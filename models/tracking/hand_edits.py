@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.by_hand.corrections import BallMark, BallPlace, TrackEdit
+from models.core.by_hand.corrections import PLACE_RADII, BallMark, BallPlace, TrackEdit
 from models.core.detections import Detections
 from models.core.scene import Game
 from models.core.typing import FloatArray, IntArray
@@ -16,8 +16,6 @@ from models.tracking.ball_classes import SNOOKER_COLOURS
 from models.tracking.table_detections import TableDetections
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
-PLACE_RADII = 2.0
-"""Ball radii: largest distance of a place from the ball that it names. Beyond, another ball may be nearer."""
 END_FRAMES = 5
 """Frames before the first and after the last detection of a ball in which a place still names it."""
 SINGLE_CLASSES = {
@@ -62,10 +60,12 @@ def find_ball(balls: Sequence[Tracklet], place: BallPlace, pixels: TrackPixels) 
     Returns:
         Number of the nearest ball; None if none is within `PLACE_RADII`.
     """
+    if not balls:
+        return None
     at = int(np.searchsorted(pixels.frame, place.frame, side="right")) - 1
     distances = [_measure_distance(ball, at, place, pixels) for ball in balls]
-    nearest = int(np.argmin(distances)) if distances else 0
-    return nearest if distances and distances[nearest] <= PLACE_RADII else None
+    nearest = int(np.argmin(distances))
+    return nearest if distances[nearest] <= PLACE_RADII else None
 
 
 def _measure_distance(ball: Tracklet, at: int, place: BallPlace, pixels: TrackPixels) -> float:
@@ -73,9 +73,7 @@ def _measure_distance(ball: Tracklet, at: int, place: BallPlace, pixels: TrackPi
     if not ball.frame_index[0] - END_FRAMES <= at <= ball.frame_index[-1] + END_FRAMES:
         return np.inf
     rows = pixels.table_detections.row[ball.row]
-    centre = [np.interp(at, ball.frame_index, pixels.detections.centre[rows, axis]) for axis in (0, 1)]
-    radius = float(np.median(pixels.detections.radius[rows]))
-    return float(np.hypot(centre[0] - place.x_px, centre[1] - place.y_px)) / radius
+    return place.measure_distance(at, ball.frame_index, pixels.detections.centre[rows], pixels.detections.radius[rows])
 
 
 def find_false_detections(
@@ -115,12 +113,11 @@ def keep_placed_balls(balls: list[Tracklet], mark: IntArray, pixels: TrackPixels
     is_used = np.zeros(len(own), bool)
     for ball in balls:
         is_used[ball.row] = True
-    frame_of = np.repeat(np.arange(len(pixels.t)), np.diff(pixels.table_detections.first))
     added = []
     for number in np.unique(own[own >= 0]):
         rows = np.flatnonzero(own == number)
         if not is_used[rows].any():
-            added.append(make_tracklet(frame_of[rows], rows, pixels.table_detections, pixels.t))
+            added.append(_make_tracklet(rows, pixels))
     return [*balls, *added]
 
 
@@ -214,8 +211,11 @@ def _is_in_span(ball: Tracklet, first: int | None, last: int | None, pixels: Tra
     return is_inside
 
 
-def _select(ball: Tracklet, rows: NDArray[np.bool_], pixels: TrackPixels) -> Tracklet:
-    return make_tracklet(ball.frame_index[rows], ball.row[rows], pixels.table_detections, pixels.t)
+def _make_tracklet(rows: IntArray, pixels: TrackPixels) -> Tracklet:
+    """Make a tracklet of rows of the detections on the table, in any order."""
+    rows = np.sort(rows)
+    frame_index = np.searchsorted(pixels.table_detections.first, rows, side="right") - 1
+    return make_tracklet(frame_index, rows, pixels.table_detections, pixels.t)
 
 
 def _split_ball(edited: list[EditedBall], one: int, edit: TrackEdit, pixels: TrackPixels) -> list[EditedBall]:
@@ -224,36 +224,23 @@ def _split_ball(edited: list[EditedBall], one: int, edit: TrackEdit, pixels: Tra
     is_later = _is_in_span(ball, edit.first, None, pixels)
     if is_later.all() or not is_later.any():
         return []
-    edited[one] = replace(edited[one], tracklet=_select(ball, ~is_later, pixels))
-    return [EditedBall(_select(ball, is_later, pixels))]
+    edited[one] = replace(edited[one], tracklet=_make_tracklet(ball.row[~is_later], pixels))
+    return [EditedBall(_make_tracklet(ball.row[is_later], pixels))]
 
 
 def _merge_tracklets(ball: Tracklet, other: Tracklet, pixels: TrackPixels) -> Tracklet:
     """Join two tracks; where both have a detection, the first one's counts."""
     is_free = ~np.isin(other.frame_index, ball.frame_index)
-    return _join(ball.frame_index, ball.row, other.frame_index[is_free], other.row[is_free], pixels)
+    return _make_tracklet(np.concatenate([ball.row, other.row[is_free]]), pixels)
 
 
 def _swap_span(
     ball: Tracklet, other: Tracklet, edit: TrackEdit, pixels: TrackPixels
 ) -> tuple[Tracklet, Tracklet] | None:
     """Exchange the detections of two balls in a span of frames; None if nothing of one of them would remain."""
-    inside = [_is_in_span(one, edit.first, edit.last, pixels) for one in (ball, other)]
-    if not (inside[0].any() or inside[1].any()):
+    inside, other_inside = (_is_in_span(one, edit.first, edit.last, pixels) for one in (ball, other))
+    mine = np.concatenate([ball.row[~inside], other.row[other_inside]])
+    theirs = np.concatenate([other.row[~other_inside], ball.row[inside]])
+    if not (inside.any() or other_inside.any()) or not len(mine) or not len(theirs):
         return None
-    mine, theirs = (
-        (one.frame_index[~within], one.row[~within], two.frame_index[there], two.row[there])
-        for one, within, two, there in ((ball, inside[0], other, inside[1]), (other, inside[1], ball, inside[0]))
-    )
-    if not len(mine[0]) + len(mine[2]) or not len(theirs[0]) + len(theirs[2]):
-        return None
-    return _join(*mine, pixels), _join(*theirs, pixels)
-
-
-def _join(
-    frame_index: IntArray, row: IntArray, more_frames: IntArray, more_rows: IntArray, pixels: TrackPixels
-) -> Tracklet:
-    """Make a tracklet of the detections of two, in the order of time."""
-    frames, rows = np.concatenate([frame_index, more_frames]), np.concatenate([row, more_rows])
-    order = np.argsort(frames, kind="stable")
-    return make_tracklet(frames[order], rows[order], pixels.table_detections, pixels.t)
+    return _make_tracklet(mine, pixels), _make_tracklet(theirs, pixels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from models.core.by_hand.corrections import Corrections
 from models.core.progress import Progress
@@ -74,7 +74,7 @@ class EditSession:
         self._run: ClipRun | None = None
         self._view: dict[str, Any] | None = None
         self._result, self._stage, self._share, self._error, self._note = -1, "", 0.0, "", ""
-        self._wanted: str = "tables"
+        self._wanted: Literal["", "tables", "all"] = "tables"
         self._is_closed = False
         self._frames: FrameImages | None = None
         self._worker = threading.Thread(target=self._work, daemon=True)
@@ -97,7 +97,7 @@ class EditSession:
                 "revision": self._file.revision,
                 "result": self._result,
                 "corrections": describe_corrections(self._file.corrections),
-                "set_by_hand": [note.partition(": ")[2] for note in format_corrections(self._file.corrections)],
+                "set_by_hand": format_corrections(self._file.corrections),
                 "run": self._view,
             }
 

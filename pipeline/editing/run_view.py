@@ -16,7 +16,7 @@ from models.estimation.contact_test.shot_record import make_shot_record
 from pipeline.reporting.pages.run_report import answer_calls
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
-from pipeline.reporting.text.correction_sentences import format_outcome
+from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_event
 from video.drawing.palette import ball_colour
@@ -82,7 +82,7 @@ def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str,
             for place in select_check_places(tracks, fit, scene.table)
         ],
         "trust": {"level": trust.level, "reasons": list(trust.reasons)},
-        "contradictions": [sentence for one in fit.mark_outcomes if (sentence := format_outcome(one))],
+        "contradictions": list(format_outcomes(fit.mark_outcomes)),
         "calls": calls,
         "changes": [] if before is None else [*compare_events(before.fit.events, fit.events),
                                               *compare_calls(list_calls(before), calls)],

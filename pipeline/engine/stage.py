@@ -14,6 +14,11 @@ Inputs = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Options of a stage without options."""
+
+
+@dataclass(frozen=True, slots=True)
 class Stage:
     """One step of the chain.
 

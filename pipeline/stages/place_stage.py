@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from models.core.by_hand.corrections import BallMark, Corrections
 from models.core.detections import MarkedDetections
 from models.core.progress import Progress
-from pipeline.engine.stage import Inputs, Stage
+from pipeline.engine.stage import Inputs, NoOptions, Stage
 from pipeline.stages.correction_facts import describe_facts, list_placed_balls
-
-
-@dataclass(frozen=True, slots=True)
-class PlaceOptions:
-    """Options of the stage, which has none beside the corrections."""
 
 
 def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
@@ -31,11 +25,11 @@ def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
     if not placed:
         return ()
     run, facts = partial(_add_balls, placed), describe_facts(Corrections(balls=placed))
-    return (Stage("place", __name__, ("read", "calibrate", "detect"), MarkedDetections, run, PlaceOptions(), facts),)
+    return (Stage("place", __name__, ("read", "calibrate", "detect"), MarkedDetections, run, NoOptions(), facts),)
 
 
 def _add_balls(
-    placed: tuple[BallMark, ...], inputs: Inputs, options: PlaceOptions, folder: Path, progress: Progress
+    placed: tuple[BallMark, ...], inputs: Inputs, options: NoOptions, folder: Path, progress: Progress
 ) -> MarkedDetections:
     """Measure and follow the placed balls."""
     from detectors.placed_balls import add_placed_balls  # slow to import

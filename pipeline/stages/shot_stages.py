@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from models.core.progress import Progress
-from pipeline.engine.stage import Inputs, Stage
+from pipeline.engine.stage import Inputs, NoOptions, Stage
 from video.io.clip import Clip
 
 
@@ -36,11 +36,6 @@ class ClipShot:
     def clip(self) -> Clip:
         """Its frames as a clip, with indices and times from its first frame."""
         return self.whole.extract_subclip(self.first, self.stop)
-
-
-@dataclass(frozen=True, slots=True)
-class NoOptions:
-    """Options of a stage without options."""
 
 
 def shots_stage() -> Stage:

@@ -20,9 +20,9 @@ from support.planted_mistakes import (
     Mistake,
     SilentWatcher,
     list_differences,
-    make_clean_run,
     plant,
     point_of,
+    prepare_mistake,
     run_clip_tables,
 )
 from support.sample_clips import SAMPLES
@@ -35,11 +35,6 @@ from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
 from pipeline.run_options import build_options
-
-
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanRun:
-    return make_clean_run(tmp_path_factory.mktemp("clean"))
 
 
 def place(run: ClipRun, ball: str, frame: int) -> BallPlace:
@@ -85,10 +80,8 @@ REPAIRS: dict[str, Callable[[ClipRun], Corrections]] = {
 @pytest.mark.slow
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda one: one.name)
 def test_a_corrected_run_equals_the_run_without_the_mistake(mistake: Mistake, clean: CleanRun, tmp_path: Path) -> None:
-    shutil.copytree(clean.located if mistake.detects else clean.detected, tmp_path / "cache")
-    clip = Path(shutil.copy(clean.clip, tmp_path))
+    clip = prepare_mistake(mistake, clean, tmp_path)
     with plant(mistake, clean.run, clean.detections):
-        write_corrections(clip, CorrectionsFile(1, "", mistake.corrections(clean.run)))
         wrong = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
         assert list_differences(wrong, clean.run) or np.ptp(
             wrong.scene.camera.corners_px - clean.run.scene.camera.corners_px

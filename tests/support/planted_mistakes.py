@@ -17,18 +17,20 @@ import detectors.detect
 import models.estimation.reconstruction.fit_shot as fit_shot
 import models.tracking.build_tracks as build_tracks
 from models.core.by_hand.corrections import Corrections
+from models.core.columns.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.graph_marks import HELD_GAIN
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.segmentation.contact_graph import Contact
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 from pipeline.chain import build_fit_graph, run_tables
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import StageGraph, load_stage_output
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
 from pipeline.run_options import RunOptions, build_options
 
 OPTIONS: RunOptions = build_options({"laws": False})
@@ -103,6 +105,14 @@ def make_clean_run(folder: Path) -> CleanRun:
     return CleanRun(clip, run, detections, folder / "located", folder / "detected")
 
 
+def prepare_mistake(mistake: Mistake, clean: CleanRun, folder: Path) -> Path:
+    """Copy the clip, its corrections and the cached stages before a mistake to a folder; return the clip."""
+    shutil.copytree(clean.located if mistake.detects else clean.detected, folder / "cache")
+    clip = Path(shutil.copy(clean.clip, folder))
+    write_corrections(clip, CorrectionsFile(1, "", mistake.corrections(clean.run)))
+    return clip
+
+
 @contextmanager
 def plant(mistake: Mistake, truth: ClipRun, detections: Detections) -> Iterator[None]:
     """Let the stages of this process make a mistake."""
@@ -129,15 +139,10 @@ def _drop_ball(run: ClipRun, detections: Detections) -> list[tuple[Any, str, Any
 
 
 def _add_false_ball(run: ClipRun, detections: Detections) -> list[tuple[Any, str, Any]]:
-    rows = np.flatnonzero(_is_near(detections, run, "stripe-2"))
-    spot = detections.select_rows(rows)
+    spot = detections.select_rows(_is_near(detections, run, "stripe-2"))
     spot = replace(spot, centre=spot.centre - spot.centre.mean(axis=0) + FALSE_PLACE)
-    columns = {
-        name: np.concatenate([getattr(detections, name), getattr(spot, name)])
-        for name in Detections.__dataclass_fields__
-    }
-    order = np.argsort(columns["frame"], kind="stable")
-    merged = Detections(**{name: column[order] for name, column in columns.items()})
+    order = np.argsort(np.concatenate([detections.frame, spot.frame]), kind="stable")
+    merged = concatenate_rows([detections, spot], order)
     return [(detectors.detect, "detect_balls", lambda *_: merged)]
 
 
@@ -226,8 +231,7 @@ def _lose_contact(solution: Any, run: ClipRun) -> Any:
     graph, ball = solution.graph, run.tracks.ids.index("solid-1")
     for number, contact in enumerate(graph.contacts):
         if contact.cushion == "bottom" and graph.balls_at(contact) == {ball} and contact.gain < HELD_GAIN:
-            free = replace(contact, kind="free", cushion="")
-            return ContactGraph(graph.segments, (*graph.contacts[:number], free, *graph.contacts[number + 1 :]))
+            return graph.replace_contact(number, replace(contact, kind="free", cushion=""))
     return None
 
 

@@ -6,8 +6,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from models.core.scene import CUSHIONS
 from models.core.tracks import KINDS
+from models.core.typing import FloatArray, IntArray
 
 BallMarkKind = Literal["placed", "false"]
 """`placed`: a ball that the detector missed; `false`: what was tracked there is no ball."""
@@ -26,6 +29,8 @@ LARGEST_FRAME = 1e9
 """A year of video at 30 frames per second."""
 NAME_CHARACTERS = 32
 """Characters of the longest name of a ball."""
+PLACE_RADII = 2.0
+"""Ball radii: largest distance of a place from the ball that it names. Beyond, another ball may be nearer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,21 @@ class BallPlace:
         _require_frame(self.frame)
         if not (abs(self.x_px) <= LARGEST_PX and abs(self.y_px) <= LARGEST_PX):
             raise ValueError(f"x_px and y_px are at most {LARGEST_PX:.0f} px; got {self.x_px} and {self.y_px}")
+
+    def measure_distance(self, at: float, time: IntArray, px: FloatArray, radius_px: FloatArray) -> float:
+        """Return how far a ball is from this place, in its radii.
+
+        Args:
+            at: When, in the unit of `time`; before and after the path, its ends count.
+            time: (n,) frames of the path of the ball, or their indices.
+            px: (n, 2) places of the ball.
+            radius_px: (n,) radii of the ball.
+
+        Returns:
+            The distance.
+        """
+        x, y = (np.interp(at, time, px[:, axis]) for axis in (0, 1))
+        return float(np.hypot(x - self.x_px, y - self.y_px)) / float(np.nanmedian(radius_px))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,33 +180,34 @@ class Corrections:
         def move(place: BallPlace) -> BallPlace:
             return replace(place, frame=place.frame - first)
 
+        def move_other(place: BallPlace | None) -> BallPlace | None:
+            return None if place is None else move(place)
+
         def move_frame(frame: int | None) -> int | None:
             return None if frame is None else max(frame - first, 0)
 
-        return replace(
-            self,
-            balls=tuple(
-                replace(one, ball=move(one.ball), first=move_frame(one.first), last=move_frame(one.last))
-                for one in self.balls
-                if is_inside(one.ball)
-            ),
-            tracks=tuple(
-                replace(
-                    one, ball=move(one.ball), other=None if one.other is None else move(one.other),
-                    first=move_frame(one.first), last=move_frame(one.last),
-                )
-                for one in self.tracks
-                if is_inside(one.ball, one.other)
-            ),
-            contacts=tuple(
-                replace(
-                    one, frame=one.frame - first, to_frame=None if one.to_frame is None else one.to_frame - first,
-                    ball=move(one.ball), other=None if one.other is None else move(one.other),
-                )
-                for one in self.contacts
-                if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
-            ),
+        balls = (
+            replace(one, ball=move(one.ball), first=move_frame(one.first), last=move_frame(one.last))
+            for one in self.balls
+            if is_inside(one.ball)
+        )
+        tracks = (
+            replace(
+                one, ball=move(one.ball), other=move_other(one.other),
+                first=move_frame(one.first), last=move_frame(one.last),
+            )
+            for one in self.tracks
+            if is_inside(one.ball, one.other)
         )  # fmt: skip
+        contacts = (
+            replace(
+                one, ball=move(one.ball), other=move_other(one.other),
+                frame=one.frame - first, to_frame=None if one.to_frame is None else one.to_frame - first,
+            )
+            for one in self.contacts
+            if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
+        )  # fmt: skip
+        return replace(self, balls=tuple(balls), tracks=tuple(tracks), contacts=tuple(contacts))
 
 
 NO_CORRECTIONS = Corrections()

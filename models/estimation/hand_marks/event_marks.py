@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from models.core.events import Events
+from models.core.events import Events, merge_events
 from models.core.shot_explanation import CauseHypothesis, MarkOutcome, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.graph_marks import HAND_ODDS, HAND_TIME_FRAMES
@@ -58,12 +57,13 @@ def _weigh_time(
     for k in rows:
         probability[k] = _multiply_odds(float(probability[k]), odds)
     weighed = replace(events, probability=probability)
-    likely = [k for k in range(len(events)) if k not in rows or probability[k] >= MIN_LISTED_PROBABILITY]
+    is_listed = probability >= MIN_LISTED_PROBABILITY
+    is_listed[~np.isin(np.arange(len(events)), rows)] = True
     moments = tuple(
         _weigh_moment(moment, mark, odds, ids) if abs(moment.t - t) <= mark.tolerance else moment
         for moment in explanation.moments
     )
-    return _select_events(weighed, likely), replace(explanation, moments=moments)
+    return weighed.select_rows(is_listed), replace(explanation, moments=moments)
 
 
 def _weigh_moment(moment: Moment, mark: ResolvedMark, odds: float, ids: tuple[str, ...]) -> Moment:
@@ -96,31 +96,15 @@ def _add_event(
     a, other = tracks.ids[mark.a], mark.mark.cushion or (tracks.ids[mark.b] if mark.b != NO_BALL else "")
     row = float(np.interp(mark.t, tracks.t, tracks.frame))
     nan = float("nan")
-    values = (mark.mark.cause, mark.t, HAND_TIME_FRAMES * interval, row, a, other, xy, p, nan, nan, nan)
-    at = int(np.searchsorted(events.t, mark.t))
-    columns: list[Any] = [getattr(events, one.name) for one in fields(Events)]
-    added = Events(*(_insert_value(column, at, value) for column, value in zip(columns, values, strict=True)))
+    numbers = (np.array([value]) for value in (p, nan, nan, nan))
+    added = Events(
+        (mark.mark.cause,), np.array([mark.t]), np.array([HAND_TIME_FRAMES * interval]), np.array([row]),
+        (a,), (other,), xy[None], *numbers,
+    )  # fmt: skip
     hypotheses = (CauseHypothesis(mark.mark.cause, other, p), CauseHypothesis("none", "", 1 - p))
     moment = Moment(a, mark.t, HAND_TIME_FRAMES * interval, xy, hypotheses)
     moments = tuple(sorted((*explanation.moments, moment), key=lambda one: one.t))
-    return added, replace(explanation, moments=moments)
-
-
-def _insert_value(column: Any, at: int, value: Any) -> Any:
-    """Insert a value into a column, a tuple or an array."""
-    if isinstance(column, np.ndarray):
-        return np.insert(column, at, value, axis=0)
-    return (*column[:at], value, *column[at:])
-
-
-def _select_events(events: Events, rows: list[int]) -> Events:
-    if len(rows) == len(events):
-        return events
-    columns: list[Any] = [getattr(events, one.name) for one in fields(Events)]
-    selected: list[Any] = [
-        column[rows] if isinstance(column, np.ndarray) else tuple(column[k] for k in rows) for column in columns
-    ]
-    return Events(*selected)
+    return merge_events(added, events), replace(explanation, moments=moments)
 
 
 def _find_events(events: Events, mark: ResolvedMark, t: float, ids: tuple[str, ...]) -> list[int]:

@@ -30,6 +30,7 @@ from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
+from models.estimation.structure_search.missed_cushions import guess_rebound
 
 HAND_ODDS = 1000.0
 """Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess."""
@@ -43,6 +44,8 @@ CLEAR_GAIN = 20.0
 """chi2 from which the motion shows a contact: its price in the structure search."""
 REACH_RADII = 1.0
 """Ball radii between two surfaces beyond which they cannot have met."""
+STRIKE_SAMPLES = 6
+"""Samples after a strike from which its velocity is guessed."""
 CONTRADICTION_SIGMAS = 3.0
 """Standard deviations by which the fitted time differs from the one that was set: one in 400 by chance."""
 
@@ -93,7 +96,7 @@ def settle_marks(
         number = find_contact(solution.graph, mark, mark.t)
         if mark.mark.kind != "delete" and number is not None:
             gain = _evaluate_gain(solution, number, fit)
-            graph = _replace_contact(solution.graph, number, replace(solution.graph.contacts[number], gain=gain))
+            graph = solution.graph.replace_contact(number, replace(solution.graph.contacts[number], gain=gain))
             solution = replace(solution, graph=graph)
             outcome = ("confirmed" if gain >= CLEAR_GAIN else "no_change", gain)
         outcomes.append(describe_outcome(mark, ids, *outcome))
@@ -177,13 +180,13 @@ def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, fit:
     contact = solution.graph.contacts[number]
     fixed = replace(contact, gain=HELD_GAIN)
     if mark.mark.kind == "move" and abs(contact.t - mark.t) > mark.tolerance / 2:
-        trial = _replace_contact(solution.graph, number, replace(fixed, t=mark.t))
+        trial = solution.graph.replace_contact(number, replace(fixed, t=mark.t))
         spans = [(trial.start_time(k), trial.end_time(k)) for k in (*fixed.before, *fixed.after)]
         if all(end > start + MIN_CONTACT_INTERVAL for start, end in spans):
             moved = refine_graph(trial, fit.observations, fit.table, initial=solution)
             if moved.chi2 < solution.chi2 + HAND_CHI2:
                 return moved
-    return replace(solution, graph=_replace_contact(solution.graph, number, fixed))
+    return replace(solution, graph=solution.graph.replace_contact(number, fixed))
 
 
 def _delete_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
@@ -197,7 +200,7 @@ def _delete_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit)
         trials.append(_refine(separate_balls(graph, number), solution, fit))
     else:
         free = replace(graph.contacts[number], kind="free", cushion="", gain=0.0)
-        trials.append(_refine(_replace_contact(graph, number, free), solution, fit))
+        trials.append(_refine(graph.replace_contact(number, free), solution, fit))
     best = min(trials, key=lambda trial: total_cost(trial, fit.prices))
     if best is trials[0]:
         return best, ("confirmed", best.chi2 - solution.chi2)
@@ -219,7 +222,7 @@ def _insert_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit)
     if number is None:  # the motion puts it at another time
         return solution, ("no_change", solution.chi2 - trial.chi2)
     fixed = replace(trial.graph.contacts[number], gain=HELD_GAIN)
-    return replace(trial, graph=_replace_contact(trial.graph, number, fixed)), ("confirmed", np.nan)
+    return replace(trial, graph=trial.graph.replace_contact(number, fixed)), ("confirmed", np.nan)
 
 
 def _measure_gap(solution: JointSolution, mark: ResolvedMark, table: Table) -> float:
@@ -255,23 +258,21 @@ def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) 
     graph = solution.graph
     change = find_unexplained_change(graph, mark.a, mark.t, mark.tolerance)
     if change is not None:
-        return _replace_contact(
-            graph, change, replace(graph.contacts[change], kind=mark.mark.cause, cushion=mark.mark.cushion)
+        return graph.replace_contact(
+            change, replace(graph.contacts[change], kind=mark.mark.cause, cushion=mark.mark.cushion)
         )
     k = find_segment_at(graph, mark.a, mark.t)
     if not graph.start_time(k) + MIN_CONTACT_INTERVAL < mark.t < graph.end_time(k) - MIN_CONTACT_INTERVAL:
         return None
-    state = np.concatenate([_evaluate_ball(solution, mark.a, mark.t), np.zeros(2)])
-    later = (fit.observations.ball == mark.a) & (fit.observations.t >= mark.t)
+    before, data = _evaluate_ball(solution, mark.a, mark.t), fit.observations
     if mark.mark.cushion:
-        inward = INWARD_NORMALS[CUSHIONS.index(mark.mark.cushion)]
-        push = -1.75 * min(float(inward @ state[2:4]), 0.0) * inward
-        state[2:4] += push
-        state[4:6] += push
-    elif later.sum() > 1:
-        rows = np.flatnonzero(later & (fit.observations.t < graph.end_time(k)))[:6]
+        state = guess_rebound(before, INWARD_NORMALS[CUSHIONS.index(mark.mark.cushion)])
+    else:
+        state = np.concatenate([before, np.zeros(2)])
+        is_after = (data.ball == mark.a) & (data.t >= mark.t) & (data.t < graph.end_time(k))
+        rows = np.flatnonzero(is_after)[:STRIKE_SAMPLES]
         if len(rows) > 1:
-            state[2:4] = np.polynomial.polynomial.polyfit(fit.observations.t[rows], fit.observations.xy[rows], 1)[1]
+            state[2:4] = np.polynomial.polynomial.polyfit(data.t[rows], data.xy[rows], 1)[1]
             state[4:6] = state[2:4]
     contact = Contact(mark.mark.cause, mark.t, (k,), (), mark.mark.cushion)
     return graph.insert_contact(contact, (state,))
@@ -285,8 +286,3 @@ def _evaluate_gain(solution: JointSolution, number: int, fit: MarkedFit) -> floa
 
 def _refine(graph: ContactGraph, initial: JointSolution, fit: MarkedFit) -> JointSolution:
     return refine_graph(graph, fit.observations, fit.table, initial=initial)
-
-
-def _replace_contact(graph: ContactGraph, number: int, contact: Contact) -> ContactGraph:
-    contacts = tuple(contact if k == number else one for k, one in enumerate(graph.contacts))
-    return ContactGraph(graph.segments, contacts)

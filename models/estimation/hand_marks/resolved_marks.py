@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.by_hand.corrections import BallPlace, ContactCorrection
+from models.core.by_hand.corrections import PLACE_RADII, BallPlace, ContactCorrection
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 
-PLACE_RADII = 2.0
-"""Ball radii: largest distance of a place from the ball that it names, as for edits of tracks."""
 TIME_FRAMES = 2.5
 """Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
 fit may place it one further."""
@@ -80,10 +78,9 @@ def find_tracked_ball(tracks: Tracks, place: BallPlace) -> int | None:
         rows = np.flatnonzero(tracks.is_observed[:, ball])
         if not len(rows):
             continue
-        frames = tracks.frame[rows]
-        centre = [np.interp(place.frame, frames, tracks.px[rows, ball, axis]) for axis in (0, 1)]
-        radius = float(np.nanmedian(tracks.radius_px[rows, ball]))
-        distance = float(np.hypot(centre[0] - place.x_px, centre[1] - place.y_px)) / radius
+        distance = place.measure_distance(
+            place.frame, tracks.frame[rows], tracks.px[rows, ball], tracks.radius_px[rows, ball]
+        )
         if distance < best:
             best, number = distance, ball
     return number

@@ -232,12 +232,12 @@ def _fit_tracks(
     all_observations = observations = collect_observations(selected)
     if len(observations.t) == 0:
         return _fit_without_physics(tracks, options, "No ball was detected."), None
-    prices, rounds = (options.break_price, options.free_price), 3
+    prices = (options.break_price, options.free_price)
 
     def log(name: str, after: JointSolution) -> JointSolution:
         return log_pass(name, solution, after, prices)
 
-    solution = refine_graph(_build_initial_graph(selected, table, options), observations, table, iterations=30)
+    solution = refine_graph(_build_initial_graph(selected, table, options), observations, table)
     progress(0.4)
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
     solution = log("strike times", refit_strikes(solution, observations, table))
@@ -245,14 +245,14 @@ def _fit_tracks(
     if marks:
         solution = log("marks by hand", apply_marks(solution, marks, MarkedFit(observations, table, prices)))
     progress(0.6)
-    solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
+    solution = log("structure search", revise_graph(solution, observations, table, *prices))
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
     reestimated = reestimate_noise(selected, tracks, noise, solution, observations)
     if reestimated is not None:
         selected = reestimated
         observations = replace(observations, whiten=collect_observations(selected).whiten)
         solution = log("new noise", refine_graph(solution.graph, observations, table, initial=solution))
-        solution = log("structure search", revise_graph(solution, observations, table, *prices, rounds))
+        solution = log("structure search", revise_graph(solution, observations, table, *prices))
     solution = log("strike times", refit_strikes(solution, observations, table))
     solution = log("rebounds", refit_rebounds(solution, observations, table))
     after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)

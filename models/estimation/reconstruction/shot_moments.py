@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.capture_clock import CaptureClock
-from models.core.events import Events
+from models.core.events import Events, merge_events
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.contact_test.candidate_contacts import evaluate_close_pass
@@ -128,25 +128,15 @@ def _insert_contacts(
     events: Events, rows: list[tuple[int, int, ContactTestResult, float, np.ndarray]], tracks: Tracks
 ) -> Events:
     """Insert contacts of balls into events."""
+    rows = sorted(rows, key=lambda row: row[2].t)
     results = [row[2] for row in rows]
-    t = np.concatenate([events.t, [result.t for result in results]])
-    order = np.argsort(t, kind="stable")
-
-    def merge(own: np.ndarray, added: list[float]) -> np.ndarray:
-        return np.concatenate([own, added])[order]
-
-    def merge_text(own: tuple[str, ...], added: list[str]) -> tuple[str, ...]:
-        both = (*own, *added)
-        return tuple(both[k] for k in order)
-
-    return Events(
-        merge_text(events.kind, ["ball"] * len(rows)), t[order],
-        merge(events.t_sigma, [max(result.t_sigma, 1e-6) for result in results]), frame_at(tracks, t)[order],
-        merge_text(events.a, [tracks.ids[row[0]] for row in rows]),
-        merge_text(events.b, [tracks.ids[row[1]] for row in rows]),
-        np.concatenate([events.xy, [row[4] for row in rows]])[order],
-        merge(events.probability, [row[3] for row in rows]),
-        merge(events.gap, [result.gap for result in results]),
-        merge(events.gap_sigma, [result.gap_sigma for result in results]),
-        merge(events.speed, [result.closing for result in results]),
+    t = np.array([result.t for result in results])
+    added = Events(
+        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), frame_at(tracks, t),
+        tuple(tracks.ids[row[0]] for row in rows), tuple(tracks.ids[row[1]] for row in rows),
+        np.array([row[4] for row in rows]), np.array([row[3] for row in rows]),
+        np.array([result.gap for result in results]), np.array([result.gap_sigma for result in results]),
+        np.array([result.closing for result in results]),
     )  # fmt: skip
+    merged = merge_events(events, added)
+    return replace(merged, frame=frame_at(tracks, merged.t))

@@ -133,6 +133,10 @@ class ContactGraph:
         ]
         return ContactGraph(tuple(segments), tuple(contacts))
 
+    def replace_contact(self, number: int, contact: Contact) -> ContactGraph:
+        """Replace a contact by one that joins the same segments."""
+        return ContactGraph(self.segments, (*self.contacts[:number], contact, *self.contacts[number + 1 :]))
+
     def insert_contact(self, contact: Contact, states: tuple[FloatArray, ...]) -> ContactGraph:
         """Insert a contact that cuts the segments `contact.before`; `states` (8,) are those after it.
 

@@ -22,6 +22,8 @@ from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematic
 
 OVERSHOOT_RADII = 0.2
 """Ball radii: a path that goes so far into a cushion has met it."""
+REBOUND = 1.75
+"""Change of the velocity across a guessed rebound, over the velocity towards the cushion: three quarters come back."""
 
 SLIPPING, STICKING = (np.array([CUSHION_RESTITUTION[0], 0.0, grip]) for grip in (0.0, 1.0))
 """`JointSolution.rubber` of the two extreme noses: a mirror law's and Mathavan's."""
@@ -172,14 +174,26 @@ def insert_crossed_cushions(
         crossing = int(np.argmax(depth[:, side] > 0))
         if crossing in (0, len(t) - 1) or -INWARD_NORMALS[side] @ path[crossing, 2:4] < 0:
             continue
-        before = path[crossing]
-        after = np.concatenate([before, np.zeros(2)])
-        push = -1.75 * (INWARD_NORMALS[side] @ before[2:4]) * INWARD_NORMALS[side]
-        after[2:4] += push
-        after[4:6] += push
         contact = Contact("cushion", float(t[crossing]), (k,), (), CUSHIONS[side])
-        graph = graph.insert_contact(contact, (after,))
+        graph = graph.insert_contact(contact, (guess_rebound(path[crossing], INWARD_NORMALS[side]),))
     return graph
+
+
+def guess_rebound(state: FloatArray, inward: FloatArray) -> FloatArray:
+    """Guess the state after a contact with a cushion, from which a refinement starts.
+
+    Args:
+        state: (6,) place, velocity and slip before the contact.
+        inward: (2,) unit normal of the cushion.
+
+    Returns:
+        (8,) state of a segment that begins there; the velocity is that before where the ball moves away already.
+    """
+    after = np.concatenate([state, np.zeros(2)])
+    push = -REBOUND * min(float(inward @ state[2:4]), 0.0) * inward
+    after[2:4] += push
+    after[4:6] += push
+    return after
 
 
 def _is_in_pocket_mouth(x: FloatArray, table: Table) -> bool:

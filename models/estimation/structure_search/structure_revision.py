@@ -442,8 +442,7 @@ def _merge_double_strike(
         return None
     shorter = graph.remove_contact(number)
     index = end if end < number else end - 1
-    contacts = tuple(replace(c, kind="strike") if k == index else c for k, c in enumerate(shorter.contacts))
-    return ContactGraph(shorter.segments, contacts)
+    return shorter.replace_contact(index, replace(shorter.contacts[index], kind="strike"))
 
 
 def _find_passing_segment(

@@ -1,5 +1,6 @@
 // The page of `trueroll edit`: it shows a run and turns clicks, touches and keys into corrections.
 const $ = (id) => document.getElementById(id);
+const element = (name, properties = {}) => Object.assign(document.createElement(name), properties);
 const SVG = "http://www.w3.org/2000/svg";
 const POLL_MS = 400;
 const PLAY_MS = 90;
@@ -13,7 +14,7 @@ const NEAR_FRAMES = 2.5;
 const RATES = ["23.976", "24", "25", "29.97", "30", "50", "59.94", "60", "100", "120", "240"];
 
 const page = {
-  state: null, status: null, row: 0, ball: null, event: null, ask: null, check: -1, place: null, timer: null,
+  state: null, row: 0, ball: null, event: null, ask: null, check: -1, place: null, timer: null,
   corners: null, cross: null, paths: new Map(), busy: false,
 };
 
@@ -26,7 +27,7 @@ async function send(method, path, body) {
   const content = await answer.json();
   if (!answer.ok) {
     if (answer.status === 412) await load();
-    tell(content.error);
+    showMessage(content.error);
     return null;
   }
   return content;
@@ -47,7 +48,7 @@ async function change(edit) {
     }
     return Boolean(status);
   } catch {
-    tell("The editor does not answer; is trueroll edit still running?");
+    showMessage("The editor does not answer; is trueroll edit still running?");
     return false;
   } finally {
     page.busy = false;
@@ -58,7 +59,7 @@ async function act(path) {
   if (page.busy || !page.state) return;
   const status = await send("POST", path);
   if (!status) return;
-  if (status.note !== undefined && status.revision === undefined) tell(status.note);
+  if (status.note !== undefined && status.revision === undefined) showMessage(status.note);
   else if (status.revision !== page.state.revision) await load();
 }
 
@@ -84,7 +85,6 @@ async function poll() {
 }
 
 function showStatus(status) {
-  page.status = status;
   page.firstRevision ??= status.revision;
   const words = { read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls",
     place: "Measuring placed balls", track: "Tracking balls", fit: "Fitting the motion", export: "Writing the tables",
@@ -100,11 +100,11 @@ function showStatus(status) {
   $("undo").disabled = !status.can_undo;
   $("redo").disabled = !status.can_redo;
   $("finish").disabled = Boolean(runs);
-  if (status.error && status.error !== page.lastError) tell(status.error);
+  if (status.error && status.error !== page.lastError) showMessage(status.error);
   page.lastError = status.error;
 }
 
-function tell(sentence) {
+function showMessage(sentence) {
   $("message").hidden = false;
   $("message").firstElementChild.textContent = sentence;
 }
@@ -133,7 +133,6 @@ function show(row) {
   $("when").textContent = `frame ${frame()}, ${seconds.toFixed(3)} s`;
   $("slider").setAttribute("aria-valuetext", $("when").textContent);
   draw();
-  mark();
 }
 
 function pointOf(id, number) { // the point of a ball in a frame, or in the nearest frame that has one
@@ -143,11 +142,14 @@ function pointOf(id, number) { // the point of a ball in a frame, or in the near
   return best;
 }
 
+const pointHere = (id) => page.paths.get(id).find((point) => point[0] === frame());
+
 function placeOf(id, number = frame()) { // how corrections name a ball
   const point = pointOf(id, number);
   return point && { frame: point[0], x_px: point[1], y_px: point[2], id };
 }
 
+const imageScale = () => run().image[0] / Math.max($("overlay").clientWidth, 1); // px of the frame per px of the screen
 const showsCorners = () => !run().moves || page.row === 0; // of a moving camera they belong to its first frame
 const corners = () => page.corners ?? page.state.corrections.corners ?? run().corners;
 const add = (list, name, entry) => { list[name] = [...(list[name] ?? []), entry]; };
@@ -167,7 +169,7 @@ function draw() {
   svg.replaceChildren();
   if (!run()) return;
   const [width, height] = run().image;
-  const scale = width / Math.max(svg.clientWidth, 1);
+  const scale = imageScale();
   svg.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
   const points = showsCorners() ? corners() : [];
   if (points.length) make("polygon", { class: "table-line", points: points.map((p) => p.join(",")).join(" ") }, svg);
@@ -183,7 +185,7 @@ function draw() {
     if (path.length > 1) make("polyline", { class: "trail", stroke: ball.colour, points: path.map((p) => `${p[1]},${p[2]}`).join(" ") }, svg);
   }
   for (const ball of run().balls) {
-    const point = page.paths.get(ball.id).find((p) => p[0] === frame());
+    const point = pointHere(ball.id);
     if (!point) continue;
     const at = { cx: point[1], cy: point[2] };
     make("circle", { class: "halo", ...at, r: ball.radius + 2.5 * scale }, svg);
@@ -255,14 +257,13 @@ function magnify(at) {
 
 function fill(list, rows, empty) {
   list.replaceChildren(...rows);
-  if (!rows.length) list.append(Object.assign(document.createElement("li"), { className: "small", textContent: empty }));
+  if (!rows.length) list.append(element("li", { className: "small", textContent: empty }));
 }
 
 function entry(parts, pick, chosen) {
-  const line = document.createElement("li");
-  const button = document.createElement("button");
-  button.className = "item";
-  for (const [className, text] of parts) button.append(Object.assign(document.createElement("span"), { className, textContent: text }));
+  const line = element("li");
+  const button = element("button", { className: "item" });
+  for (const [className, text] of parts) button.append(element("span", { className, textContent: text }));
   button.setAttribute("aria-pressed", String(Boolean(chosen)));
   button.addEventListener("click", pick);
   line.append(button);
@@ -283,20 +284,19 @@ function render(isFirst) {
   $("slider").max = frames().length - 1;
   const span = Math.max(frames().at(-1) - frames()[0], 1);
   $("ticks").replaceChildren(...shown.events.filter((one) => one.kind !== "rest").map((one) => {
-    const tick = document.createElement("i");
+    const tick = element("i", { className: one.probability < 0.9 ? "unsure" : "" });
     tick.style.left = `${100 * (one.frame - frames()[0]) / span}%`;
-    if (one.probability < 0.9) tick.className = "unsure";
     return tick;
   }));
   fill($("changes"), [
-    ...shown.contradictions.map((text) => Object.assign(document.createElement("li"), { className: "against", textContent: text })),
-    ...shown.changes.map((one) => Object.assign(document.createElement("li"), { className: one.kind, textContent: one.text })),
+    ...shown.contradictions.map((text) => element("li", { className: "against", textContent: text })),
+    ...shown.changes.map((one) => element("li", { className: one.kind, textContent: one.text })),
   ], state.revision ? "The events and calls are the same as before." : "Nothing yet: correct something in the clip.");
   fill($("checks"), shown.checks.map((one, k) => entry([["when", `${one.t.toFixed(2)} s`], ["", one.reason]],
     () => goToCheck(k), page.check === k)), "There is no doubtful place.");
   fill($("events"), shown.events.map((one) => entry([
     ["when", `${one.t.toFixed(3)} s`], ["", one.text],
-    isByHand(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", `${Math.floor(100 * one.probability)} %`],
+    handMark(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", `${Math.floor(100 * one.probability)} %`],
   ], () => chooseEvent(one), page.event && isSameEvent(one, page.event))), "Nothing moves in this clip.");
   fill($("balls"), shown.balls.map((ball, k) => {
     const line = entry([["swatch", ""], ["", ball.id], ["when", ball.id.startsWith(ball.kind) ? String(k + 1) : `${ball.kind} · ${k + 1}`]],
@@ -305,22 +305,17 @@ function render(isFirst) {
     return line;
   }), "No ball is tracked.");
   $("calls").replaceChildren(...Object.entries(shown.calls).flatMap(([question, answer]) => [
-    Object.assign(document.createElement("dt"), { textContent: question }),
-    Object.assign(document.createElement("dd"), { textContent: answer })]));
+    element("dt", { textContent: question }),
+    element("dd", { textContent: answer })]));
   renderSettings();
   renderByHand();
   if (isFirst) fitStage();
-  if (isFirst) show(0);
-  else show(page.row);
+  show(page.row);
   renderSelection();
   if (!page.ask) hint("");
 }
 
 const isSameEvent = (one, two) => one.kind === two.kind && one.a === two.a && one.b === two.b && Math.abs(one.frame - two.frame) < NEAR_FRAMES;
-
-function isByHand(event) {
-  return handMark(event) !== undefined;
-}
 
 function handMark(event) { // the mark that stands for an event
   return (page.state.corrections.contacts ?? []).find((mark) => mark.kind !== "delete" && mark.cause === event.kind
@@ -340,7 +335,7 @@ function nameAt(place) { // the ball that is now at a place
 
 function choose(select, values, value) {
   if (select === document.activeElement) return;
-  select.replaceChildren(...values.map(([key, text]) => Object.assign(document.createElement("option"), { value: key, textContent: text })));
+  select.replaceChildren(...values.map(([key, text]) => element("option", { value: key, textContent: text })));
   select.value = value;
 }
 
@@ -364,9 +359,9 @@ function renderByHand() {
   const keys = ["corners", "table", "ball_radius", "fps"].filter((key) => set[key] !== undefined).map((key) => [key, null]);
   for (const list of ["balls", "tracks", "contacts"]) (set[list] ?? []).forEach((_, k) => keys.push([list, k]));
   keys.forEach(([key, k], number) => {
-    const line = document.createElement("li");
-    line.append(Object.assign(document.createElement("span"), { textContent: names[number] ?? key }));
-    const buttons = Object.assign(document.createElement("span"), { className: "buttons" });
+    const line = element("li");
+    line.append(element("span", { textContent: names[number] ?? key }));
+    const buttons = element("span", { className: "buttons" });
     if (key === "tracks" && set.tracks[k].kind === "swap") {
       buttons.append(makeButton("Until here", `End the exchange at frame ${frame()}`, () => change((c) => { c.tracks[k].last = frame(); })));
     }
@@ -381,18 +376,10 @@ function renderByHand() {
 }
 
 function makeButton(text, label, pick, className = "") {
-  const button = Object.assign(document.createElement("button"), { textContent: text, className });
+  const button = element("button", { textContent: text, className });
   if (label) button.setAttribute("aria-label", label);
   button.addEventListener("click", pick);
   return button;
-}
-
-function mark() { // what is shown now, in the lists
-  const buttons = [...$("events").querySelectorAll("button")];
-  buttons.forEach((button, k) => {
-    const event = run().events[k];
-    button.toggleAttribute("data-now", Boolean(event && Math.abs(event.frame - frame()) < 1));
-  });
 }
 
 // ---------------------------------------------------------------- selections and questions
@@ -522,18 +509,18 @@ function renderSelection() {
 }
 
 function renderQuestion(box, ball) {
-  box.append(Object.assign(document.createElement("h2"), { textContent: page.ask.text }));
-  const row = Object.assign(document.createElement("div"), { className: "row" });
+  box.append(element("h2", { textContent: page.ask.text }));
+  const row = element("div", { className: "row" });
   for (const other of run().balls) if (page.ask.balls && other.id !== ball.id) row.append(makeButton(other.id, "", () => pickBall(other.id)));
   for (const side of page.ask.cushions ? CUSHIONS : []) row.append(makeButton(`${side} cushion`, "", () => pickCushion(side)));
   box.append(row, makeButton("Cancel", "", cancel));
 }
 
 function renderBall(box, ball) {
-  box.append(Object.assign(document.createElement("h2"), { textContent: `Ball ${ball.id}` }));
-  const naming = Object.assign(document.createElement("form"), { className: "row" });
-  const label = Object.assign(document.createElement("label"), { textContent: "Name", htmlFor: "ball-name" });
-  const name = Object.assign(document.createElement("input"), { id: "ball-name", value: ball.id, maxLength: 32, autocomplete: "off", spellcheck: false });
+  box.append(element("h2", { textContent: `Ball ${ball.id}` }));
+  const naming = element("form", { className: "row" });
+  const label = element("label", { textContent: "Name", htmlFor: "ball-name" });
+  const name = element("input", { id: "ball-name", value: ball.id, maxLength: 32, autocomplete: "off", spellcheck: false });
   naming.append(label, name, makeButton("Rename", "", () => {}));
   naming.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -544,7 +531,7 @@ function renderBall(box, ball) {
       add(c, "tracks", { kind: "rename", ball: placeOf(ball.id), name: wanted });
     }).then((done) => { if (done) page.ball = wanted; });
   });
-  const classes = Object.assign(document.createElement("div"), { className: "row" });
+  const classes = element("div", { className: "row" });
   classes.setAttribute("role", "group");
   classes.setAttribute("aria-label", "Class of the ball");
   for (const kind of run().classes) {
@@ -556,10 +543,10 @@ function renderBall(box, ball) {
     button.setAttribute("aria-pressed", String(kind === ball.kind));
     classes.append(button);
   }
-  const actions = Object.assign(document.createElement("div"), { className: "row" });
+  const actions = element("div", { className: "row" });
   for (const [id, action] of Object.entries(BALL_ACTIONS)) {
     const button = makeButton(`${action.text} `, "", () => action.run(ball.id), action.danger ? "danger" : "");
-    button.append(Object.assign(document.createElement("kbd"), { textContent: action.key.length > 1 ? "Del" : action.key.toUpperCase() }));
+    button.append(element("kbd", { textContent: action.key.length > 1 ? "Del" : action.key.toUpperCase() }));
     button.dataset.action = id;
     button.dataset.focus = id;
     actions.append(button);
@@ -568,24 +555,24 @@ function renderBall(box, ball) {
 }
 
 function renderEvent(box, event) {
-  box.append(Object.assign(document.createElement("h2"), { textContent: event.text }));
-  box.append(Object.assign(document.createElement("p"), { className: "small",
+  box.append(element("h2", { textContent: event.text }));
+  box.append(element("p", { className: "small",
     textContent: `${event.t.toFixed(4)} s ± ${(1000 * event.t_sigma).toFixed(1)} ms, frame ${event.frame.toFixed(2)}, probability ${(100 * event.probability).toFixed(1)} %` }));
   if (!["strike", "ball", "cushion"].includes(event.kind)) {
-    box.append(Object.assign(document.createElement("p"), { className: "small", textContent: "It follows from the motion: correct the contacts before it." }));
+    box.append(element("p", { className: "small", textContent: "It follows from the motion: correct the contacts before it." }));
     return;
   }
-  const row = Object.assign(document.createElement("div"), { className: "row" });
+  const row = element("div", { className: "row" });
   const no = makeButton("Did not happen ", "", () => deleteEvent(event), "danger");
-  no.append(Object.assign(document.createElement("kbd"), { textContent: "Del" }));
+  no.append(element("kbd", { textContent: "Del" }));
   no.dataset.action = "delete";
   const move = makeButton(`Happened at frame ${frame()} `, "", () => moveEvent(event, frame()));
-  move.append(Object.assign(document.createElement("kbd"), { textContent: "V" }));
+  move.append(element("kbd", { textContent: "V" }));
   move.dataset.action = "move";
   row.append(no, move);
-  const exact = Object.assign(document.createElement("form"), { className: "row" });
-  const field = Object.assign(document.createElement("input"), { id: "exact", type: "number", step: "0.05", min: "0", value: event.frame.toFixed(2) });
-  exact.append(Object.assign(document.createElement("label"), { textContent: "At frame", htmlFor: "exact" }), field, makeButton("Set", "", () => {}));
+  const exact = element("form", { className: "row" });
+  const field = element("input", { id: "exact", type: "number", step: "0.05", min: "0", value: event.frame.toFixed(2) });
+  exact.append(element("label", { textContent: "At frame", htmlFor: "exact" }), field, makeButton("Set", "", () => {}));
   exact.addEventListener("submit", (submitted) => {
     submitted.preventDefault();
     field.blur();
@@ -603,10 +590,10 @@ function pixelAt(event) {
 }
 
 function ballAt([x, y]) {
-  const scale = run().image[0] / Math.max($("overlay").clientWidth, 1);
+  const scale = imageScale();
   let best = null;
   for (const ball of run().balls) {
-    const point = page.paths.get(ball.id).find((p) => p[0] === frame());
+    const point = pointHere(ball.id);
     const distance = point && Math.hypot(point[1] - x, point[2] - y);
     if (point && distance < Math.max(1.3 * ball.radius, 16 * scale) && (!best || distance < best[0])) best = [distance, ball.id];
   }
@@ -744,10 +731,9 @@ function handleKey(key, event) {
 }
 
 function stepEvent(step) {
-  const at = run().events.map((one) => one.frame);
   const next = step > 0 ? run().events.find((one) => Math.round(one.frame) > frame())
     : run().events.findLast((one) => Math.round(one.frame) < frame());
-  if (at.length && next) chooseEvent(next);
+  if (next) chooseEvent(next);
 }
 
 function play() {

@@ -88,7 +88,7 @@ def write_corrections(clip: Path, content: CorrectionsFile) -> None:
     path = corrections_path(clip)
     try:
         with replace_file(path) as part:
-            part.write_text(format_corrections(content), encoding="utf-8")
+            part.write_text(format_corrections_file(content), encoding="utf-8")
     except OSError as error:
         raise OptionError(f"Corrections are saved beside the clip; {path}: {error.strerror}") from error
 
@@ -128,7 +128,7 @@ def describe_corrections(corrections: Corrections) -> dict[str, Any]:
     return described
 
 
-def format_corrections(content: CorrectionsFile) -> str:
+def format_corrections_file(content: CorrectionsFile) -> str:
     """Format a corrections file for people: one line per correction.
 
     Args:

@@ -20,17 +20,18 @@ def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
     Returns:
         The scene with one more note per correction.
     """
-    return replace(scene, notes=(*scene.notes, *format_corrections(corrections)))
+    notes = (f"set by hand: {phrase}" for phrase in format_corrections(corrections))
+    return replace(scene, notes=(*scene.notes, *notes))
 
 
 def format_corrections(corrections: Corrections) -> tuple[str, ...]:
-    """Format all corrections, each as a note.
+    """Format all corrections, each as a phrase.
 
     Args:
         corrections: What a person corrected.
 
     Returns:
-        The notes; empty where nothing was set by hand.
+        The phrases; empty where nothing was set by hand.
     """
     settings = {
         "the corners of the table": corrections.corners,
@@ -42,21 +43,25 @@ def format_corrections(corrections: Corrections) -> tuple[str, ...]:
         f"{'a missed ball' if mark.kind == 'placed' else 'what is no ball'}, {_format_place(mark.ball)}"
         for mark in corrections.balls
     ]
-    edits = [format_track_edit(edit) for edit in corrections.tracks]
-    contacts = [format_contact_mark(mark) for mark in corrections.contacts]
-    words = [*(what for what, value in settings.items() if value is not None), *marks, *edits, *contacts]
-    return tuple(f"set by hand: {what}" for what in words)
+    edits = [_format_track_edit(edit) for edit in corrections.tracks]
+    contacts = [_format_contact_mark(mark) for mark in corrections.contacts]
+    return (*(what for what, value in settings.items() if value is not None), *marks, *edits, *contacts)
 
 
-def format_track_edit(edit: TrackEdit) -> str:
-    """Format an edit of tracks as a phrase.
+def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
+    """Format where the motion contradicts what was set by hand.
 
     Args:
-        edit: The edit.
+        outcomes: The outcome of every mark.
 
     Returns:
-        The phrase.
+        One sentence per contradiction.
     """
+    return tuple(sentence for one in outcomes if (sentence := _format_outcome(one)))
+
+
+def _format_track_edit(edit: TrackEdit) -> str:
+    """Format an edit of tracks as a phrase."""
     ball, place = edit.ball.id or "a ball", _format_place(edit.ball)
     other = "another ball" if edit.other is None else edit.other.id or "another ball"
     span = f"frames {edit.first or 0} to {'the last' if edit.last is None else edit.last}"
@@ -69,17 +74,10 @@ def format_track_edit(edit: TrackEdit) -> str:
     }[edit.kind]
 
 
-def format_contact_mark(mark: ContactCorrection) -> str:
-    """Format a mark of a contact as a phrase.
-
-    Args:
-        mark: The mark.
-
-    Returns:
-        The phrase.
-    """
-    what = _name_contact(mark.ball.id or "a ball", "" if mark.other is None else mark.other.id or "another ball",
-                         mark.cushion)  # fmt: skip
+def _format_contact_mark(mark: ContactCorrection) -> str:
+    """Format a mark of a contact as a phrase."""
+    other = "" if mark.other is None else mark.other.id or "another ball"
+    what = _name_contact(mark.ball.id or "a ball", other, mark.cushion)
     return {
         "mark": f"{what} at frame {mark.frame:.1f}",
         "move": f"{what} at frame {mark.at:.1f}, not {mark.frame:.1f}",
@@ -87,27 +85,8 @@ def format_contact_mark(mark: ContactCorrection) -> str:
     }[mark.kind]
 
 
-def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
-    """Format where the motion contradicts what was set by hand.
-
-    Args:
-        outcomes: The outcome of every mark.
-
-    Returns:
-        One sentence per contradiction.
-    """
-    return tuple(sentence for one in outcomes if (sentence := format_outcome(one)))
-
-
-def format_outcome(outcome: MarkOutcome) -> str:
-    """Format what the motion says about a contact that was set by hand.
-
-    Args:
-        outcome: The outcome.
-
-    Returns:
-        A sentence; empty where the motion agrees.
-    """
+def _format_outcome(outcome: MarkOutcome) -> str:
+    """Format the outcome of a mark as a sentence; empty where the motion agrees."""
     names = (*outcome.balls, "", "")
     what = f"{_name_contact(names[0] or 'a ball', names[1], outcome.cushion)} at {outcome.t:.2f} s"
     what = f"The {what} {'was deleted' if outcome.kind == 'delete' else 'was set'} by hand"

@@ -27,10 +27,6 @@ def _build_tracks(observed: Seen, scene: Scene | None = None) -> Tracks:
     return build_tracks(observed.detections, observed.frame, observed.t, scene or overhead())
 
 
-def _select_rows(detections: Detections, which: np.ndarray) -> Detections:
-    return Detections(*(getattr(detections, name)[which] for name in Detections.__slots__))
-
-
 @pytest.mark.parametrize("fps", [30, 60])
 @pytest.mark.parametrize("balls", [10, 16])
 def test_equal_balls_keep_their_identity_through_contacts(balls: int, fps: int) -> None:
@@ -126,7 +122,7 @@ def test_a_slow_ball_takes_no_streak_that_it_cannot_have_left() -> None:
     """
     observed = _two_balls(np.random.default_rng(24))
     hidden = (observed.ball == 1) & (observed.detections.frame == 20)
-    reduced = replace(observed, detections=_select_rows(observed.detections, ~hidden))
+    reduced = replace(observed, detections=observed.detections.select_rows(~hidden))
     place = observed.px[20, 1] + [4.0, 2.0]
     for length, taken in ((60.0, False), (8.0, True)):
         detections = _add_detections(
@@ -139,7 +135,7 @@ def test_a_slow_ball_takes_no_streak_that_it_cannot_have_left() -> None:
 def test_a_ball_keeps_off_a_shadow_of_the_cloths_colour() -> None:
     observed = _two_balls(np.random.default_rng(22))
     hidden = (observed.ball == 1) & (observed.detections.frame >= 20) & (observed.detections.frame < 30)
-    reduced = replace(observed, detections=_select_rows(observed.detections, ~hidden))
+    reduced = replace(observed, detections=observed.detections.select_rows(~hidden))
     place = observed.px[20, 1] + [7.0, 3.0]
     detections = _add_detections(
         reduced, np.arange(20, 30), np.tile(place, (10, 1)), colour=np.add(CLOTH, [2.0, 3.0, 1.0])
@@ -208,7 +204,7 @@ def test_a_resting_ball_behind_a_hand_stays_the_same_ball() -> None:
     samples = play(np.array([0.5, 0.6]), np.array([1.0, 0.3]), np.array([[1.6, 0.3]]), seconds=4.0)
     observed = observe(samples, overhead(), 30, rng)
     hidden = (observed.ball == 1) & (observed.detections.frame > 30) & (observed.detections.frame < 75)
-    tracks = build_tracks(_select_rows(observed.detections, ~hidden), observed.frame, observed.t, overhead())
+    tracks = build_tracks(observed.detections.select_rows(~hidden), observed.frame, observed.t, overhead())
     assert len(tracks.ids) == 2
     column = int(np.argmax((owners(tracks, observed.px) == 1).sum(axis=0)))
     assert np.isnan(tracks.xy[31:75, column]).all()
@@ -253,7 +249,7 @@ def test_a_clip_without_balls_says_so() -> None:
     rng = np.random.default_rng(10)
     observed = observe(play(*scattered(2, rng), seconds=1.0), overhead(), 30, rng)
     with pytest.raises(TrackError, match="contain none"):
-        build_tracks(_select_rows(observed.detections, observed.ball == -1), observed.frame, observed.t, overhead())
+        build_tracks(observed.detections.select_rows(observed.ball == -1), observed.frame, observed.t, overhead())
     with pytest.raises(TrackError, match="at least 5"):
         build_tracks(observed.detections, observed.frame[:3], observed.t[:3], overhead())
 

@@ -7,21 +7,16 @@ from dataclasses import replace
 import numpy as np
 from support.tracking_shots import Seen, observe, overhead, play
 
-from models.core.detections import Detections
 from models.tracking.table_detections import project_detections
 from models.tracking.track_completion import complete_tracks
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
-
-
-def _rows(detections: Detections, which: np.ndarray) -> Detections:
-    return Detections(*(getattr(detections, name)[which] for name in Detections.__slots__))
 
 
 def _film() -> Seen:
     samples = play(np.array([0.5, 0.6]), np.array([2.0, 0.3]), np.array([[1.6, 0.9]]), seconds=1.5)
     observed = observe(samples, overhead(), 30, np.random.default_rng(1), clutter=0)
     return replace(
-        observed, detections=_rows(observed.detections, observed.ball >= 0), ball=observed.ball[observed.ball >= 0]
+        observed, detections=observed.detections.select_rows(observed.ball >= 0), ball=observed.ball[observed.ball >= 0]
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,16 +23,15 @@ from support.planted_mistakes import (
     CleanRun,
     Mistake,
     list_differences,
-    make_clean_run,
     plant,
     point_of,
+    prepare_mistake,
     run_clip_tables,
 )
 
 from models.core.typing import FloatArray
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.run_view import ClipRun
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
 
 pytestmark = pytest.mark.slow
 
@@ -170,11 +168,6 @@ REPAIRS: dict[str, Callable[[Editor, ClipRun], None]] = {
 
 
 @pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> CleanRun:
-    return make_clean_run(tmp_path_factory.mktemp("clean"))
-
-
-@pytest.fixture(scope="module")
 def browser() -> Iterator[webdriver.Chrome]:
     with open_chromium(1400) as opened:
         yield opened
@@ -184,9 +177,7 @@ def browser() -> Iterator[webdriver.Chrome]:
 def test_a_mistake_is_repaired_in_three_clicks(
     mistake: Mistake, clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path
 ) -> None:
-    shutil.copytree(clean.located if mistake.detects else clean.detected, tmp_path / "cache")
-    clip = Path(shutil.copy(clean.clip, tmp_path))
-    write_corrections(clip, CorrectionsFile(1, "", mistake.corrections(clean.run)))
+    clip = prepare_mistake(mistake, clean, tmp_path)
     with (
         plant(mistake, clean.run, clean.detections),
         serve(clip, tmp_path / "out", OPTIONS, tmp_path / "cache") as server,

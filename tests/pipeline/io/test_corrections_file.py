@@ -13,7 +13,7 @@ from pipeline.io.by_hand.corrections_file import (
     SCHEMA,
     CorrectionsFile,
     corrections_path,
-    format_corrections,
+    format_corrections_file,
     parse_corrections,
     read_corrections,
     write_corrections,
@@ -51,7 +51,7 @@ def test_every_correction_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 
 def test_a_person_can_read_the_file_one_line_per_correction() -> None:
-    lines = format_corrections(CorrectionsFile(1, "", EVERYTHING)).splitlines()
+    lines = format_corrections_file(CorrectionsFile(1, "", EVERYTHING)).splitlines()
     assert sum('"kind"' in line for line in lines) == 10
     assert max(map(len, lines)) < 200
 

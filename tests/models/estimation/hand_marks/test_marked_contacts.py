@@ -10,7 +10,6 @@ from support import filmed_shots
 
 from models.core.by_hand.corrections import BallPlace, ContactCorrection
 from models.core.fit_result import Fit
-from models.core.options import FitOptions
 from models.estimation.reconstruction.fit_shot import fit_shot
 
 SHOT = filmed_shots.film(
@@ -23,7 +22,7 @@ FPS = 30
 
 @cache
 def fit(*marks: ContactCorrection) -> Fit:
-    return fit_shot(SHOT.tracks, SHOT.scene, FitOptions(quick=True), marks=marks)
+    return fit_shot(SHOT.tracks, SHOT.scene, marks=marks)
 
 
 def place(ball: str, frame: float) -> BallPlace:
