@@ -31,7 +31,7 @@ from models.core.scene import Scene
 from models.core.typing import FloatArray
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.what_if.changed_shot import play_changed_shot
-from models.estimation.what_if.shot_outcome import ShotGoal, is_scored
+from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
 from models.estimation.what_if.struck_ensemble import draw_struck_ensemble
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
@@ -116,12 +116,8 @@ def simulate_plays(content: dict[str, Any], states: FloatArray, folder: Path) ->
 
 def read_success(folder: Path, goal: ShotGoal) -> bool:
     """Return whether a simulated play scores."""
-    contacts: list[list[tuple[float, tuple[str, str, str]]]] = [[] for _ in IDS]
-    for row in pyarrow.csv.read_csv(folder / "events.csv").to_pylist():
-        if row["kind"] in ("ball", "cushion", "pocket"):
-            contacts[IDS.index(row["a"])].append((row["t"], (row["kind"], row["a"], row["b"])))
-            if row["kind"] == "ball":
-                contacts[IDS.index(row["b"])].append((row["t"], (row["kind"], row["b"], row["a"])))
+    rows = pyarrow.csv.read_csv(folder / "events.csv").to_pylist()
+    contacts = group_by_ball(((row["t"], (row["kind"], row["a"], row["b"])) for row in rows), IDS)
     return is_scored(contacts, IDS, 0, goal)
 
 

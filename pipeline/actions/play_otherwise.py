@@ -15,12 +15,12 @@ from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
-from models.estimation.joint_fit.fit_solution import JointSolution
+from models.estimation.joint_fit.fit_solution import ClipMotion, JointSolution
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
-from models.estimation.what_if.shot_outcome import ShotGoal, is_scored
+from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
@@ -58,12 +58,6 @@ class StrokePlan:
     spread_source: str
     """`user`, `session` or `none`."""
     goal: ShotGoal
-
-
-@dataclass(frozen=True, slots=True)
-class _StruckFit:
-    fit: Fit
-    solution: JointSolution | None
 
 
 def estimate_session_spread(sources: list[Path]) -> PlayerSpread:
@@ -107,7 +101,7 @@ def fit_struck_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[F
     """
     parts = {
         "content": hash_shot(tracks, scene),
-        "source": hash_sources(fit_shot_laws.__module__),
+        "source": {**hash_sources(fit_with_solution.__module__), **hash_sources(fit_shot_laws.__module__)},
         "libraries": library_versions(),
     }
 
@@ -115,9 +109,9 @@ def fit_struck_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[F
         fit, solution = fit_with_solution(tracks, scene)
         if solution is not None:
             fit = fit_shot_laws(fit, tracks, scene.table, FitOptions())
-        save_value(_StruckFit(fit, solution), folder)
+        save_value(ClipMotion(fit, solution), folder)
 
-    one = load_value(_StruckFit, cache.find_or_build(CacheKey(STAGE, parts), build).folder)
+    one = load_value(ClipMotion, cache.find_or_build(CacheKey(STAGE, parts), build).folder)
     if one.solution is None:
         raise TrackError(f"physics could not be fitted; {one.fit.trust.reasons[0]}")
     return one.fit, one.solution
@@ -184,21 +178,13 @@ def _require_possible_goal(goal: ShotGoal, tracks: Tracks, scene: Scene) -> None
 
 def _did_score(fit: Fit, ensemble: StruckEnsemble, plan: StrokePlan) -> bool:
     """Return whether the real shot scored, by its probable events."""
-    events, ids = fit.events, ensemble.ids
-    contacts: list[list[tuple[float, tuple[str, str, str]]]] = [[] for _ in ids]
-    for k in range(len(events)):
-        if (
-            events.probability[k] < MIN_PROBABILITY
-            or events.kind[k] not in ("ball", "cushion", "pocket")
-            or events.t[k] < ensemble.t
-        ):
-            continue
-        kind, a, b, when = events.kind[k], events.a[k], events.b[k], float(events.t[k])
-        if a in ids:
-            contacts[ids.index(a)].append((when, (kind, a, b)))
-        if kind == "ball" and b in ids:
-            contacts[ids.index(b)].append((when, (kind, b, a)))
-    return is_scored(contacts, ids, ensemble.cue, plan.goal)
+    events = fit.events
+    contacts = [
+        (float(events.t[k]), (events.kind[k], events.a[k], events.b[k]))
+        for k in range(len(events))
+        if events.probability[k] >= MIN_PROBABILITY and events.t[k] >= ensemble.t
+    ]
+    return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, plan.goal)
 
 
 def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks) -> np.ndarray:

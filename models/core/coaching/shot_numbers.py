@@ -8,6 +8,8 @@ from typing import Literal
 SpinState = Literal["draw", "stun", "follow", "roll", "unknown"]
 """State of the cue ball when it reaches the first ball: spinning backwards, without spin about its horizontal axis,
 turning forwards but still sliding, rolling."""
+SPIN_STATES: tuple[SpinState, ...] = ("draw", "stun", "follow", "roll")
+"""All states but `unknown`, in the order of the spin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class ShotNumbers:
     spin_state: SpinState
     """The most probable state of the cue ball at that contact; `unknown` where it is not observable."""
     spin_state_probabilities: tuple[float, ...]
-    """(4,) of draw, stun, follow and roll; empty if there is no contact."""
+    """(4,) of `SPIN_STATES`; empty if there is no contact."""
     potted: tuple[str, ...]
     """Ids of the balls that were potted."""
     pockets: tuple[str, ...]

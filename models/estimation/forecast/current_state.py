@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.capture_clock import CaptureClock
 from models.core.errors import TrackError
 from models.core.fit_result import Trust
 from models.core.scene import Scene, Table
@@ -41,7 +42,6 @@ from models.estimation.joint_fit.prior_residuals import (
     SLIDING_PRIOR,
 )
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
-from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.segmentation.contact_graph import ContactGraph, Segment
 from models.estimation.table_learning.cushion_contacts import (
@@ -57,7 +57,7 @@ from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
-from models.tracking.track_noise import NOISE_FLOOR_RADII, apply_noise, estimate_noise
+from models.tracking.track_noise import apply_noise, estimate_noise
 
 MIN_FRAMES = 5
 """Least number of frames that give speeds."""
@@ -126,9 +126,9 @@ def estimate_states(
     fit, solution = fit_with_solution(observed_tracks, scene)
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")
-    clock = estimate_capture_times(observed_tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)  # that of the solution
-    now = float(clock.capture_time_at(np.array(t)))
-    inflation = estimate_solution_misfit(solution, observed_tracks, scene.table)
+    clock = fit.trajectory.clock
+    now = t if clock is None else float(clock.capture_time_at(np.array(t)))
+    inflation = estimate_lack_of_fit(solution, collect_captured_observations(observed_tracks, clock, scene.table))
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
     states = (
@@ -140,32 +140,18 @@ def estimate_states(
     return tuple(replace(state, t=t) for state in states)
 
 
-def estimate_solution_misfit(solution: JointSolution, tracks: Tracks, table: Table) -> float:
-    """Estimate the factor on the variances of a joint fit that its residuals require, see `estimate_lack_of_fit`.
-
-    Args:
-        solution: Joint fit of the tracks, in capture time.
-        tracks: Tracks of T frames and N balls, in presentation time.
-        table: Dimensions of the table.
-
-    Returns:
-        The factor, from 1 to `MAX_INFLATION`.
-    """
-    return estimate_lack_of_fit(solution, collect_captured_observations(tracks, table))
-
-
-def collect_captured_observations(tracks: Tracks, table: Table) -> Observations:
+def collect_captured_observations(tracks: Tracks, clock: CaptureClock | None, table: Table) -> Observations:
     """Collect the observations of a clip at their capture times, with realistic noise.
 
     Args:
         tracks: Tracks of T frames and N balls, in presentation time.
+        clock: Clock of the frames, as in the trajectory of a fit; None where capture and presentation times are equal.
         table: Dimensions of the table.
 
     Returns:
         K observations.
     """
-    clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * table.ball_radius)
-    captured = replace(tracks, t=clock.capture_time)
+    captured = tracks if clock is None else replace(tracks, t=clock.capture_time)
     return collect_observations(apply_noise(captured, estimate_noise(captured, MIN_NOISE_SPEED, table.ball_radius)))
 
 

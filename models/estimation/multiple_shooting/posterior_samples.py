@@ -55,6 +55,8 @@ class GaussianPosterior:
     best: Iterate
     information: FloatArray
     """(M, M) of states and search coordinates at the best fit."""
+    coordinates: tuple[FloatArray, FloatArray, FloatArray]
+    """(P,) search coordinates at the best fit, and their bounds."""
     widening: float
     """Factor on the standard deviations of both."""
 
@@ -66,7 +68,7 @@ class GaussianPosterior:
         size = len(block.gradient)
         whole = np.block([[block.states, block.coupling], [block.coupling.T, block.shared]])
         whole[size:, size:] += np.diag(prior_terms(model.unknowns, shared)[1])
-        return cls(problem, best, whole, widening)
+        return cls(problem, best, whole, coordinate_bounds(model.unknowns, shared), widening)
 
     def draw_steps(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draw steps (count, M) from the best fit."""
@@ -75,7 +77,7 @@ class GaussianPosterior:
     def move(self, step: FloatArray) -> tuple[Starts, FloatArray]:
         """Return start states and shared parameters at a step (M,) from the best fit."""
         unknowns, size = self.problem.model.unknowns, sum(len(start) for start in self.best.starts)
-        middle, low, high = coordinate_bounds(unknowns, self.best.shared)
+        middle, low, high = self.coordinates
         edges = np.cumsum([len(start) for start in self.best.starts])[:-1]
         parts = np.split(step[:size], edges)
         return (

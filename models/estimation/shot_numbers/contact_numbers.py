@@ -6,7 +6,7 @@ from math import erf, sqrt
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumber, SpinState
+from models.core.coaching.shot_numbers import SPIN_STATES, ShotNumber, SpinState
 from models.core.fit_result import WholeShotSolution
 from models.core.scene import Table
 from models.core.typing import FloatArray
@@ -14,14 +14,13 @@ from models.estimation.joint_fit.segment_prior_residuals import STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import FirstMeeting
-from models.estimation.shot_numbers.strike_numbers import rolling_share
+from models.estimation.shot_numbers.strike_numbers import list_numbers, rolling_share
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY, sliding_duration
 from models.physics.billiards.parameter_vector import SLIDING_MU
 from models.physics.billiards.simulation.event_engine import BALL, EVENT_FIRST, EVENT_KIND, EVENT_SECOND, EVENT_TIME
 from models.physics.billiards.simulation.parametrised_shot import ContactModels, convert_to_starts, simulate_start
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 
-SPIN_STATES: tuple[SpinState, ...] = ("draw", "stun", "follow", "roll")
 STATE_LIMITS = (-0.1, 0.1, 0.9)
 """Shares of rolling spin between the states. A tenth of the rolling spin turns the final path of the cue ball by less
 than 5 degrees in a half-ball hit, which players take for the tangent line, or for natural roll."""
@@ -65,7 +64,7 @@ def measure_contact(view: PosteriorView, meeting: FirstMeeting, cue: str, other:
         view.state_at_end(k) if rolls >= view.end_time(k) else view.state_at(k, rolls),
     )
     leaves = float(np.hypot(*view.state_at_start(k).value[2:4])) > MIN_SPEED
-    return _list_numbers(values, sigmas, cue, other, leaves)
+    return _list_contact(values, sigmas, cue, other, leaves)
 
 
 def simulate_contact(
@@ -101,7 +100,7 @@ def simulate_contact(
     middle = np.median(numbers, axis=0)
     angles = [k for k, (_, unit) in enumerate(CONTACT_NUMBERS) if unit == "deg"]
     numbers[:, angles] = middle[angles] + (numbers[:, angles] - middle[angles] + 180.0) % 360.0 - 180.0
-    return _list_numbers(numbers.mean(axis=0), numbers.std(axis=0, ddof=1), cue, other, True)
+    return _list_contact(numbers.mean(axis=0), numbers.std(axis=0, ddof=1), cue, other, True)
 
 
 def classify_spin(share: ShotNumber) -> tuple[SpinState, tuple[float, ...]]:
@@ -143,19 +142,13 @@ def evaluate_contact(states: FloatArray) -> FloatArray:
     )
 
 
-def _list_numbers(values: FloatArray, sigmas: FloatArray, cue: str, other: str, leaves: bool) -> list[ShotNumber]:
+def _list_contact(values: FloatArray, sigmas: FloatArray, cue: str, other: str, leaves: bool) -> list[ShotNumber]:
     """List the numbers of a contact, in the order of `CONTACT_NUMBERS`."""
     is_observable = (
         True, sigmas[1] < PRIOR_DOMINATED * STRUCK_SLIP, values[0] > MIN_SPEED,
         sigmas[3] < PRIOR_DOMINATED * THROW_SIGMA, True, leaves,
     )  # fmt: skip
-    balls = (cue, cue, other, other, other, cue)
-    return [
-        ShotNumber(name, float(value), float(sigma), unit, bool(observable), ball)
-        for (name, unit), value, sigma, observable, ball in zip(
-            CONTACT_NUMBERS, values, sigmas, is_observable, balls, strict=True
-        )
-    ]
+    return list_numbers(CONTACT_NUMBERS, values, sigmas, is_observable, (cue, cue, other, other, other, cue))
 
 
 def _states_of_contact(shot: SimulatedShot, cue: int, other: int, friction: float) -> FloatArray | None:

@@ -50,7 +50,7 @@ def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Tabl
     Returns:
         Numbers per shot, by time.
     """
-    observations = collect_captured_observations(tracks, table)
+    observations = collect_captured_observations(tracks, fit.trajectory.clock, table)
     factor = estimate_lack_of_fit(solution, observations)
     radius = table.ball_radius * solution.diameter_factor
     view = PosteriorView(solution, inflate_covariance(solution, factor), radius)
@@ -143,8 +143,9 @@ def select_whole_shot(whole: WholeShotSolution | None, cue: str, begin: float) -
     Returns:
         The fit; None if it begins elsewhere, or has no samples.
     """
-    has_samples = whole is not None and len(whole.start_samples) > 0 and cue in whole.ids
-    return whole if whole is not None and has_samples and abs(whole.t - begin) < SAME_STRIKE else None
+    if whole is None or not len(whole.start_samples) or cue not in whole.ids:
+        return None
+    return whole if abs(whole.t - begin) < SAME_STRIKE else None
 
 
 def _require_explained(

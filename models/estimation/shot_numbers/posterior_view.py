@@ -38,9 +38,7 @@ class PosteriorView:
     def state_at_start(self, segment: int) -> LinearState:
         """Return place, velocity and slip (6,) where a segment begins."""
         graph = self.solution.graph
-        return LinearState(
-            *evaluate_segment_state(self.solution, segment, graph.start_time(segment), graph.segments[segment].start)
-        )
+        return self.state_at(segment, graph.start_time(segment), graph.segments[segment].start)
 
     def state_at_end(self, segment: int) -> LinearState:
         """Return place, velocity and slip (6,) where a segment ends."""
@@ -58,25 +56,21 @@ class PosteriorView:
 
     def strike_sigma(self, segment: int) -> float:
         """Return the standard deviation, s, of the time of the contact that begins a segment; 0 where none does."""
-        graph, gradient = self.solution.graph, np.zeros(len(self.covariance))
+        graph = self.solution.graph
         start = graph.segments[segment].start
-        if start is not None:
-            gradient[layout_parameters(graph).contact + start] = 1.0
-        return self.sigma_of(gradient)
+        return 0.0 if start is None else self._parameter_sigma(layout_parameters(graph).contact + start)
 
     @property
     def rolling_friction(self) -> tuple[float, float]:
         """Rolling friction of the cloth, and the standard deviation of its logarithm."""
-        gradient = np.zeros(len(self.covariance))
-        gradient[layout_parameters(self.solution.graph).shared + 1] = 1.0
-        return self.solution.friction.rolling, self.sigma_of(gradient)
+        shared = layout_parameters(self.solution.graph).shared
+        return self.solution.friction.rolling, self._parameter_sigma(shared + 1)
 
     @property
     def friction(self) -> tuple[float, float]:
         """Sliding friction of the cloth, and the standard deviation of its logarithm."""
-        gradient = np.zeros(len(self.covariance))
-        gradient[layout_parameters(self.solution.graph).shared] = 1.0
-        return self.solution.friction.sliding, self.sigma_of(gradient)
+        shared = layout_parameters(self.solution.graph).shared
+        return self.solution.friction.sliding, self._parameter_sigma(shared)
 
     def evaluate(
         self, function: Callable[[FloatArray], FloatArray], *states: LinearState
@@ -99,6 +93,10 @@ class PosteriorView:
     def sigma_of(self, gradient: FloatArray) -> float:
         """Return the standard deviation of a number with a gradient (P,)."""
         return float(np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
+
+    def _parameter_sigma(self, number: int) -> float:
+        """Return the standard deviation of one packed parameter."""
+        return float(np.sqrt(max(float(self.covariance[number, number]), 0.0)))
 
 
 def turn_angle(a: FloatArray, b: FloatArray) -> float:

@@ -10,11 +10,10 @@ from scipy import stats
 
 from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.typing import FloatArray
+from models.numerics.robust import MAD_TO_SIGMA
 
 MIN_TREND_SHOTS = 4
 """Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks."""
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 OF_OBJECT_BALL = ("pocket_offset", "pocket_speed")
 """Numbers that a session takes from the object ball alone."""
 OF_BOTH_BALLS = ("length", "cushions")
@@ -88,7 +87,7 @@ def summarize_series(name: str, unit: str, x: FloatArray, values: FloatArray, si
     if not len(values):
         return SeriesSummary(name, unit, 0, *(float("nan"),) * 7)
     middle, measurement = float(np.median(values)), float(np.sqrt(np.median(sigmas**2)))
-    spread = NORMAL_MAD * float(np.median(abs(values - middle))) if len(values) > 1 else float("nan")
+    spread = MAD_TO_SIGMA * float(np.median(abs(values - middle))) if len(values) > 1 else float("nan")
     own = float(np.sqrt(max(spread**2 - measurement**2, 0.0))) if np.isfinite(spread) else float("nan")
     slope = low = high = float("nan")
     if len(values) >= MIN_TREND_SHOTS:

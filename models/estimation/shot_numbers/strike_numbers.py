@@ -49,11 +49,12 @@ def measure_strike(view: PosteriorView, course: ShotCourse, ball: str) -> list[S
     prior = (STRUCK_SLIP * speed + LEAST_SLIP) / max(speed, LEAST_SLIP)
     side = SIDE_SPIN_SHARE * np.array([speed / view.radius, 1.0])
     top = course.is_struck and float(sigmas[3]) < PRIOR_DOMINATED * prior
-    return _list_numbers(
+    return list_numbers(
+        STRIKE_NUMBERS,
         np.append(values, [np.nan, np.nan]),
         np.append(sigmas, side),
         (course.is_struck, course.is_struck, top, top, False, False),
-        ball,
+        (ball,) * len(STRIKE_NUMBERS),
     )
 
 
@@ -72,11 +73,11 @@ def measure_strike_of_samples(samples: Sequence[StruckSample], row: int, radius:
     numbers = np.array(
         [_numbers_of_state(one.states[row], radius * float(one.values[RADIUS_FACTOR])) for one in samples]
     )
-    turned = np.degrees(np.unwrap(np.radians(numbers[:, 1])))
-    numbers[:, 1] = turned
+    numbers[:, 1] = np.degrees(np.unwrap(np.radians(numbers[:, 1])))
     sigmas = numbers.std(axis=0, ddof=1)
     top, side = sigmas[3] < PRIOR_DOMINATED * STRUCK_SLIP, sigmas[5] < PRIOR_DOMINATED * SIDE_SPIN_SHARE
-    return _list_numbers(numbers.mean(axis=0), sigmas, (True, True, top, top, side, side), ball)
+    is_observable = (True, True, top, top, side, side)
+    return list_numbers(STRIKE_NUMBERS, numbers.mean(axis=0), sigmas, is_observable, (ball,) * len(STRIKE_NUMBERS))
 
 
 def replace_strike(numbers: Sequence[ShotNumber], profile: SlipProfile, radius: float) -> tuple[ShotNumber, ...]:
@@ -122,10 +123,25 @@ def _numbers_of_state(state: FloatArray, radius: float) -> FloatArray:
     return np.array([speed, direction, share * speed / radius, share, side / radius, side / max(speed, 1e-9)])
 
 
-def _list_numbers(
-    values: FloatArray, sigmas: FloatArray, is_observable: Sequence[bool | np.bool_], ball: str
-) -> list[ShotNumber]:
+def list_numbers(
+    names: Sequence[tuple[str, str]], values: FloatArray, sigmas: FloatArray, is_observable: Sequence[bool | np.bool_],
+    balls: Sequence[str],
+) -> list[ShotNumber]:  # fmt: skip
+    """List K numbers of a shot.
+
+    Args:
+        names: (K,) names and units.
+        values: (K,) values, in these units.
+        sigmas: (K,) standard deviations.
+        is_observable: (K,) whether the data determine them.
+        balls: (K,) ids of the balls that they belong to.
+
+    Returns:
+        The numbers, in this order.
+    """
     return [
         ShotNumber(name, float(value), float(sigma), unit, bool(observable), ball)
-        for (name, unit), value, sigma, observable in zip(STRIKE_NUMBERS, values, sigmas, is_observable, strict=True)
+        for (name, unit), value, sigma, observable, ball in zip(
+            names, values, sigmas, is_observable, balls, strict=True
+        )
     ]

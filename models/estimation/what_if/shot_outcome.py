@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,6 +23,27 @@ class ShotGoal:
     """The only ball that counts when potted; empty: any ball but the cue ball."""
     pocket: str = ""
     """The only pocket that counts; empty: any."""
+
+
+def group_by_ball(
+    events: Iterable[tuple[float, EventKey]], ids: Sequence[str]
+) -> tuple[tuple[tuple[float, EventKey], ...], ...]:
+    """Group contacts by the balls that they concern.
+
+    Args:
+        events: Times (s) and events, in the order of time; only contacts of balls, cushions and pockets count.
+        ids: (N,) names of the balls.
+
+    Returns:
+        (N,) contacts of each ball, which is named first in each of them.
+    """
+    contacts: dict[str, list[tuple[float, EventKey]]] = {name: [] for name in ids}
+    for t, (kind, a, b) in events:
+        if kind in ("ball", "cushion", "pocket") and a in contacts:
+            contacts[a].append((t, (kind, a, b)))
+        if kind == "ball" and b in contacts:
+            contacts[b].append((t, (kind, b, a)))
+    return tuple(tuple(own) for own in contacts.values())
 
 
 def is_scored(

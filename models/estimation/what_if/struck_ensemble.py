@@ -11,7 +11,12 @@ from models.core.fit_result import Fit, WholeShotSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import build_state_estimate, estimate_solution_misfit, inflate_covariance
+from models.estimation.forecast.current_state import (
+    build_state_estimate,
+    collect_captured_observations,
+    estimate_lack_of_fit,
+    inflate_covariance,
+)
 from models.estimation.forecast.ensemble_prediction import draw_members
 from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.shot_numbers.measure_shots import present_time, select_whole_shot
@@ -93,11 +98,12 @@ def draw_struck_ensemble(
     if shot >= len(courses):
         raise TrackError(f"the clip has {len(courses)} shots; shot {shot} is not among them")
     course, rng = courses[shot], np.random.default_rng(seed)
-    cue, begin = tracks.ids[course.cue], present_time(courses[shot].begin, fit.trajectory.clock)
+    cue, begin = tracks.ids[course.cue], present_time(course.begin, fit.trajectory.clock)
     whole = select_whole_shot(fit.whole_shot, cue, begin) if course.is_struck and learned is None else None
     if whole is not None:
         return _draw_from_whole_shot(whole, solution, tracks, table, course, begin, draws, rng)
-    inflation = estimate_solution_misfit(solution, tracks, table)
+    observations = collect_captured_observations(tracks, fit.trajectory.clock, table)
+    inflation = estimate_lack_of_fit(solution, observations)
     state = build_state_estimate(
         solution, tracks.ids, course.begin, table, set(), fit.trust, inflation, learned, is_last=False
     )

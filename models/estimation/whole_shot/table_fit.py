@@ -272,12 +272,16 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
         rival = ContactModels(laws.cushion, ball)
         unknowns = (*(own_priors.get(prior.name, prior) for prior in table_priors(rival)), *added)
         own = free if rival == laws else replace(free, laws=rival, unknowns=unknowns)
-        for share in _RIVAL_SIDE_SPINS if rival == laws else (1.0, *_RIVAL_SIDE_SPINS):
-            starts = [
+        earlier = [best.starts] if rival == laws else []
+        for share in (1.0, *_RIVAL_SIDE_SPINS):
+            starts = tuple(
                 _scale_side_spin(start, one.moving, share)
                 for start, one in zip(best.starts, model.segments, strict=True)
-            ]
-            fitted = _continue_from(own, model.unknowns, replace(best, starts=tuple(starts)), _RIVAL_OPTIONS)
+            )
+            if any(all(map(np.array_equal, starts, other)) for other in earlier):
+                continue  # without side spin, every share of it is the same
+            earlier.append(starts)
+            fitted = _continue_from(own, model.unknowns, replace(best, starts=starts), _RIVAL_OPTIONS)
             if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
                 modes.append((rival, own, fitted))
     rng, widening = _make_generator(None), float(np.sqrt(best.inflation))
@@ -293,18 +297,11 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
     weights = np.exp(np.array(evidence) - max(evidence))
     counts = rng.multinomial(POSTERIOR_SAMPLES, weights / weights.sum())
     return tuple(
-        ShotSample(starts[0], _fill_values(own, shared), rival.ball)
+        ShotSample(starts[0], own.fill_values(shared), rival.ball)
         for count, (rival, own, posterior) in zip(counts, posteriors, strict=True)
         if count
         for starts, shared in posterior.sample_by_slices(int(count), rng)
     )
-
-
-def _fill_values(model: ShotWindows, shared: FloatArray) -> FloatArray:
-    """Return all parameters (Q,) for shared ones (P,)."""
-    values = NEUTRAL_SHOT_PARAMETERS.copy()
-    values[[SHOT_PARAMETERS.index(prior.name) for prior in model.unknowns]] = shared
-    return values
 
 
 def _is_same_mode(one: ShootingFit, other: ShootingFit, model: ShotWindows) -> bool:

@@ -7,13 +7,11 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.core.coaching.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
 from models.core.errors import OptionError
 
 KEY = "shot_numbers"
 """Key of scene.json."""
-STATE_NAMES = ("draw", "stun", "follow", "roll")
-"""Names of the probabilities of `ShotNumbers.spin_state_probabilities`."""
 
 
 def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:
@@ -28,7 +26,7 @@ def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:
     return [
         {
             "t": shot.t, "cue": shot.cue, "first": shot.first, "spin_state": shot.spin_state,
-            "spin_state_probabilities": dict(zip(STATE_NAMES, shot.spin_state_probabilities, strict=False)),
+            "spin_state_probabilities": dict(zip(SPIN_STATES, shot.spin_state_probabilities, strict=False)),
             "potted": [{"ball": a, "pocket": b} for a, b in zip(shot.potted, shot.pockets, strict=True)],
             "numbers": [_describe_number(one) for one in shot.numbers],
         }

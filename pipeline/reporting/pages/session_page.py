@@ -12,7 +12,7 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
 from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import format_shot_cell, name_number
+from pipeline.reporting.text.number_sentences import format_shot_cell, format_spread, format_trend, name_number
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAIN_NUMBERS = (
@@ -73,15 +73,11 @@ def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Fi
 
 def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
     """Describe a summary as a table row."""
-    trend = ""
-    if np.isfinite(one.slope):
-        trend = f"{one.slope:+.2g} ({one.slope_low:+.2g} to {one.slope_high:+.2g})"
-    spread = "" if np.isnan(one.spread) else f"{one.spread:.2g}"
-    own = "" if np.isnan(one.own_spread) else f"{one.own_spread:.2g}"
     return {
         "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": f"{one.median:.3g}",
-        "spread": spread, "own": own, "measurement": f"{one.measurement:.2g}", "trend": trend,
-        "has_trend": one.has_trend,
+        "spread": format_spread(one.spread), "own": format_spread(one.own_spread),
+        "measurement": f"{one.measurement:.2g}", "has_trend": one.has_trend,
+        "trend": format_trend(one.slope, one.slope_low, one.slope_high),
     }  # fmt: skip
 
 

@@ -117,6 +117,16 @@ def name_number(name: str) -> str:
     return f"{words} of the object ball"
 
 
+def format_trend(slope: float, low: float, high: float) -> str:
+    """Format the slope of a number over the shots with its interval; empty where there are too few shots."""
+    return f"{slope:+.2g} ({low:+.2g} to {high:+.2g})" if isfinite(slope) else ""
+
+
+def format_spread(spread: float) -> str:
+    """Format a spread over the shots; empty where it is NaN: below two shots there is none."""
+    return f"{spread:.2g}" if isfinite(spread) else ""
+
+
 def format_shot_cell(name: str, value: float, sigma: float) -> str:
     """Format a number in a table of shots.
 

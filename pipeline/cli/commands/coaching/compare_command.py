@@ -19,7 +19,7 @@ from pipeline.actions.compare_session import (
 from pipeline.chain import require_writable_folder
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS
-from pipeline.reporting.text.number_sentences import name_number
+from pipeline.reporting.text.number_sentences import format_spread, format_trend, name_number
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
 
 
@@ -68,10 +68,9 @@ def _print_session(session: ComparedSession, out: Path) -> None:
     grid = Grid("number", "shots", "median", "own spread", "unit", "trend per shot", box=None, pad_edge=False)
     for one in session.summaries[""]:
         if one.count and one.name in MAIN_NUMBERS:
-            trend = (
-                f"{one.slope:+.2g} ({one.slope_low:+.2g} to {one.slope_high:+.2g})" if one.slope == one.slope else ""
-            )
-            spread = f"{one.own_spread:.2g}" if one.own_spread == one.own_spread else ""
-            grid.add_row(escape(name_number(one.name)), str(one.count), f"{one.median:.3g}", spread, one.unit, trend)
+            grid.add_row(
+                escape(name_number(one.name)), str(one.count), f"{one.median:.3g}", format_spread(one.own_spread),
+                one.unit, format_trend(one.slope, one.slope_low, one.slope_high),
+            )  # fmt: skip
     make_output_console().print(grid)
     print(f"Look at {out / 'session.html'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,7 +35,7 @@ MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
 MAX_SPIN = 1.5
 """R omega / v: a tip that is off the centre by more than R/2 slips, and gives 5/4 there."""
-_AMOUNT = re.compile(r"(?P<sign>[+-]?)(?P<number>\d+(\.\d*)?|\.\d+)(?P<unit>%|deg|m/s)?")
+_AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?")
 
 
 @app.command("what-if", context_settings={"ignore_unknown_options": True})
@@ -108,17 +109,11 @@ def what_if(
     learned = None if profile is None else parse_learned_table(read_profile_text(profile))
     require_writable_folder(folder)
     with (
-        console.status("fitting the shot") if console.is_terminal else _no_status(),
+        console.status("fitting the shot") if console.is_terminal else nullcontext(),
         notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
     ):
         document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache))
     _print_result(document, folder, as_json)
-
-
-def _no_status() -> Any:
-    from contextlib import nullcontext
-
-    return nullcontext()
 
 
 def _print_result(document: dict[str, Any], folder: Path, as_json: bool) -> None:
@@ -161,18 +156,18 @@ def _choose_spread(spread: str | None, session: list[Path] | None) -> tuple[Play
 def _parse_change(speed: str | None, angle: str | None, side: str | None, top: str | None) -> StrokeChange:
     values: dict[str, float] = {}
     if speed is not None:
-        number, unit, _ = _parse_amount("--speed", speed, ("%", "m/s", ""))
+        number, unit = _parse_amount("--speed", speed, ("%", "m/s", ""))
         values |= {"speed_factor": 1 + number / 100} if unit == "%" else {"speed": number}
         if not 0 < values.get("speed_factor", 1.0) <= 3 or not 0 < values.get("speed", 1.0) <= MAX_SPEED:
             raise OptionError(f"--speed is a change of -99% to +200%, or up to {MAX_SPEED:g} m/s; got {speed}")
     if angle is not None:
-        number, _, _ = _parse_amount("--angle", angle, ("deg", ""))
+        number, _ = _parse_amount("--angle", angle, ("deg", ""))
         if abs(number) > 180:
             raise OptionError(f"--angle is a turn of at most 180 degrees; got {angle}")
         values["angle"] = number
     for name, text in (("side", side), ("top", top)):
         if text is not None:
-            number, unit, _ = _parse_amount(f"--{name}", text, ("%", ""))
+            number, unit = _parse_amount(f"--{name}", text, ("%", ""))
             share = number / 100 if unit == "%" else number
             if abs(share) > MAX_SPIN:
                 raise OptionError(f"--{name} is at most {MAX_SPIN:g}, or {MAX_SPIN:.0%}; got {text}")
@@ -180,11 +175,10 @@ def _parse_change(speed: str | None, angle: str | None, side: str | None, top: s
     return StrokeChange(**values)
 
 
-def _parse_amount(option: str, text: str, units: tuple[str, ...]) -> tuple[float, str, bool]:
-    """Return number, unit, and whether a sign was given."""
+def _parse_amount(option: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
+    """Return number and unit; the unit is empty where none was given."""
     parts = _AMOUNT.fullmatch(text.strip())
     if parts is None or (parts["unit"] or "") not in units:
         raise OptionError(f"{option} is a number{' with ' if any(units) else ''}{' or '.join(filter(None, units))};"
                           f" got {text}")  # fmt: skip
-    number = float(parts["number"]) * (-1 if parts["sign"] == "-" else 1)
-    return number, parts["unit"] or "", bool(parts["sign"])
+    return float(parts["number"]), parts["unit"] or ""

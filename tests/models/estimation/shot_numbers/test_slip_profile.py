@@ -14,11 +14,11 @@ from models.estimation.shot_numbers.slip_profile import SlipProfile, profile_sli
 
 def profile_of(seed: int) -> SlipProfile:
     tracks = film_pot(seed)
-    _, solution = fit_with_solution(tracks, SCENE)
+    fit, solution = fit_with_solution(tracks, SCENE)
     assert solution is not None
     (course,) = list_shot_courses(solution.graph, 0)
     view = PosteriorView(solution, inflate_covariance(solution, 1.0), SCENE.table.ball_radius)
-    observations = collect_captured_observations(tracks, SCENE.table)
+    observations = collect_captured_observations(tracks, fit.trajectory.clock, SCENE.table)
     profile = profile_slip(view, observations, course.segments[0][0], 1.0, (0.2, 0.1))
     assert profile is not None
     return profile

@@ -8,7 +8,7 @@ from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
 from models.estimation.forecast.ensemble_prediction import EventKey
 from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
-from models.estimation.what_if.shot_outcome import ShotGoal, is_scored
+from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, StruckMember
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
@@ -50,6 +50,16 @@ def test_strokes_of_a_player_scatter_by_the_spread() -> None:
 def contacts(*own: EventKey) -> list[list[tuple[float, EventKey]]]:
     """Contacts of the cue ball; the others have none."""
     return [[(0.1 * k, event) for k, event in enumerate(own)], [], []]
+
+
+def test_a_contact_of_two_balls_belongs_to_both() -> None:
+    strike, rest = ("strike", "cue", ""), ("rest", "red", "")
+    pot, foreign = ("pocket", "yellow", "top"), ("ball", "green", "yellow")
+    events = [(0.0, strike), (0.1, ("ball", "cue", "red")), (0.2, pot), (0.3, foreign), (0.4, rest)]
+    cue, yellow, red = group_by_ball(events, IDS)
+    assert cue == ((0.1, ("ball", "cue", "red")),)
+    assert red == ((0.1, ("ball", "red", "cue")),)
+    assert yellow == ((0.2, pot), (0.3, ("ball", "yellow", "green")))
 
 
 YELLOW, RED_BALL, CUSHION = ("ball", "cue", "yellow"), ("ball", "cue", "red"), ("cushion", "cue", "left")
