@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -36,6 +37,8 @@ def format_report(rows: Sequence[GapRow]) -> str:
         *_calibration_lines(rows),
         "",
         *_confusion_lines(rows),
+        "",
+        *_law_lines(rows),
         "",
         *_wrong_lines(rows),
     ]
@@ -92,6 +95,14 @@ def _confusion_lines(rows: Sequence[GapRow]) -> Iterator[str]:
     order = list(dict.fromkeys((row.question, row.kind) for row in rows))
     for (question, kind, answer), times in sorted(counts.items(), key=lambda one: (order.index(one[0][:2]), -one[1])):
         yield f"  {question:9} {kind:48} {answer:40} {times}"
+
+
+def _law_lines(rows: Sequence[GapRow]) -> Iterator[str]:
+    yield "laws that no library holds: what remains unexplained"
+    for row in rows:
+        if row.question in ("foreign", "form"):
+            closed = "" if math.isnan(row.closed) else f", closes {row.closed:.2f}"
+            yield f"  {row.kind:32} seed {row.seed}: {row.answer}{closed}; {row.law or 'no law'}"
 
 
 def _wrong_lines(rows: Sequence[GapRow]) -> Iterator[str]:
