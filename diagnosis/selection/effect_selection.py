@@ -256,7 +256,7 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
         return True
     own = problem.mask((name, *find_details(problem, frozenset({name})))) & fitted.free
     here = own[fitted.free]
-    strength = (fitted.shared - problem.neutral)[own]
+    strength = (fitted.shared - problem.neutral(fitted.forms))[own]
     square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
     return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
@@ -360,7 +360,7 @@ def _rank_effects(gains: dict[str, float]) -> list[str]:
 def _has_natural_strength(problem: DiagnosisProblem, name: str) -> bool:
     """Return whether an effect has a usual strength in the literature."""
     mask = problem.mask((name,))
-    return bool((problem.natural != problem.neutral)[mask].any())
+    return bool((problem.natural != problem.neutral(problem.simulator_forms))[mask].any())
 
 
 def _is_pair_better(

@@ -10,7 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, can_simulate, fit_effects
 from diagnosis.selection.hypothesis_trials import find_added_effects
-from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
+from models.estimation.gap_scenes.billiards_scene import DEFAULT_EFFECTS, build_billiards_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 from models.estimation.multiple_shooting.shooting_windows import drop_shared_jacobian
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
@@ -200,6 +200,36 @@ def test_a_nap_that_would_accelerate_balls_is_impossible() -> None:
     gentle[nap], driving[nap] = 0.5 * result.shared[resistance], 2.0 * result.shared[resistance]
     assert can_simulate(question, result, result.forms, gentle)
     assert not can_simulate(question, result, result.forms, driving)
+
+
+def test_an_absent_height_of_the_cushion_is_that_of_each_contact_model() -> None:
+    recordings = (simulate_recording(5, numbers(), 1.0),)
+    mirror, han = (
+        build_diagnosis_problem(build_billiards_scene(TABLE, recordings, laws=ContactModels(law)), 0.0)
+        for law in ("mirror", "han_2005")
+    )
+    height = [prior.name for prior in mirror.priors].index("cushion_height.ratio")
+    assert mirror.priors[height].value == 1.0
+    assert han.priors[height].value == 1.27
+    assert mirror.neutral(("han_2005", "inelastic"))[height] == 1.27
+    other = fit_effects(mirror, split_into_segments(mirror, recordings), (), ("han_2005", "inelastic"))
+    assert other.shared[height] == 1.27
+
+
+def test_a_height_of_the_cushion_is_fitted_from_shots_with_another_one() -> None:
+    truth = numbers(cushion_height__ratio=1.4)
+    recordings = tuple(
+        replace(simulate_recording(seed, truth, 1.0, ContactModels("han_2005")), shot=seed) for seed in (5, 4)
+    )
+    effects = (*DEFAULT_EFFECTS, "cushion_friction", "ball_friction")
+    scene = build_billiards_scene(TABLE, recordings, None, effects, ContactModels("han_2005"))
+    question = build_diagnosis_problem(scene, 0.0)
+    pieces = split_into_segments(question, recordings)
+    bare, whole = fit_effects(question, pieces), fit_effects(question, pieces, ("cushion_height",))
+    height = [prior.name for prior in question.priors].index("cushion_height.ratio")
+    sigma = float(whole.shooting.sigma[np.flatnonzero(np.flatnonzero(whole.free) == height)[0]])
+    assert bare.cost > whole.cost + 30
+    assert abs(whole.shared[height] - 1.4) < 4 * sigma < 0.2
 
 
 def test_a_parameter_that_a_contact_model_leaves_open_is_no_cause() -> None:
