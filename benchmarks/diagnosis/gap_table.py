@@ -16,6 +16,9 @@ GOALS = (
     ("near+", "just above the noise: named or in its group", 0.75),
     ("none white", "false alarms: white noise", 0.03), ("none correlated", "false alarms: correlated noise", 0.05),
     ("none outliers", "false alarms: outliers and gaps", 0.05),
+    ("none heavy", "false alarms: noise of Student's t, 3 degrees", 0.05),
+    ("none quantised", "false alarms: steps of three sigmas", 0.05),
+    ("none filtered", "false alarms: smoothed over nine frames", 0.05),
     ("withheld+", "removed from the library: unknown, or a twin", 0.80), ("foreign", "in no library: unknown", 0.80),
     ("pair", "two missing: both named", 0.80), ("form", "another functional form: the family named", None),
     ("trap", "traps: group or not identifiable", 1.0), ("garbage", "garbage in reporting shots changes nothing", 1.0),
@@ -53,7 +56,8 @@ def _goal_lines(rows: Sequence[GapRow]) -> Iterator[str]:
 def _has_noise_kind(key: str, row: GapRow) -> bool:
     if not key.startswith("none"):
         return True
-    word = next((word for word in ("correlated", "outliers") if word in row.kind), "white")
+    words = ("correlated", "outliers", "heavy", "quantised", "filtered")
+    word = next((word for word in words if word in row.kind), "white")
     return word == key.split()[1]
 
 
