@@ -279,7 +279,7 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:
     """Return whether all shots may have the same strengths."""
-    return agreement_p_value(get_shot_information(search, hypothesis), hypothesis.fitted) > SUSPICIOUS_P_VALUE
+    return agreement_p_value((get_shot_information(search, hypothesis), hypothesis.fitted)) > SUSPICIOUS_P_VALUE
 
 
 def fit_without_effect(search: EffectSearch, hypothesis: Hypothesis, name: str) -> EffectFit:
