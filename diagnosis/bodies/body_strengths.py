@@ -87,17 +87,21 @@ def _select_body(one: Recording, body: int) -> Recording:
     )
 
 
-def fit_body_strengths(problem: DiagnosisProblem, fitted: EffectFit) -> BodyFit | None:
+def fit_body_strengths(
+    problem: DiagnosisProblem, fitted: EffectFit, differing: BoolArray | None = None
+) -> BodyFit | None:
     """Fit the missing effects of a hypothesis with strengths of every body, where they differ.
 
     Args:
         problem: Scene and priors.
         fitted: Fit with strengths that all bodies share.
+        differing: (P,) parameters that are known to differ between bodies; where not given, it is tested.
 
     Returns:
         The fit; None where all bodies may have the same strengths, or the shots cannot tell bodies from shots.
     """
-    candidates = problem.mask(tuple(name for name in fitted.names if name in problem.candidates)) & fitted.free
+    tested = np.ones(len(fitted.free), bool) if differing is None else differing
+    candidates = tested & problem.mask(tuple(name for name in fitted.names if name in problem.candidates)) & fitted.free
     bodies = tuple(sorted({name for segment in fitted.segments for name in segment.bodies}))
     if not isinstance(problem.scene, ContactFreeScene) or not candidates.any() or len(bodies) < 2:
         return None
@@ -108,7 +112,7 @@ def fit_body_strengths(problem: DiagnosisProblem, fitted: EffectFit) -> BodyFit 
     ]
     parts.sort(key=lambda part: part[0].bodies)
     segments, starts = tuple(segment for segment, _ in parts), tuple(start for _, start in parts)
-    if len({(segment.shot, segment.bodies) for segment in segments}) == len(bodies):
+    if differing is None and len({(segment.shot, segment.bodies) for segment in segments}) == len(bodies):
         return None
     alone = _fit_bodies(problem, fitted, bodies, segments, starts, candidates, problem.priors)
     shot_spread, added = _estimate_shot_scatter(problem, fitted, alone, candidates)

@@ -131,7 +131,7 @@ def run_study(
     is_noise_known = noise.is_measured or all(one.is_sigma_stated for one in (*first, *second))
     scale = residuals_after.scale if is_noise_known else 1.0
     unknown_evidence = _assess_doubt(
-        problem, first, second, search, best, (base, full), structure_after, scale, linearized_full, rng
+        problem, first, second, search, best, (base, full), body_fit, structure_after, scale, linearized_full, rng
     )
     if bodies:
         agreement = agreement_p_value(*((one.shot_information, fitted) for fitted, one in bodies))
@@ -178,6 +178,7 @@ def _assess_doubt(
     search: EffectSearch,
     best: Hypothesis,
     fits: tuple[EffectFit, EffectFit],
+    body_fit: BodyFit | None,
     left: ResidualStructure,
     scale: float,
     linearized: LinearizedFit,
@@ -191,7 +192,7 @@ def _assess_doubt(
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
     )
-    body_after = fit_body_strengths(problem, after)
+    body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
     ahead = (
         measure_closure(problem, second or first, before, after, rng)
         if body_after is None

@@ -123,9 +123,7 @@ def test_measured_balls_have_drags_of_their_own() -> None:
             Recording(shot, np.arange(len(t)), t, (ball,), height[:, None, None], error, is_sigma_stated=False)
         )
     # order the shots so that each ball has fitting and hold-out shots: first all first drops, then all second ones
-    second = [one for k, one in enumerate(recordings) if k and recordings[k - 1].bodies == one.bodies]
-    first = [one for one in recordings if one not in second]
-    ordered = tuple(replace(one, shot=k) for k, one in enumerate((*first, *second)))
+    ordered = tuple(replace(one, shot=k) for k, one in enumerate((*recordings[::2], *recordings[1::2])))
     measured = diagnose(build_flight_scene(1), ordered)
     drag = next(one for one in measured.candidates if one.effect in ("air_drag", "viscous_drag") and one.per_body)
     strengths = {one.body.lower(): one.strengths[0].value for one in drag.per_body}
