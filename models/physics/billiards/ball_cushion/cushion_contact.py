@@ -29,6 +29,8 @@ NOSE_HEIGHT = 1.27
 """Height of the nose above the cloth over the ball's radius: 62.5 to 64.5 % of the diameter (WPA equipment
 specifications)."""
 NOSE_HEIGHT_PARAMETER = "cushion_height.ratio"
+LEAST_HEIGHT = 0.5
+"""Least height of a contact over the radius, see `models.physics.effects.contacts.cushion_height`."""
 
 CUSHION_PARAMETERS = (
     "cushion_restitution.e",
@@ -50,14 +52,14 @@ def contact_inclination(p, standard_height):  # type: ignore[no-untyped-def]
 
     Args:
         p: (P,) physical parameters.
-        standard_height: Height of the contact over the radius where `cushion_height.ratio` is 0; a derivative by it is
-            then the one at this height.
+        standard_height: Height of the contact over the radius where `cushion_height.ratio` is 0. Values near 0, below
+            any real height, are added to it, so that there is a derivative at 0.
 
     Returns:
         sin(theta) and cos(theta).
     """
     height = p[_HEIGHT]
-    if height.real == 0.0:
+    if height.real < LEAST_HEIGHT:
         height = height + standard_height
     sine = height - 1.0
     return sine, np.sqrt(1.0 - sine * sine)

@@ -1,7 +1,8 @@
 """Cushion height: how far above the cloth the nose of a cushion touches a ball, over the ball's radius.
 
 A nose above the centre presses the ball down and rubs against its roll. Every cushion model has a height of its own,
-which it keeps where no other is given: the neutral value 0 stands for that height (`ContactModel.standard_values`).
+which it keeps where no other is given: the neutral value 0 stands for that height (`ContactModel.standard_values`), and
+values below the least limit are a distance from it.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, can_simulate, fit_effects
 from diagnosis.selection.hypothesis_trials import find_added_effects
-from models.estimation.gap_scenes.billiards_scene import DEFAULT_EFFECTS, build_billiards_scene
+from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 from models.estimation.multiple_shooting.shooting_windows import drop_shared_jacobian
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
@@ -216,20 +216,21 @@ def test_an_absent_height_of_the_cushion_is_that_of_each_contact_model() -> None
     assert other.shared[height] == 1.27
 
 
-def test_a_height_of_the_cushion_is_fitted_from_shots_with_another_one() -> None:
-    truth = numbers(cushion_height__ratio=1.4)
-    recordings = tuple(
-        replace(simulate_recording(seed, truth, 1.0, ContactModels("han_2005")), shot=seed) for seed in (5, 4)
-    )
-    effects = (*DEFAULT_EFFECTS, "cushion_friction", "ball_friction")
-    scene = build_billiards_scene(TABLE, recordings, None, effects, ContactModels("han_2005"))
-    question = build_diagnosis_problem(scene, 0.0)
-    pieces = split_into_segments(question, recordings)
-    bare, whole = fit_effects(question, pieces), fit_effects(question, pieces, ("cushion_height",))
-    height = [prior.name for prior in question.priors].index("cushion_height.ratio")
-    sigma = float(whole.shooting.sigma[np.flatnonzero(np.flatnonzero(whole.free) == height)[0]])
-    assert bare.cost > whole.cost + 30
-    assert abs(whole.shared[height] - 1.4) < 4 * sigma < 0.2
+def test_the_height_of_a_cushion_shows_where_the_nose_rubs_or_leans() -> None:
+    """Its derivative at an absent height: that of a published law, and none for a mirror without friction."""
+    slopes = {}
+    for law, mu in (("han_2005", 0.2), ("han_2005", 0.0), ("mirror", 0.2), ("mirror", 0.0)):
+        values = numbers(cushion_friction__mu=mu)
+        shot = simulate_recording(5, values, 1.0, ContactModels(law))
+        scene = build_billiards_scene(TABLE, (shot,), laws=ContactModels(law))
+        model = scene.build_model(scene.split_recording(shot), (law, "inelastic"))
+        shared = np.array([values[SHOT_PARAMETERS.index(prior.name)] for prior in model.unknowns])
+        height = [prior.name for prior in model.unknowns].index("cushion_height.ratio")
+        slopes[law, mu] = model.linearize(0, model.windows[0].start, shared).shared_jacobian[..., height]
+    assert slopes["han_2005", 0.2].any()
+    assert slopes["han_2005", 0.0].any()
+    assert slopes["mirror", 0.2].any()
+    assert not slopes["mirror", 0.0].any()
 
 
 def test_a_parameter_that_a_contact_model_leaves_open_is_no_cause() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.physics.billiards import parameter_vector
+from models.physics.billiards.ball_cushion.cushion_contact import LEAST_HEIGHT
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import find_model
 from models.physics.billiards.simulation.table_physics import Physics
@@ -97,6 +98,7 @@ def test_an_absent_height_is_that_of_the_model(name: str) -> None:
 def test_the_derivative_by_the_height_is_that_of_the_differences(name: str, height: float) -> None:
     """A complex step at an absent height gives the derivative at the height of the model."""
     step, number = 1e-6, parameter_vector.CUSHION_HEIGHT
+    assert height == 0.0 or height > LEAST_HEIGHT
     for ball in contacts(20):
         p = physics(height).astype(np.complex128)
         p[number] += 1e-30j

@@ -29,7 +29,7 @@ UNITS = np.array([1.0, 1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 USUAL = {
     "sliding_friction": {"mu": 0.2}, "rolling_resistance": {"mu": 0.01}, "spin_decay": {"rate": 10.0},
     "cushion_restitution": {"e": 0.85}, "cushion_restitution_speed": {"slope": 0.02}, "cushion_friction": {"mu": 0.2},
-    "ball_restitution": {"e": 0.95}, "ball_friction": {"mu": 0.05}, "cushion_height": {"ratio": 1.3},
+    "ball_restitution": {"e": 0.95}, "ball_friction": {"mu": 0.05},
 }  # fmt: skip
 GENERIC = {
     "cloth_force.brake_1": 0.03, "cloth_force.brake_2": -0.01, "cloth_force.brake_3": 0.01,
