@@ -55,6 +55,10 @@ class BodyFit:
     """Start state (S,) of each window."""
     lack_of_fit: float
     """Factor >= 1 by which the variance of the residuals exceeds that of the noise."""
+    cost: float
+    """Robust chi2 of the residuals and priors."""
+    parameter_count: int
+    """Number of fitted parameters, common and own."""
 
     def values_of(self, body: str) -> FloatArray:
         """Return the values (P,) of all parameters for a body; those of the common prior for an unknown one."""
@@ -184,7 +188,18 @@ def _fit_bodies(
     sigma[:, own] = shooting.sigma[int(common.sum()) :].reshape(len(bodies), size)
     nothing = np.zeros(len(own))
     return BodyFit(
-        bodies, own, values, sigma, like.shared, nothing, nothing, segments, shooting.starts, shooting.inflation
+        bodies=bodies,
+        own=own,
+        shared=values,
+        sigma=sigma,
+        centre=like.shared,
+        spread=nothing,
+        shot_spread=nothing,
+        segments=segments,
+        starts=shooting.starts,
+        lack_of_fit=shooting.inflation,
+        cost=shooting.cost,
+        parameter_count=len(first),
     )
 
 

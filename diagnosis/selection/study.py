@@ -25,6 +25,7 @@ from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estima
 from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
 from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
 from diagnosis.fitting.window_continuation import find_unreachable_shots
+from diagnosis.selection.body_rivals import compare_with_body_strengths
 from diagnosis.selection.cross_shot_evidence import (
     confirm_effects,
     cross_shot_gain,
@@ -82,6 +83,8 @@ class Study:
     body_fit: BodyFit | None = None
     """The best hypothesis with strengths of every body; None where all bodies may have the same. `residuals_after` are
     then its residuals."""
+    refuted_by_bodies: frozenset[str] = frozenset()
+    """Rivals that strengths of every body refute."""
 
     @property
     def segments_after(self) -> tuple[Recording, ...]:
@@ -116,11 +119,11 @@ def run_study(
         duration = find_common_duration((*first, *second), ENOUGH_SECONDS)
         first, second = shorten_recordings(first, duration), shorten_recordings(second, duration)
     search = _run_search(problem, (*first, *second), on_progress)
-    best = confirm_effects(problem, search, first, second)
+    choice = compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
+    best, body_fit = choice.best, choice.body_fit
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
-    body_fit = fit_body_strengths(problem, full)
     bodies = () if body_fit is None else linearize_bodies(problem, full, body_fit)
     residuals_after = (
         compute_body_residuals(problem, bodies, rng)
@@ -153,6 +156,7 @@ def run_study(
         structure_after,
         unknown_evidence,
         body_fit,
+        choice.refuted,
     )
 
 

@@ -130,7 +130,11 @@ def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, NamedEffect], str]
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
         named_effects[name] = NamedEffect(
-            find_group(study.search, best, name, effect_signatures),
+            tuple(
+                one
+                for one in find_group(study.search, best, name, effect_signatures)
+                if one not in study.refuted_by_bodies
+            ),
             flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
             () if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
         )

@@ -92,7 +92,7 @@ def test_bodies_of_one_drag_share_it() -> None:
 
 def test_shots_that_differ_do_not_make_bodies_differ() -> None:
     rng = np.random.default_rng(6)
-    drags = rng.uniform(0.12, 0.28, 16)
+    drags = rng.uniform(0.16, 0.24, 16)
     mixed = diagnose(FLIGHT, tuple(throw(shot, {"ab"[shot % 2]: k}, rng) for shot, k in enumerate(drags)))
     assert mixed.candidates[0].effect == "air_drag"
     assert mixed.candidates[0].per_body == ()
