@@ -323,7 +323,8 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
     gains = _predict_gains(search, now)
     first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or not now.names]
     if now.fitted.lack_of_fit > POOR_LACK_OF_FIT:
-        first += [name for name in gains if name not in first and _has_natural_strength(search.problem, name)]
+        acting = (name for name in gains if effect_signatures.raw[search.problem.mask((name,))].any())
+        first += [name for name in acting if name not in first and _has_natural_strength(search.problem, name)]
     forms = [choice.name for choice in search.problem.scene.alternatives if choice.name not in now.names]
     forms = (
         [] if now.names and _leaves_only_noise(search, now) else forms
