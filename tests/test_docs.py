@@ -15,7 +15,11 @@ from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE, BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE, CUSHION_MODELS
+from models.physics.billiards.ball_cushion.cushion_models import (
+    CUSHION_MODEL_CHOICE,
+    CUSHION_MODELS,
+    REGISTERED_CUSHION_MODELS,
+)
 from models.physics.billiards.tables import TABLE_PRESETS
 from models.physics.effect import Effect
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
@@ -139,7 +143,11 @@ def test_the_table_of_effects_states_prior_and_neutral_value(effect: Effect) -> 
     for prior, neutral in zip(effect.parameters, effect.neutral, strict=True):
         sigma = f"{100 * prior.sigma:g}\u00a0%" if prior.relative else f"{prior.sigma:g}"
         assert usual == f"{prior.value:g}\u00a0±\u00a0{sigma}"
-        assert float(absent) == neutral
+        own = {dict(law.standard_values).get(f"{effect.name}.{prior.name}") for law in REGISTERED_CUSHION_MODELS}
+        if own == {None}:
+            assert float(absent) == neutral
+        else:
+            assert {float(value) for value in re.findall(r"[\d.]+", absent)} == own
 
 
 def test_no_row_of_the_table_of_effects_is_without_an_effect() -> None:

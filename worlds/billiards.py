@@ -8,13 +8,14 @@ of the shot: a rolling ball has wx = -vy/R, wy = vx/R. q is the orientation of t
 
 In every step of `dt`, friction changes the velocities and velocities change the positions; balls that overlap and
 approach receive an impulse, whose time is moved back inside the step to the moment of contact. Cushion models:
-`mirror`, and `mathavan_2010` (Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under
-cushion impacts", Proc. IMechE C, 224, 2010), integrated over the impulse at the height of the nose. Ball models:
-`inelastic` (Coulomb friction if `ball_friction` is given), and `alciatore` (friction that falls with speed, technical
-proof A-14). Balls may differ in radius and mass; their centres are assumed to lie in one plane. Effects that are in no
-library: `sticky_patch` (additional rolling resistance mu within 0.3 m of x, y), `curl` (c: a rolling ball turns, c
-times its deceleration to its left), `cushion_restitution_power` (restitution falls with that power of the speed, and is
-e at 1 m/s).
+`mirror`, `han_2005` (Han, "Dynamics in carom and three cushion billiards", J. Mech. Sci. Tech. 19, 2005), and
+`mathavan_2010` (Mathavan, Jackson, Parkin, "A theoretical analysis of billiard ball dynamics under cushion impacts",
+Proc. IMechE C, 224, 2010), integrated over the impulse at the height of the nose. That height is `cushion_height`
+(1.27 radii above the cloth by default) for the latter two. Ball models: `inelastic` (Coulomb friction if
+`ball_friction` is given), and `alciatore` (friction that falls with speed, technical proof A-14). Balls may differ in
+radius and mass; their centres are assumed to lie in one plane. Effects that are in no library: `sticky_patch`
+(additional rolling resistance mu within 0.3 m of x, y), `curl` (c: a rolling ball turns, c times its deceleration to
+its left), `cushion_restitution_power` (restitution falls with that power of the speed, and is e at 1 m/s).
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ RESTING_CLOSING = 1e-3
 CUSHIONS = ("left", "right", "top", "bottom")
 POCKETS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
 KINDS = ("strike", "ball", "cushion", "pocket", "rest")
-MIRROR, MATHAVAN = 0, 1
-CUSHION_LAWS = {"mirror": MIRROR, "mathavan_2010": MATHAVAN}
+MIRROR, MATHAVAN, HAN = 0, 1, 2
+CUSHION_LAWS = {"mirror": MIRROR, "mathavan_2010": MATHAVAN, "han_2005": HAN}
 INELASTIC, ALCIATORE = 0, 1
 BALL_LAWS = {"inelastic": INELASTIC, "alciatore": ALCIATORE}
 EFFECTS = {
@@ -78,9 +79,10 @@ EFFECTS = {
     "sticky_patch": ("mu", "x", "y"),
     "curl": ("c",),
     "cushion_restitution_power": ("power",),
+    "cushion_height": ("ratio",),
 }
 PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for name in names)
-NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0}
+NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0, "cushion_height.ratio": NOSE_HEIGHT_RADII}
 
 
 @njit(cache=CACHE_COMPILED)
@@ -154,9 +156,9 @@ def rebound_by_mirror(along, into, spin, radius, e, mu):
 
 
 @njit(cache=CACHE_COMPILED)
-def rebound_by_mathavan(vx, vy, wx, wy, wz, radius, e, mu):
+def rebound_by_mathavan(vx, vy, wx, wy, wz, radius, e, mu, height):
     """Integrate Mathavan 2010, eqs 15 to 17, over the normal impulse (mass 1): x along the cushion, y into it."""
-    sin, k = NOSE_HEIGHT_RADII - 1, 2.5 / radius
+    sin, k = height - 1, 2.5 / radius
     cos = math.sqrt(1 - sin * sin)
     step, work, wanted, compressing = vy / 4000, 0.0, 0.0, True
     for _ in range(200000):
@@ -181,7 +183,28 @@ def rebound_by_mathavan(vx, vy, wx, wy, wz, radius, e, mu):
 
 
 @njit(cache=CACHE_COMPILED)
-def apply_cushion_contact(v, w, side, radius, e, mu, law):
+def rebound_by_han(vx, vy, wx, wy, wz, radius, e, mu, height):
+    """Apply the impulse of Han 2005 at the point of contact (mass 1): x along the cushion, y into it, z up.
+
+    All vectors have three components. The ball keeps its height: what the impulse does to it vertically is dropped.
+    """
+    up = height - 1
+    arm = radius * np.array([0.0, math.sqrt(1 - up * up), up])  # from the centre to the point of contact
+    inward = -arm / radius
+    v, w = np.array([vx, vy, 0.0]), np.array([wx, wy, wz])
+    surface = v + np.cross(w, arm)
+    closing = -np.dot(surface, inward)
+    slip = surface + closing * inward
+    size = math.sqrt(np.dot(slip, slip)) + 1e-300
+    normal = (1 + e) * closing
+    impulse = normal * inward - min(mu * normal, size * 2 / 7) / size * slip
+    v += impulse
+    w += 2.5 / radius**2 * np.cross(arm, impulse)
+    return v[0], min(v[1], 0.0), w[0], w[1], w[2]
+
+
+@njit(cache=CACHE_COMPILED)
+def apply_cushion_contact(v, w, side, radius, e, mu, height, law):
     """Rebound one ball from cushion `side`; changes v and w."""
     # frame with y into the cushion and x along it, turned (not mirrored), so spins keep their formulas
     nx, ny = (-1.0, 0.0) if side == 0 else (1.0, 0.0) if side == 1 else (0.0, -1.0) if side == 2 else (0.0, 1.0)
@@ -189,7 +212,9 @@ def apply_cushion_contact(v, w, side, radius, e, mu, law):
     along, into = v[0] * tx + v[1] * ty, v[0] * nx + v[1] * ny
     wt, wn, wz = w[0] * tx + w[1] * ty, w[0] * nx + w[1] * ny, w[2]
     if law == MATHAVAN:
-        along, into, wt, wn, wz = rebound_by_mathavan(along, into, wt, wn, wz, radius, e, mu)
+        along, into, wt, wn, wz = rebound_by_mathavan(along, into, wt, wn, wz, radius, e, mu, height)
+    elif law == HAN:
+        along, into, wt, wn, wz = rebound_by_han(along, into, wt, wn, wz, radius, e, mu, height)
     else:
         along, into, wz = rebound_by_mirror(along, into, wz, radius, e, mu)
     v[0], v[1] = along * tx + into * nx, along * ty + into * ny
@@ -292,7 +317,7 @@ def resolve_rails(xyz, v, w, moving, potted, size, radius, pockets, p, law, t, d
                 events, count, CUSHION, t - back, i, side, x - v[i, 0] * back, y - v[i, 1] * back, into
             )
             e = p[5] * into ** -p[17] - p[6] * into
-            apply_cushion_contact(v[i], w[i], side, radius[i], min(max(e, 0.0), 1.0), p[7], law)
+            apply_cushion_contact(v[i], w[i], side, radius[i], min(max(e, 0.0), 1.0), p[7], p[18], law)
     return count
 
 
@@ -368,6 +393,8 @@ def play(shot: dict, dt: float = STEP) -> tuple[Floats, Floats]:
     v = np.array([[b.get("vx", 0.0), b.get("vy", 0.0)] for b in balls])
     w = np.array([[b.get("wx", 0.0), b.get("wy", 0.0), b.get("wz", 0.0)] for b in balls])
     laws = shot.get("laws", {})
+    if laws.get("cushion", "mirror") == "mirror" and "cushion_height" in shot.get("effects", {}):
+        raise SystemExit("the mirror of this simulator touches the centre; take han_2005 or mathavan_2010")
     chosen = (CUSHION_LAWS[laws.get("cushion", "mirror")], BALL_LAWS[laws.get("ball", "inelastic")])
     every = round(1 / (shot.get("hz", 1000) * dt))
     dt = 1 / (shot.get("hz", 1000) * every)  # so that samples are whole steps apart at any rate

@@ -100,7 +100,7 @@ def _classify_question(case: BilliardsGapCase) -> str:
         return "trap"
     if case.harder:
         return case.harder
-    if kind.family or kind.simulator_cushion != "mirror":
+    if kind.family or kind.simulator_cushion not in ("mirror", kind.cushion):
         return "form"
     if not kind.missing:
         return "none"

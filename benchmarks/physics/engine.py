@@ -52,7 +52,12 @@ EFFECTS = {
     "ball_restitution": {"e": 0.95},
 }  # fmt: skip
 """Sliding friction equals the 0.21 that the cushion model of worlds/billiards.py has under the nose."""
-SHARED_MODELS = (("mirror", "inelastic"), ("mirror", "alciatore"), ("mathavan_2010", "inelastic"))
+SHARED_MODELS = (
+    ("mirror", "inelastic"),
+    ("mirror", "alciatore"),
+    ("mathavan_2010", "inelastic"),
+    ("han_2005", "inelastic"),
+)
 """Pairs of contact models that worlds/billiards.py has too."""
 FRESH_BREAK = """
 import time

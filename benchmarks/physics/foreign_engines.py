@@ -20,10 +20,9 @@ from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_ball import alciatore
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
 from models.physics.billiards.ball_cushion.cushion_contact import (
-    COS_THETA,
     NOSE_HEIGHT,
-    SIN_THETA,
     apply_cushion_impulse,
+    contact_inclination,
     contact_velocities,
 )
 
@@ -74,14 +73,15 @@ def pooltool_stronge(ball: FloatArray, p: FloatArray) -> FloatArray:
     """
     from pooltool.physics.resolve.stronge_compliant import resolve_collinear_compliant_frictional_inelastic_collision
 
-    closing, st, sk = contact_velocities(*ball, RADIUS)
+    lean = contact_inclination(p, NOSE_HEIGHT)
+    closing, st, sk = contact_velocities(*ball, RADIUS, *lean)
     slip = math.hypot(st, sk)
     e, mu = p[parameter_vector.CUSHION_E], p[parameter_vector.CUSHION_MU]
     slip_after, _ = resolve_collinear_compliant_frictional_inelastic_collision(
         -slip, -closing, MASS, 3.5, 1.0, mu, e, 1e3, stronge.ETA_SQUARED
     )
     share = (slip_after + slip) / (3.5 * slip)
-    return np.array(apply_cushion_impulse(*ball, RADIUS, (1 + e) * closing, -share * st, -share * sk))
+    return np.array(apply_cushion_impulse(*ball, RADIUS, (1 + e) * closing, -share * st, -share * sk, *lean))
 
 
 def relative_difference(law: object, there: FloatArray, ball: FloatArray, p: FloatArray) -> float:
@@ -101,10 +101,9 @@ def print_cushions() -> None:
         rows = [relative_difference(mathavan_2010, pooltool_mathavan(b, p, steps), b, p) for b, p in contacts[:100]]
         print_row(f"mathavan_2010, pooltool with {steps} Euler steps", rows)
         # Larger friction at the nose lifts the ball: pooltool then lets the cloth pull it back, our model releases it.
+        sine, cosine = contact_inclination(parameter_vector.neutral_parameters(), NOSE_HEIGHT)
         loaded = [
-            row
-            for row, (_, p) in zip(rows, contacts, strict=False)
-            if p[parameter_vector.CUSHION_MU] < SIN_THETA / COS_THETA
+            row for row, (_, p) in zip(rows, contacts, strict=False) if p[parameter_vector.CUSHION_MU] < sine / cosine
         ]
         print_row(f"mathavan_2010, pooltool with {steps} steps, mu < tan theta", loaded)
     print_row("stronge", [relative_difference(stronge, pooltool_stronge(b, p), b, p) for b, p in contacts])

@@ -39,8 +39,6 @@ class DiagnosisProblem:
     scene: GapScene
     priors: tuple[Prior, ...]
     """(P,) priors of all parameters, none of them relative, so that an effect may be absent."""
-    neutral: FloatArray
-    """(P,) values of all parameters with every effect absent."""
     natural: FloatArray
     """(P,) values from the literature; neutral where an effect may have either sign or any size."""
     correlation: float
@@ -64,6 +62,10 @@ class DiagnosisProblem:
         """The form of each contact model that the simulator has."""
         return tuple(choice.simulator_form for choice in self.scene.alternatives)
 
+    def neutral(self, forms: tuple[str, ...]) -> FloatArray:
+        """Return the values (P,) of all parameters with every effect absent, under these contact models."""
+        return neutral_values(self.scene, forms)
+
     def mask(self, names: tuple[str, ...]) -> BoolArray:
         """Return a mask (P,) of the parameters of the named effects."""
         return effect_parameter_mask(self.scene, names)
@@ -86,16 +88,16 @@ def build_diagnosis_problem(scene: GapScene, correlation: float, executor: Execu
         The problem.
     """
     priors = []
-    for effect in scene.effects:
-        for prior, neutral in zip(effect.parameters, effect.neutral, strict=True):
-            spread = prior.sigma * (abs(prior.value) if prior.relative else 1.0)
-            low, high = min(prior.bounds[0], neutral), max(prior.bounds[1], neutral)
-            is_simulated = effect.name in scene.simulator_effects
-            value = prior.value if is_simulated else neutral
-            sigma = spread * _SIMULATOR_PRIOR_FACTOR if is_simulated else float(np.hypot(spread, prior.value - neutral))
-            priors.append(Prior(f"{effect.name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
-    natural = np.array([prior.value for effect in scene.effects for prior in effect.parameters])
-    return DiagnosisProblem(scene, tuple(priors), neutral_values(scene), natural, correlation, executor)
+    usual = [(effect.name, prior) for effect in scene.effects for prior in effect.parameters]
+    for (name, prior), neutral in zip(usual, neutral_values(scene).tolist(), strict=True):
+        spread = prior.sigma * (abs(prior.value) if prior.relative else 1.0)
+        low, high = min(prior.bounds[0], neutral), max(prior.bounds[1], neutral)
+        is_simulated = name in scene.simulator_effects
+        value = prior.value if is_simulated else neutral
+        sigma = spread * _SIMULATOR_PRIOR_FACTOR if is_simulated else float(np.hypot(spread, prior.value - neutral))
+        priors.append(Prior(f"{name}.{prior.name}", prior.unit, value, sigma, False, (low, high)))
+    natural = np.array([prior.value for _, prior in usual])
+    return DiagnosisProblem(scene, tuple(priors), natural, correlation, executor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,8 +193,8 @@ def fit_effects(
     """
     forms = problem.simulator_forms if forms is None else forms
     free = problem.mask((*problem.scene.simulator_effects, *names))
-    values = np.where(free, [prior.value for prior in problem.priors], problem.neutral) if guess is None else guess
-    values = np.where(free, problem.clip_to_bounds(values), problem.neutral)
+    values = np.array([prior.value for prior in problem.priors]) if guess is None else guess
+    values = np.where(free, problem.clip_to_bounds(values), problem.neutral(forms))
     model = FixedParameterModel(build_window_model(problem, segments, forms, free), values, free, problem.priors)
     shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
     return EffectFit(segments, names, forms, free, model.fill_values(shooting.shared), shooting)

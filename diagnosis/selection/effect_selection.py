@@ -256,7 +256,7 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
         return True
     own = problem.mask((name, *find_details(problem, frozenset({name})))) & fitted.free
     here = own[fitted.free]
-    strength = (fitted.shared - problem.neutral)[own]
+    strength = (fitted.shared - problem.neutral(fitted.forms))[own]
     square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
     return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
@@ -279,7 +279,7 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:
     """Return whether all shots may have the same strengths."""
-    return agreement_p_value(get_shot_information(search, hypothesis), hypothesis.fitted) > SUSPICIOUS_P_VALUE
+    return agreement_p_value((get_shot_information(search, hypothesis), hypothesis.fitted)) > SUSPICIOUS_P_VALUE
 
 
 def fit_without_effect(search: EffectSearch, hypothesis: Hypothesis, name: str) -> EffectFit:
@@ -323,7 +323,8 @@ def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[
     gains = _predict_gains(search, now)
     first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or not now.names]
     if now.fitted.lack_of_fit > POOR_LACK_OF_FIT:
-        first += [name for name in gains if name not in first and _has_natural_strength(search.problem, name)]
+        acting = (name for name in gains if effect_signatures.raw[search.problem.mask((name,))].any())
+        first += [name for name in acting if name not in first and _has_natural_strength(search.problem, name)]
     forms = [choice.name for choice in search.problem.scene.alternatives if choice.name not in now.names]
     forms = (
         [] if now.names and _leaves_only_noise(search, now) else forms
@@ -360,7 +361,7 @@ def _rank_effects(gains: dict[str, float]) -> list[str]:
 def _has_natural_strength(problem: DiagnosisProblem, name: str) -> bool:
     """Return whether an effect has a usual strength in the literature."""
     mask = problem.mask((name,))
-    return bool((problem.natural != problem.neutral)[mask].any())
+    return bool((problem.natural != problem.neutral(problem.simulator_forms))[mask].any())
 
 
 def _is_pair_better(

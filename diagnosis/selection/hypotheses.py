@@ -176,13 +176,14 @@ class EffectSearch:
         fitted strength, which costs the log of the number of orders of magnitude to choose from.
         """
         fitted, problem = one.fitted, self.problem
+        neutral = problem.neutral(fitted.forms)
         sigmas = np.array([prior.sigma for prior in problem.priors])
         error = np.zeros(len(sigmas))
         error[fitted.free] = fitted.shooting.sigma
         cost = 0.0
         for name in (one for one in fitted.names if one in problem.candidates):
             own = problem.mask((name,)) & fitted.free
-            strength = (fitted.shared[own] - problem.neutral[own]) / sigmas[own]
+            strength = (fitted.shared[own] - neutral[own]) / sigmas[own]
             scale = min(float(np.sqrt(np.mean(np.maximum(strength**2, (error[own] / sigmas[own]) ** 2)))), 1.0)
             cost += 0.5 * float(np.square(strength).sum()) * (1 / scale**2 - 1) + log(_LOG_STRENGTH_RANGE)
             sigmas[own] *= scale

@@ -17,7 +17,7 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from diagnosis.fitting.window_continuation import adopt_better_starts, restart_poor_shots, restart_while_improving
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, compute_hypothesis_signatures, get_shot_information
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 
 CLEAR_GAIN = 50.0
 """chi2 gain from which a hypothesis explains something."""
@@ -122,13 +122,15 @@ def _fit_coarsely(
     """Fit effects with given contact models in a few iterations, from a near hypothesis or from the data alone."""
     problem, segments = search.problem, near.fitted.segments
     fresh, alike = problem.mask(effects) & ~near.fitted.free, forms == near.fitted.forms
-    guess = guess if can_simulate(problem, near.fitted, forms, guess) else near.fitted.shared
-    starts = _predict_starts(search, near, forms, guess)
+    active = problem.mask((*problem.scene.simulator_effects, *effects))
+    current, guess = (np.where(active, one, problem.neutral(forms)) for one in (near.fitted.shared, guess))
+    guess = guess if can_simulate(problem, near.fitted, forms, guess) else current
+    starts = _predict_starts(search, near, forms, guess, active)
     fitted = fit_effects(problem, segments, effects, forms, guess, starts, COARSE_FIT)
     # a long step can put some windows on wrong paths
     if near.names <= names and alike and fitted.cost > near.fitted.cost:
         fitted = fit_effects(problem, segments, effects, forms, near.fitted.shared, near.fitted.starts, COARSE_FIT)
-    natural = np.where(fresh, problem.natural, near.fitted.shared)
+    natural = np.where(fresh, problem.natural, current)
     hidden = _may_be_absorbed(problem, fitted, fresh) if alike else fitted.lack_of_fit > POOR_LACK_OF_FIT
     if hidden and can_simulate(problem, near.fitted, forms, natural):
         from_guesses = fit_effects(problem, segments, effects, forms, natural, None, COARSE_FIT)
@@ -137,14 +139,14 @@ def _fit_coarsely(
 
 
 def _predict_starts(
-    search: EffectSearch, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray
+    search: EffectSearch, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray, active: BoolArray
 ) -> tuple[FloatArray, ...]:
-    """Predict start states for other parameters (P,): those of a fit, shifted with its parameters where that is closer.
+    """Predict start states for other parameters (P,): those of a fit, shifted with `active` ones where that is closer.
 
     A spin that an effect consumes early could not be recovered from unshifted starts.
     """
     fitted = near.fitted
-    moved = get_shot_information(search, near).shift_starts(fitted.starts, guess - fitted.shared)
+    moved = get_shot_information(search, near).shift_starts(fitted.starts, np.where(active, guess - fitted.shared, 0.0))
     return select_best_starts(search.problem, fitted, forms, guess, [fitted.starts, moved])
 
 
@@ -177,10 +179,9 @@ def restart_poor_windows(search: EffectSearch, one: Hypothesis) -> Hypothesis:
 
 def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArray[np.bool_]) -> bool:
     """Return whether hidden states may have absorbed an effect: the misfit is large, the fitted strength small."""
-    has_natural = fresh & (problem.natural != problem.neutral)
-    strength = (
-        np.abs(fitted.shared - problem.neutral)[has_natural] / np.abs(problem.natural - problem.neutral)[has_natural]
-    )
+    neutral = problem.neutral(fitted.forms)
+    has_natural = fresh & (problem.natural != neutral)
+    strength = np.abs(fitted.shared - neutral)[has_natural] / np.abs(problem.natural - neutral)[has_natural]
     return bool(len(strength) and strength.max() < _ABSORBED_STRENGTH_SHARE and fitted.lack_of_fit > POOR_LACK_OF_FIT)
 
 
@@ -213,7 +214,7 @@ def refit_from(problem: DiagnosisProblem, fitted: EffectFit, other: EffectFit, f
     names, restarted = (*fitted.names, *more), fitted
     if not more and forms == fitted.forms and fitted.cost <= _HOPELESS_COST_RATIO * other.cost:
         restarted = adopt_better_starts(problem, fitted, other.starts)
-    shared = np.where(problem.mask((*problem.scene.simulator_effects, *names)), other.shared, problem.neutral)
+    shared = np.where(problem.mask((*problem.scene.simulator_effects, *names)), other.shared, problem.neutral(forms))
     if not can_simulate(problem, other, forms, shared):
         return restarted
     coarse = fit_effects(problem, other.segments, names, forms, shared, other.starts, COARSE_FIT)

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from diagnosis.bodies.body_predictions import measure_body_closure
+from diagnosis.bodies.body_residuals import compute_body_residuals, linearize_bodies
+from diagnosis.bodies.body_strengths import BodyFit, fit_body_strengths
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
 from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
 from diagnosis.fitting.gap_closure import measure_closure
@@ -22,6 +25,7 @@ from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estima
 from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
 from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
 from diagnosis.fitting.window_continuation import find_unreachable_shots
+from diagnosis.selection.body_rivals import compare_with_body_strengths
 from diagnosis.selection.cross_shot_evidence import (
     confirm_effects,
     cross_shot_gain,
@@ -33,6 +37,7 @@ from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, ProgressCal
 from diagnosis.selection.unknown_effects import (
     MIN_EXPLAINED_SHARE,
     UnknownEvidence,
+    agreement_p_value,
     assess_unknown,
     measure_law_share,
     min_selection_gain,
@@ -75,6 +80,16 @@ class Study:
     """Systematic structure of `residuals_after`."""
     unknown_evidence: UnknownEvidence
     """Evidence for an effect that the library lacks."""
+    body_fit: BodyFit | None = None
+    """The best hypothesis with strengths of every body; None where all bodies may have the same. `residuals_after` are
+    then its residuals."""
+    refuted_by_bodies: frozenset[str] = frozenset()
+    """Rivals that strengths of every body refute."""
+
+    @property
+    def segments_after(self) -> tuple[Recording, ...]:
+        """Windows of `residuals_after`."""
+        return self.full.segments if self.body_fit is None else self.body_fit.segments
 
 
 def run_study(
@@ -104,17 +119,26 @@ def run_study(
         duration = find_common_duration((*first, *second), ENOUGH_SECONDS)
         first, second = shorten_recordings(first, duration), shorten_recordings(second, duration)
     search = _run_search(problem, (*first, *second), on_progress)
-    best = confirm_effects(problem, search, first, second)
+    choice = compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
+    best, body_fit = choice.best, choice.body_fit
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
-    residuals_after = compute_residuals(problem, full, linearized_full, rng)
+    bodies = () if body_fit is None else linearize_bodies(problem, full, body_fit)
+    residuals_after = (
+        compute_body_residuals(problem, bodies, rng)
+        if bodies
+        else compute_residuals(problem, full, linearized_full, rng)
+    )
     structure_before, structure_after = find_structure(residuals_before), find_structure(residuals_after)
     is_noise_known = noise.is_measured or all(one.is_sigma_stated for one in (*first, *second))
     scale = residuals_after.scale if is_noise_known else 1.0
     unknown_evidence = _assess_doubt(
-        problem, first, second, search, best, (base, full), structure_after, scale, linearized_full, rng
+        problem, first, second, search, best, (base, full), body_fit, structure_after, scale, linearized_full, rng
     )
+    if bodies:
+        agreement = agreement_p_value(*((one.shot_information, fitted) for fitted, one in bodies))
+        unknown_evidence = replace(unknown_evidence, agreement_p_value=agreement)
     usable_shots = tuple(sorted(one.shot for one in (*first, *second) if len(split_into_segments(problem, (one,)))))
     return Study(
         problem,
@@ -131,6 +155,8 @@ def run_study(
         structure_before,
         structure_after,
         unknown_evidence,
+        body_fit,
+        choice.refuted,
     )
 
 
@@ -156,6 +182,7 @@ def _assess_doubt(
     search: EffectSearch,
     best: Hypothesis,
     fits: tuple[EffectFit, EffectFit],
+    body_fit: BodyFit | None,
     left: ResidualStructure,
     scale: float,
     linearized: LinearizedFit,
@@ -169,7 +196,12 @@ def _assess_doubt(
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
     )
-    ahead = measure_closure(problem, second or first, before, after, rng)
+    body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
+    ahead = (
+        measure_closure(problem, second or first, before, after, rng)
+        if body_after is None
+        else measure_body_closure(problem, second or first, before, after, body_after, rng)
+    )
     evidence = assess_unknown(left, scale, linearized.shot_information, search.base.fitted, full, ahead, gains)
     if not (
         evidence.has_systematic_residuals

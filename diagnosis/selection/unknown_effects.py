@@ -95,9 +95,10 @@ class UnknownEvidence:
         return left * min(1 - self.most_probability, _EVEN)
 
 
-def agreement_p_value(shot_information: ShotInformation, fitted: EffectFit) -> float:
-    """Return the p-value of all shots having the fitted parameters."""
-    total, free = _disagreement_chi2(shot_information, fitted)
+def agreement_p_value(*fits: tuple[ShotInformation, EffectFit]) -> float:
+    """Return the p-value of all shots of each fit having its parameters; one fit per body where bodies differ."""
+    parts = [_disagreement_chi2(shot_information, fitted) for shot_information, fitted in fits]
+    total, free = sum(one for one, _ in parts), sum(max(more, 0) for _, more in parts)
     return float(chi2.sf(total, free)) if free > 0 else 1.0
 
 
@@ -159,7 +160,7 @@ def assess_unknown(
         else (0.0, 0.0)
     )
     return UnknownEvidence(
-        left.p_value, scale, agreement_p_value(shot_information, best), *shares, selection_gains, float("nan")
+        left.p_value, scale, agreement_p_value((shot_information, best)), *shares, selection_gains, float("nan")
     )
 
 

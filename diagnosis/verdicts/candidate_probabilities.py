@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from diagnosis.bodies.body_strengths import BodyFit
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, ShotInformation
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.signatures import INSEPARABLE_CORRELATION, Signatures, direction_correlation
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence
-from diagnosis.verdicts.verdict import CandidateEffect, Strength
+from diagnosis.verdicts.verdict import BodyStrength, CandidateEffect, Strength
 from models.core.typing import FloatArray
 
 _REFUTED_LOG_EVIDENCE = 3.0
@@ -28,6 +29,8 @@ class NamedEffect:
     """The effect itself, and those that these data cannot separate from it."""
     sign_flip_p_value: float
     """See `sign_flip_test.flip_signs`."""
+    per_body: tuple[BodyStrength, ...] = ()
+    """Strengths of each body; empty where all bodies may have the same."""
 
 
 def compute_probabilities(search: EffectSearch, best: Hypothesis, evidence: UnknownEvidence) -> dict[str, float]:
@@ -106,7 +109,8 @@ def summarize_strengths(
     fitted: EffectFit,
     detectable: FloatArray,
     names: tuple[str, ...],
-    spreads: FloatArray | None = None,
+    shot_spreads: FloatArray | None = None,
+    body_spreads: FloatArray | None = None,
 ) -> tuple[Strength, ...]:
     """Summarize the parameters of effects: as fitted where they were free, else with their detectable strength."""
     sigma = np.full(len(problem.priors), np.inf)
@@ -122,9 +126,34 @@ def summarize_strengths(
             float(sigma[k]),
             float(detectable[k]),
             bool(is_prior_only[k]),
-            0.0 if spreads is None else float(spreads[k]),
+            0.0 if shot_spreads is None else float(shot_spreads[k]),
+            0.0 if body_spreads is None else float(body_spreads[k]),
         )
         for k in chosen
+    )
+
+
+def summarize_bodies(problem: DiagnosisProblem, body_fit: BodyFit, name: str) -> tuple[BodyStrength, ...]:
+    """Summarize the strengths of an effect on each body; empty where all bodies may have the same."""
+    chosen = np.flatnonzero(problem.mask((name,)) & body_fit.own)
+    if not len(chosen):
+        return ()
+    return tuple(
+        BodyStrength(
+            body,
+            len({segment.shot for segment in body_fit.segments if segment.bodies == (body,)}),
+            tuple(
+                Strength(
+                    problem.priors[k].name.split(".", 1)[1],
+                    problem.priors[k].unit,
+                    float(body_fit.shared[number, k]),
+                    float(body_fit.sigma[number, k]),
+                    float("nan"),
+                )
+                for k in chosen
+            ),
+        )
+        for number, body in enumerate(body_fit.bodies)
     )
 
 
@@ -136,7 +165,14 @@ def rank_candidates(
     """Rank candidates, most probable first."""
     order = sorted(probabilities, key=lambda name: probabilities[name], reverse=True)
     return tuple(
-        CandidateEffect(name, probabilities[name], one.group, parameter_strengths.get(name, ()), one.sign_flip_p_value)
+        CandidateEffect(
+            name,
+            probabilities[name],
+            one.group,
+            parameter_strengths.get(name, ()),
+            one.sign_flip_p_value,
+            one.per_body,
+        )
         for name in order
         for one in (named_effects.get(name, NamedEffect((name,), float("nan"))),)
     )

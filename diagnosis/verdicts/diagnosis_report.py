@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from diagnosis.bodies.body_predictions import predict_bodies
+from diagnosis.bodies.body_strengths import split_bodies
 from diagnosis.fitting.fit_residuals import compute_residuals
 from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor, shapley_shares
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
@@ -31,6 +33,7 @@ from diagnosis.verdicts.candidate_probabilities import (
     find_group,
     put_answer_first,
     rank_candidates,
+    summarize_bodies,
     summarize_strengths,
 )
 from diagnosis.verdicts.experiment_design import (
@@ -127,8 +130,13 @@ def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, NamedEffect], str]
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
         named_effects[name] = NamedEffect(
-            find_group(study.search, best, name, effect_signatures),
+            tuple(
+                one
+                for one in find_group(study.search, best, name, effect_signatures)
+                if one not in study.refuted_by_bodies
+            ),
             flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
+            () if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
         )
         alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
         if len(alike) > 1 and not film:
@@ -172,10 +180,17 @@ def _build_candidates(
 ) -> tuple[CandidateEffect, ...]:
     """Build the ranked candidates."""
     problem = study.problem
-    spreads = estimate_shot_spreads(study.linearized.shot_information, study.full)
+    shot_spreads, body_spreads = estimate_shot_spreads(study.linearized.shot_information, study.full), None
+    if study.body_fit is not None:
+        body_spreads = study.body_fit.spread
+        shot_spreads = np.where(study.body_fit.own, study.body_fit.shot_spread, shot_spreads)
     parameter_strengths = {
         name: summarize_strengths(
-            problem, _select_fit_with(study, name), detectable, (name,), spreads if name in study.best.names else None
+            problem,
+            _select_fit_with(study, name),
+            detectable,
+            (name,),
+            *((shot_spreads, body_spreads) if name in study.best.names else ()),
         )
         for name in problem.candidates
     }
@@ -229,13 +244,16 @@ def _measure_gap(
     study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
 ) -> tuple[Gap, tuple[EffectShare, ...]]:
     """Measure the gap on hold-out shots before and after, and the share of each effect."""
-    problem, full = study.problem, study.full
+    problem, full, body_fit = study.problem, study.full, study.body_fit
+    recordings = recordings if body_fit is None else split_bodies(recordings)
     predictable = select_predictable(
         problem, build_prediction_windows(problem, recordings) if recordings else (), full, rng
     )
     windows = predictable.windows
     before, after = (predict_windows(problem, windows, one, predictable.starts) for one in (study.base, full))
     least = estimate_noise_floor(problem, windows, full, after)
+    if body_fit is not None and windows:
+        after, least = predict_bodies(problem, windows, full, body_fit, predictable.starts)
     reason = _explain_unknown_floor(study, recordings)
     if reason:
         least = np.full(len(windows), np.nan)
@@ -299,7 +317,7 @@ def _describe_unexplained(study: Study, closure: GapClosure, rng: np.random.Gene
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
     law, patch = None, None
     coordinates = _name_coordinates(study.problem.scene, study.residuals_after.values.shape[1])
-    if is_systematic:
+    if is_systematic and study.body_fit is None:  # the excess is beyond strengths that all bodies share
         excess = measure_excess_acceleration(study.problem, study.full)
         law = find_force_law(excess, coordinates)
         patch = find_local_patch(excess, rng) if study.problem.scene.unit == "m" else None
@@ -307,7 +325,7 @@ def _describe_unexplained(study: Study, closure: GapClosure, rng: np.random.Gene
         share=1.0 - closure.closed,
         size=size,
         times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
-        where=localise_gap(study.residuals_after, study.full.segments, frozenset()) if is_systematic else (),
+        where=localise_gap(study.residuals_after, study.segments_after, frozenset()) if is_systematic else (),
         shape=describe_structure(study.structure_after, coordinates) if is_systematic else "",
         law=law,
         patch=patch,

@@ -27,7 +27,21 @@ class Strength:
     prior_only: bool = False
     """True where the data did not determine the parameter: value and sigma come from the prior."""
     shot_spread: float = 0.0
-    """Standard deviation of the strength between shots; 0 where all shots may have the same."""
+    """Standard deviation of the strength between shots, of one body where bodies differ; 0 where all shots may have the
+    same."""
+    body_spread: float = 0.0
+    """Standard deviation of the strength between bodies; 0 where all bodies may have the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyStrength:
+    """Strengths of an effect on one body."""
+
+    body: str
+    shots: int
+    """Number of shots that they were estimated from."""
+    strengths: tuple[Strength, ...]
+    """Parameters that differ between bodies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +56,8 @@ class CandidateEffect:
     sign_flip_p_value: float = float("nan")
     """Of a named effect: probability that shots without a missing effect agree as well, whatever their noise; NaN where
     it has no strength, or the shots are too few."""
+    per_body: tuple[BodyStrength, ...] = ()
+    """Of a named effect whose strength differs between bodies: the strengths of each, else empty."""
 
 
 @dataclass(frozen=True, slots=True)

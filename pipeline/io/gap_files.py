@@ -134,6 +134,16 @@ def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
         "sign_flip_p_value": _finite_or_none(one.sign_flip_p_value),
         "parameters": {s.name: _format_strength(s) for s in one.strengths},
         "detectable_from": {s.name: _finite_or_none(s.detectable_from) for s in one.strengths},
+        "per_body": [
+            {
+                "body": own.body,
+                "shots": own.shots,
+                "parameters": {
+                    s.name: {"value": s.value, "sigma": _finite_or_none(s.sigma), "unit": s.unit} for s in own.strengths
+                },
+            }
+            for own in one.per_body
+        ],
     }
 
 
@@ -144,6 +154,7 @@ def _format_strength(one: Strength) -> dict[str, Any]:
         "unit": one.unit,
         "prior_only": one.prior_only,
         "shot_spread": one.shot_spread,
+        "body_spread": one.body_spread,
     }
 
 

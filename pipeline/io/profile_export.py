@@ -19,7 +19,7 @@ from diagnosis.verdicts.verdict import DiagnosisReport, Strength
 from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
 from models.estimation.table_learning.learn_table import TableLesson
-from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT
+from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT, NOSE_HEIGHT_PARAMETER
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
 from models.physics.billiards.parameter_vector import GRAVITY, PARAMETER_NAMES
 from models.physics.effects.catalogue import find_prior
@@ -176,14 +176,20 @@ def build_pooltool_parameters(
         factors["ball_friction.mu"] = (1 + restitution) / (2 * restitution)
     cushion_model, cushion_options = _CUSHION_MODELS[cushion]
     ball_model, friction = _BALL_MODELS[ball]
-    missing = {one.name.split(".")[0] for one in fitted if one.name not in _POOLTOOL_NAMES}
+    has_height = cushion != "mirror"  # pooltool's mirror touches the centre
+    height = next((one.value for one in fitted if has_height and one.name == NOSE_HEIGHT_PARAMETER), NOSE_HEIGHT)
+    missing = {
+        one.name.split(".")[0]
+        for one in fitted
+        if one.name not in _POOLTOOL_NAMES and not (has_height and one.name == NOSE_HEIGHT_PARAMETER)
+    }
     if cushion == "mirror" and "cushion_friction.mu" in factors:
         missing |= {"cushion_friction of a mirror"}
     return {
         "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **_ABSENT_PARAMETERS}
         | {_POOLTOOL_NAMES[one.name][0]: max(one.value * factors[one.name], _NEGLIGIBLE_FRICTION) for one in exported},
         "sigma": {_POOLTOOL_NAMES[one.name][0]: _finite_or_none(one.sigma * factors[one.name]) for one in exported},
-        "table_specs": {"l": table.length, "w": table.width, "cushion_height": NOSE_HEIGHT * table.ball_radius},
+        "table_specs": {"l": table.length, "w": table.width, "cushion_height": height * table.ball_radius},
         "ball_cushion": cushion_model,
         "ball_cushion_options": cushion_options,
         "ball_ball": ball_model,

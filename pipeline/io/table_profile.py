@@ -296,7 +296,7 @@ USUAL_PARAMETERS = (
     "ball_friction.mu",
 )
 """Parameters without which no ball behaves as on a table."""
-NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power")
+NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power", "cushion_height.ratio")
 """Details that a profile without them leaves out."""
 _ROUNDING = 1e-9
 """Relative error of a covariance that numbers in a file may cause."""

@@ -16,6 +16,7 @@ from models.estimation.gap_scenes.time_jumps import find_time_jumps
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.image_distortion import ImagePlacement
 from models.physics.billiards.simulation.event_engine import (
     BALL,
@@ -82,9 +83,12 @@ class BilliardsScene:
     def alternatives(self) -> tuple[Alternatives, ...]:
         """Contact models of cushions and of balls; without loss and friction, `elastic` equals `inelastic`."""
         cushion, ball = BILLIARDS_MODEL_CHOICES
+        standard_values = {model.name: dict(model.standard_values) for model in REGISTERED_CUSHION_MODELS}
         of_balls = tuple(form for form in ball.forms if form != "elastic" or self.laws.ball == "elastic")
         return (
-            Alternatives(cushion.name, cushion.forms, self.laws.cushion, cushion.phases, cushion.companions),
+            Alternatives(
+                cushion.name, cushion.forms, self.laws.cushion, cushion.phases, cushion.companions, standard_values
+            ),
             Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, ball.companions),
         )
 

@@ -7,7 +7,8 @@ parameter values; the derivative by its parameters there is its signature, from 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -68,6 +69,8 @@ class Alternatives:
     phases: tuple[str, ...]
     companions: tuple[str, ...] = ()
     """Effects that belong to another form: it is incomplete where the simulator lacks them."""
+    standard_values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """By form, parameters `effect.parameter` whose neutral value is that of the form, and those values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,16 +197,28 @@ class ContactRichScene(Protocol):
         ...
 
 
-def neutral_values(scene: GapScene) -> FloatArray:
+def neutral_values(scene: GapScene, forms: tuple[str, ...] | None = None) -> FloatArray:
     """Collect the parameter values of a catalogue with every effect absent.
 
     Args:
         scene: Scene with a catalogue of effects.
+        forms: One form per entry of `alternatives`; those of the simulator where not given.
 
     Returns:
         (P,) neutral values.
     """
-    return np.array([value for effect in scene.effects for value in effect.neutral], dtype=np.float64)
+    standard: dict[str, float] = {}
+    forms = tuple(choice.simulator_form for choice in scene.alternatives) if forms is None else forms
+    for choice, form in zip(scene.alternatives, forms, strict=True):
+        standard |= choice.standard_values.get(form, {})
+    return np.array(
+        [
+            standard.get(f"{effect.name}.{prior.name}", value)
+            for effect in scene.effects
+            for prior, value in zip(effect.parameters, effect.neutral, strict=True)
+        ],
+        dtype=np.float64,
+    )
 
 
 def effect_parameter_mask(scene: GapScene, names: tuple[str, ...]) -> BoolArray:

@@ -40,6 +40,8 @@ _HESSIAN_STEP = 0.02
 """Step of second differences, in prior standard deviations."""
 _PRIOR_DOMINATED = 0.8
 """Posterior over prior standard deviation from which the contacts did not determine a parameter."""
+_NOT_LEARNED = ("sliding_friction.mu", "cushion_height.ratio")
+"""The cloth is learned from free paths; the noses keep the height of their contact model."""
 _SCATTER_NAMES = ("scatter.velocity", "scatter.slip", "scatter.side_spin")
 
 
@@ -178,7 +180,7 @@ def _fit_model(
 def _list_unknowns(law: str) -> tuple[Prior, ...]:
     """List the priors of a model's own parameters, the decay of side spin, and the scatter."""
     names = [*find_model(REGISTERED_CUSHION_MODELS, law).parameters, "spin_decay.rate"]
-    own = [name for name in names if name != "sliding_friction.mu"]  # the cloth is learned from free paths
+    own = [name for name in names if name not in _NOT_LEARNED]
     priors = [replace(find_prior(*name.split(".")), name=name) for name in own]
     shares = zip(_SCATTER_NAMES, astuple(DEFAULT_SCATTER), strict=True)
     return (*priors, *(Prior(name, "1", share, SCATTER_SPREAD, True, (1e-3, 1.0)) for name, share in shares))

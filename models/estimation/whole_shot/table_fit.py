@@ -116,8 +116,9 @@ _SAME_SIDE_SPIN = 0.02
 """m/s: fits whose side spins differ by less are one."""
 _RIVAL_OPTIONS = ShootingOptions(iterations=15)
 """Of contact models that start from the states of another: they are near, or do not fit."""
-_NOT_IDENTIFIABLE = ("cushion_restitution_power.power",)
-"""Left out: a few shots do not separate it from a restitution that falls in proportion to the speed."""
+_NOT_IDENTIFIABLE = ("cushion_restitution_power.power", "cushion_height.ratio")
+"""Left out: a few shots do not separate the first from a restitution that falls in proportion to the speed, nor the
+second from restitution and friction; the noses then have the height of their contact model."""
 
 
 def table_priors(laws: ContactModels) -> tuple[Prior, ...]:

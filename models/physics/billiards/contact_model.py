@@ -42,6 +42,8 @@ class ContactModel:
     """Compiled; the signature is that of the folder, see `cushion_models.rebound` and `ball_models.collide`."""
     is_candidate: bool = True
     """Whether a diagnosis tries the model where a simulator has another one."""
+    standard_values: tuple[tuple[str, float], ...] = ()
+    """Parameters among `parameters` whose value is that of the model where none is given, and those values."""
     rank: int = LAST
     """Position among the models of the folder; models of equal rank are sorted by name."""
 

@@ -62,6 +62,8 @@ CUSHION_E_POWER = parameter_index("cushion_restitution_power.power")
 """Power of the normal speed (m/s) with which that restitution falls."""
 CUSHION_MU = parameter_index("cushion_friction.mu")
 """Coefficient of friction between ball and cushion nose."""
+CUSHION_HEIGHT = parameter_index("cushion_height.ratio")
+"""Height of the contact with a nose above the cloth, over the radius; 0 stands for the height of the cushion model."""
 CUSHION_CLOTH_FACTOR = parameter_index("cushion_cloth.factor")
 """Friction of the cloth under a ball that a nose presses down, over that of the free cloth."""
 BALL_E = parameter_index("ball_restitution.e")

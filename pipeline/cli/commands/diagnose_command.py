@@ -24,6 +24,7 @@ from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import (
+    format_body_differences,
     format_gap_closure,
     format_shot_folders,
     format_unexplained,
@@ -87,7 +88,7 @@ def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, s
         for one in list_causes(report)[:_MAX_CAUSES]:
             grid.add_row(one.name, f"{one.probability:.1%}", one.strength)
         screen.print(grid)
-    for sentence in format_unexplained(report):
+    for sentence in (*format_body_differences(report), *format_unexplained(report)):
         screen.print(escape(sentence))
     for note in report.notes if report.candidates else ():
         screen.print(escape(f"Note: {note}."))

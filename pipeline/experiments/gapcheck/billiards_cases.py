@@ -161,4 +161,10 @@ BILLIARDS_KINDS = (
     BilliardsKind(
         "cushion law, from another", ("cushion_law",), _CUSHION, cushion="mathavan_2010", simulator_cushion="han_2005",
     ),
+    BilliardsKind(
+        "none, a nose above the centre", extra_effects=_CUSHION, cushion="han_2005", simulator_cushion="han_2005"
+    ),
+    BilliardsKind(
+        "cushion_height", ("cushion_height",), _CUSHION, cushion="han_2005", simulator_cushion="han_2005"
+    ),
 )  # fmt: skip

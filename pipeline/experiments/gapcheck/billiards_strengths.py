@@ -10,6 +10,7 @@ Strengths are drawn uniformly from a range, with either sign where an effect has
 - ball friction 0.03 to 0.08 (Marlow 1995, table 4); a cue ball is up to 6 % heavier or lighter, and 1 to 3 % larger
   or smaller (coin-operated tables);
 - other forms: e = v^-0.2 of dropped and driven balls (Stronge 2000, section 5); a lens with an r^4 term instead of r^2;
+- noses: 1.25 to 1.29 R are allowed (WPA equipment specifications);
 - lens: r (1 + k1 r^2), 1 to 3 % at the end of the table for the cameras of phones; a length wrong by 0.5 to 2 %; a
   readout of 5 to 15 ms for a phone (Liang, Chang, Chen 2008), and one to three dropped frames.
 """
@@ -46,6 +47,8 @@ SIGNED_EFFECTS = (
     "slope", "nap", "unequal_mass", "unequal_radius", "lens_distortion", "perspective", "scale", "rolling_shutter",
 )  # fmt: skip
 """Effects of either sign."""
+CUSHION_HEIGHTS = ((1.13, 1.19), (1.35, 1.41))
+"""Heights of a nose over the radius that differ from the usual 1.27: carom tables have 1.20, Mathavan 2010 took 1.4."""
 PATCH_REGION = {"x": (0.6, 1.9), "y": (0.4, 0.9)}
 """Region of a sticky patch, m."""
 
@@ -70,4 +73,6 @@ def draw_strengths(rng: np.random.Generator, names: Set[str]) -> Effects:
             effects[effect] = {parameter: float(rng.uniform(*span))}
     if "sticky_patch" in effects:
         effects["sticky_patch"] |= {axis: float(rng.uniform(*span)) for axis, span in PATCH_REGION.items()}
+    if "cushion_height" in names:
+        effects["cushion_height"] = {"ratio": float(rng.uniform(*CUSHION_HEIGHTS[rng.integers(2)]))}
     return effects

@@ -23,6 +23,7 @@ from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
+    format_body_differences,
     format_gap_closure,
     format_p_value,
     format_share,
@@ -68,7 +69,7 @@ def write_gap_page(
         sentence=format_verdict(report),
         closed=format_gap_closure(report),
         candidates=list_causes(report)[:MAX_CANDIDATES],
-        agreement=format_agreement(report),
+        agreement=(*format_body_differences(report), *format_agreement(report)),
         where=[
             {
                 "phase": format_phase(one.phase),

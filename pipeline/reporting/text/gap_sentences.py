@@ -90,6 +90,34 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
     )
 
 
+def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
+    """Format the strengths of each body, where they differ between bodies.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        One sentence per parameter that differs.
+    """
+    sentences = []
+    for candidate in report.candidates:
+        for common in (one for one in candidate.strengths if one.body_spread > 0):
+            own = [
+                f"{body.body} {one.value:.3g} ± {one.sigma:.2g}"
+                for body in candidate.per_body
+                for one in body.strengths
+                if one.name == common.name
+            ]
+            unit = f" in {format_unit(common.unit)}" if common.unit != "1" else ""
+            sentences.append(
+                f"The strength of {format_cause(candidate.effect)} differs between bodies,"
+                f" {format_parameter(common.name)}{unit}: {', '.join(own)}. It scatters by"
+                f" {format_with_unit(f'{common.body_spread:.2g}', common.unit)} between them; predictions use the"
+                " strength of each body."
+            )
+    return tuple(sentences)
+
+
 def _format_large_rest(report: DiagnosisReport) -> str:
     """Format that the error that remains is many times the noise; empty where it is not."""
     rest, closed = report.unexplained, report.gap.closure.closed

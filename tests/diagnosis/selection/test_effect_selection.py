@@ -87,7 +87,7 @@ def test_another_law_needs_no_strength_of_what_it_leaves_open() -> None:
 
     def claimed(cost: float, *names: str) -> EffectFit:
         free = problem.mask((*problem.scene.simulator_effects, *names))
-        shared = np.where(free, problem.natural, problem.neutral)
+        shared = np.where(free, problem.natural, problem.neutral(problem.simulator_forms))
         count = int(free.sum())
         shooting = ShootingFit(
             (np.zeros(7),), shared[free], np.eye(count), np.zeros(count, bool), cost, 1.0, -cost, 1.0, (), True

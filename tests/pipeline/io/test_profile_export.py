@@ -77,6 +77,16 @@ def test_what_pooltool_cannot_hold_is_named(tmp_path: Path) -> None:
     assert (document["ball_ball"], document["ball_ball_friction"]) == ("frictional_inelastic", "alciatore")
 
 
+def test_the_height_of_a_nose_is_a_measure_of_pooltools_table(tmp_path: Path) -> None:
+    height = make_strength("cushion_height.ratio", 1.4, 0.02)
+    write_profile_files(make_report(height, forms=("han_2005", "inelastic")), TABLE, tmp_path)
+    document = json.loads((tmp_path / "pooltool.json").read_text())
+    assert document["table_specs"]["cushion_height"] == pytest.approx(1.4 * TABLE.ball_radius)
+    assert document["not_held"] == []
+    write_profile_files(make_report(height), TABLE, tmp_path)
+    assert json.loads((tmp_path / "pooltool.json").read_text())["not_held"] == ["cushion_height"]
+
+
 def test_the_profile_has_effects_with_sigmas_and_contact_models(tmp_path: Path) -> None:
     write_profile_files(
         make_report(

@@ -14,7 +14,10 @@ from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_cushion.cushion_contact import (
     CUSHION_PARAMETERS,
+    NOSE_HEIGHT,
+    NOSE_HEIGHT_PARAMETER,
     apply_cushion_impulse,
+    contact_inclination,
     contact_velocities,
     restitution_at_speed,
 )
@@ -28,12 +31,13 @@ _STICK = 2.0 / 7.0
 @compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
     """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
-    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius)
+    sine, cosine = contact_inclination(p, NOSE_HEIGHT)
+    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius, sine, cosine)
     normal = (1.0 + restitution_at_speed(vn, p)) * closing
     slip = np.sqrt(st * st + sk * sk + 1e-300)
     friction = p[_MU] * normal
     share = friction / slip if friction.real < _STICK * slip.real else 0.0 * slip + _STICK
-    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk, sine, cosine)
 
 
 MODEL = ContactModel(
@@ -42,5 +46,6 @@ MODEL = ContactModel(
     summary="Rigid nose above the centre with Coulomb friction; the cloth is left out",
     reference="Han, Journal of Mechanical Science and Technology 19 (2005) 976-984, doi:10.1007/BF02919180",
     resolve=rebound,
+    standard_values=((NOSE_HEIGHT_PARAMETER, NOSE_HEIGHT),),
     rank=1,
 )

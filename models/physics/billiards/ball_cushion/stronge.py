@@ -23,7 +23,10 @@ from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_cushion.cushion_contact import (
     CUSHION_PARAMETERS,
+    NOSE_HEIGHT,
+    NOSE_HEIGHT_PARAMETER,
     apply_cushion_impulse,
+    contact_inclination,
     contact_velocities,
     restitution_at_speed,
 )
@@ -135,7 +138,8 @@ def evaluate_final_slip(q, e):  # type: ignore[no-untyped-def]
 @compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
     """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
-    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius)
+    sine, cosine = contact_inclination(p, NOSE_HEIGHT)
+    closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius, sine, cosine)
     e = restitution_at_speed(vn, p)
     normal = (1.0 + e) * closing
     slip = np.sqrt(st * st + sk * sk + 1e-300)
@@ -149,7 +153,7 @@ def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def
     else:
         q = slip / unit
         share = (q - evaluate_final_slip(q, e)) / (BETA * q)
-    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk)
+    return apply_cushion_impulse(vn, vt, wn, wt, wz, radius, normal, -share * st, -share * sk, sine, cosine)
 
 
 MODEL = ContactModel(
@@ -158,5 +162,6 @@ MODEL = ContactModel(
     summary="Compliant nose with springs along and across the contact, and Coulomb friction at the tip",
     reference="Stronge, Impact Mechanics, Cambridge University Press 2000, chapter 5, doi:10.1017/CBO9780511626432",
     resolve=rebound,
+    standard_values=((NOSE_HEIGHT_PARAMETER, NOSE_HEIGHT),),
     rank=3,
 )

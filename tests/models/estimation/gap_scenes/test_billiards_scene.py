@@ -202,6 +202,37 @@ def test_a_nap_that_would_accelerate_balls_is_impossible() -> None:
     assert not can_simulate(question, result, result.forms, driving)
 
 
+def test_an_absent_height_of_the_cushion_is_that_of_each_contact_model() -> None:
+    recordings = (simulate_recording(5, numbers(), 1.0),)
+    mirror, han = (
+        build_diagnosis_problem(build_billiards_scene(TABLE, recordings, laws=ContactModels(law)), 0.0)
+        for law in ("mirror", "han_2005")
+    )
+    height = [prior.name for prior in mirror.priors].index("cushion_height.ratio")
+    assert mirror.priors[height].value == 1.0
+    assert han.priors[height].value == 1.27
+    assert mirror.neutral(("han_2005", "inelastic"))[height] == 1.27
+    other = fit_effects(mirror, split_into_segments(mirror, recordings), (), ("han_2005", "inelastic"))
+    assert other.shared[height] == 1.27
+
+
+def test_the_height_of_a_cushion_shows_where_the_nose_rubs_or_leans() -> None:
+    """Its derivative at an absent height: that of a published law, and none for a mirror without friction."""
+    slopes = {}
+    for law, mu in (("han_2005", 0.2), ("han_2005", 0.0), ("mirror", 0.2), ("mirror", 0.0)):
+        values = numbers(cushion_friction__mu=mu)
+        shot = simulate_recording(5, values, 1.0, ContactModels(law))
+        scene = build_billiards_scene(TABLE, (shot,), laws=ContactModels(law))
+        model = scene.build_model(scene.split_recording(shot), (law, "inelastic"))
+        shared = np.array([values[SHOT_PARAMETERS.index(prior.name)] for prior in model.unknowns])
+        height = [prior.name for prior in model.unknowns].index("cushion_height.ratio")
+        slopes[law, mu] = model.linearize(0, model.windows[0].start, shared).shared_jacobian[..., height]
+    assert slopes["han_2005", 0.2].any()
+    assert slopes["han_2005", 0.0].any()
+    assert slopes["mirror", 0.2].any()
+    assert not slopes["mirror", 0.0].any()
+
+
 def test_a_parameter_that_a_contact_model_leaves_open_is_no_cause() -> None:
     question = build_diagnosis_problem(build_billiards_scene(TABLE, (simulate_recording(5, numbers(), 1.0),)), 0.0)
     assert "cushion_cloth" not in question.candidates

@@ -44,7 +44,13 @@ def shots(seed: int, count: int) -> list[FloatArray]:
     return states
 
 
-def foreign(state: FloatArray, laws: dict[str, str], seconds: float, folder: Path) -> tuple[FloatArray, FloatArray]:
+def foreign(
+    state: FloatArray,
+    laws: dict[str, str],
+    seconds: float,
+    folder: Path,
+    effects: dict[str, dict[str, float]] = EFFECTS,
+) -> tuple[FloatArray, FloatArray]:
     """Simulate by the foreign engine: times (T,) and places (T, 4, 2), 250 a second."""
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     balls = [
@@ -52,7 +58,7 @@ def foreign(state: FloatArray, laws: dict[str, str], seconds: float, folder: Pat
         for k, row in enumerate(state)
     ]
     table = {"length": TABLE.length, "width": TABLE.width, "pockets": False}
-    shot = {"table": table, "seconds": seconds, "hz": 250, "balls": balls, "effects": EFFECTS, "laws": laws}
+    shot = {"table": table, "seconds": seconds, "hz": 250, "balls": balls, "effects": effects, "laws": laws}
     (folder / "shot.json").write_text(json.dumps(shot))
     subprocess.run([sys.executable, WORLD, folder / "shot.json", folder], check=True)
     with (folder / "trajectory.csv").open() as file:
@@ -62,17 +68,25 @@ def foreign(state: FloatArray, laws: dict[str, str], seconds: float, folder: Pat
 
 
 @pytest.mark.parametrize(
-    ("cushion", "ball"), [("mirror", "inelastic"), ("mirror", "alciatore"), ("mathavan_2010", "inelastic")]
+    ("cushion", "ball", "height"),
+    [
+        ("mirror", "inelastic", None),
+        ("mirror", "alciatore", None),
+        ("mathavan_2010", "inelastic", None),
+        ("mathavan_2010", "inelastic", 1.15),
+        ("han_2005", "inelastic", None),
+        ("han_2005", "inelastic", 1.4),
+    ],
 )
 def test_shots_agree_with_a_foreign_engine_until_after_the_second_contact(
-    cushion: str, ball: str, tmp_path: Path
+    cushion: str, ball: str, height: float | None, tmp_path: Path
 ) -> None:
-    physics, worst = Physics.from_effects(EFFECTS, cushion, ball), []
+    effects = EFFECTS if height is None else {**EFFECTS, "cushion_height": {"ratio": height}}
+    physics, worst = Physics.from_effects(effects, cushion, ball), []
     for state in shots(7, 5):
         run = simulate(BallSet(tuple("0123"), state, np.full(4, RADIUS), np.full(4, MASS)), TABLE, physics, 4.0)
         second = run.contacts[1, 1] if len(run.contacts) > 1 else 3.0
-        t, places = foreign(
-            state, {"cushion": cushion, "ball": ball}, min(second + AFTER_SECOND_CONTACT, 4.0), tmp_path
-        )
+        seconds = min(second + AFTER_SECOND_CONTACT, 4.0)
+        t, places = foreign(state, {"cushion": cushion, "ball": ball}, seconds, tmp_path, effects)
         worst.append(np.abs(places - run.states_at(t)[..., :2]).max())
     assert max(worst) < 1e-3
