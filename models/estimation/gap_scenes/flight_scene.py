@@ -6,12 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import (
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.motion_integrator import (
     AccelerationFunction,
-    ContactFreeScene,
     RealOrComplexArray,
-    SceneEffect,
-    build_brake_probe,
     build_integrator,
     compile_closure,
 )
@@ -72,7 +70,11 @@ def build_flight_acceleration(coordinates: int, gravity: float) -> AccelerationF
 
     @compile_closure
     def force(
-        place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+        place: RealOrComplexArray,
+        velocity: RealOrComplexArray,
+        p: RealOrComplexArray,
+        given: RealOrComplexArray,
+        out: RealOrComplexArray,
     ) -> None:
         last = coordinates - 1
         square = 0 * velocity[0] + MIN_DRAG_SPEED**2
