@@ -48,7 +48,7 @@ def parse_walls(value: Any) -> Limits | None:
     except (KeyError, TypeError, ValueError):
         x0, x1, y0, y1 = [np.nan] * 4
     if not (np.isfinite([x0, x1, y0, y1]).all() and x0 < x1 and y0 < y1):
-        raise PydanticCustomError("walls", "needs a rectangle as " + WALL_SPELLINGS.replace("{", "{{").replace("}", "}}"))
+        raise PydanticCustomError("walls", "needs a rectangle as {spellings}", {"spellings": WALL_SPELLINGS})
     return (x0, x1), (y0, y1)
 
 
