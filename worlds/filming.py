@@ -5,12 +5,12 @@ Used by the simulators of bodies (`slide.py`, `flight.py`, `pendulum.py`), each 
     python worlds/slide.py EXPERIMENT.json OUT
 
 EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of the
-noise between frames, `outliers` and `missing` (shares of the frames), `effects` (name to parameters, all that act),
-`throw` (quantities that are not redrawn for every shot: `speed`, m/s, and `angle`, rad, at the release), `model` (names
-of the effects that the user's simulator has), `facts` (further entries of scene.json, which the simulator gets as well),
-`drive` (known inputs by the name of their column: `amplitude` in its unit and `frequency`, Hz, of a wave whose phase is
-redrawn for every shot) and `stated` (whether the columns of the inputs are written). OUT gets tracks.csv and scene.json,
-without the acting effects.
+normal), `resolution` (steps of an encoder, in standard deviations of the noise), `smoothing` (frames of a quadratic
+Savitzky-Golay filter), `effects` (name to parameters, all that act), `throw` (quantities that are not redrawn for every
+shot: `speed`, m/s, and `angle`, rad, at the release), `model` (names of the effects that the user's simulator has),
+`facts` (further entries of scene.json, which the simulator gets as well), `drive` (known inputs by the name of their
+column: `amplitude` in its unit and `frequency`, Hz, of a wave whose phase is redrawn for every shot) and `stated` (whether
+the columns of the inputs are written). OUT gets tracks.csv and scene.json, without the acting effects.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.signal import savgol_filter
 
 Floats = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
@@ -52,6 +53,9 @@ class Experiment:
     correlation: float = 0.0
     outliers: float = 0.0
     missing: float = 0.0
+    tails: float = 0.0
+    resolution: float = 0.0
+    smoothing: int = 0
     throw: Throw = field(default_factory=dict)
     facts: Mapping[str, object] = field(default_factory=dict)
     """Further entries of scene.json; the simulator gets them as keywords."""
@@ -86,6 +90,9 @@ class Flaws:
     correlation: float = 0.0
     outliers: float = 0.0
     missing: float = 0.0
+    tails: float = 0.0
+    resolution: float = 0.0
+    smoothing: int = 0
 
 
 def read_experiment(path: Path, effects: Mapping[str, tuple[str, ...]]) -> Experiment:
@@ -123,18 +130,25 @@ def integrate_motion(
 
 def film_shots(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
     """Return times (T,) and observed positions (T, D) of each shot, NaN where missing."""
-    flaws = Flaws(experiment.noise, experiment.correlation, experiment.outliers, experiment.missing)
+    flaws = Flaws(**{one.name: getattr(experiment, one.name) for one in fields(Flaws)})
     return [(np.arange(len(places)) / experiment.fps, add_flaws(places, flaws, chance)) for places in truth]
 
 
 def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
     """Add noise, outliers and gaps (NaN) to positions (T, ..., D); the first frame has no gaps."""
     noise = chance.normal(size=places.shape)
+    if flaws.tails:
+        noise /= np.sqrt(chance.chisquare(flaws.tails, places.shape) / flaws.tails)
     for k in range(1, len(noise)):
         noise[k] = flaws.correlation * noise[k - 1] + np.sqrt(1 - flaws.correlation**2) * noise[k]
     is_outlier = chance.random(places.shape[:-1]) < flaws.outliers
     noise[is_outlier] += chance.normal(size=(int(is_outlier.sum()), places.shape[-1])) * OUTLIER_SIGMAS
     shown = places + flaws.noise * noise
+    if flaws.smoothing and len(shown) >= flaws.smoothing:
+        shown = np.asarray(savgol_filter(shown, flaws.smoothing, 2, axis=0))
+    if flaws.resolution:
+        step = flaws.resolution * flaws.noise
+        shown = step * np.round(shown / step)
     is_missing = chance.random(places.shape[:-1]) < flaws.missing
     is_missing[0] = False
     shown[is_missing] = np.nan

@@ -57,6 +57,8 @@ class GapRow:
     p_value: float
     cpu: float
     strengths: str
+    law: str
+    """Direction, variable and formula of the unexplained acceleration; empty where none was found."""
 
 
 def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
@@ -81,6 +83,7 @@ def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
         probability=report.probability, **closed,
         phase=report.where[0].phase if report.where else "", p_value=report.p_value, cpu=cpu,
         strengths=json.dumps({n: p for n, p in drawn["effects"].items() if n in case.kind.withheld}),
+        law=_format_law(report),
     )  # fmt: skip
 
 
@@ -125,6 +128,11 @@ def _format_answer(report: DiagnosisReport) -> str:
     if report.verdict == "group":
         return "|".join(report.candidates[0].group)
     return "+".join(report.effects) or report.verdict
+
+
+def _format_law(report: DiagnosisReport) -> str:
+    law = report.unexplained.law
+    return "" if law is None else f"{law.direction}, over {law.variable}: {law.formula or 'no short formula'}"
 
 
 def _score_answer(case: GapCase, report: DiagnosisReport, read: TrackFolder) -> tuple[bool, bool]:

@@ -89,14 +89,14 @@ def compute_signatures(
 
 def canonical_correlation(effect_signatures: Signatures, one: BoolArray, other: BoolArray) -> float:
     """Return the largest correlation of the signatures of two effects, over all their strengths."""
-    a, b = _whitening_directions(effect_signatures, one), _whitening_directions(effect_signatures, other)
+    a, b = whitening_directions(effect_signatures, one), whitening_directions(effect_signatures, other)
     if a.size == 0 or b.size == 0:
         return 0.0
     across = a.T @ effect_signatures.information[np.ix_(one, other)] @ b
     return min(float(np.linalg.norm(across, ord=2)), 1.0)
 
 
-def _whitening_directions(effect_signatures: Signatures, mask: BoolArray) -> FloatArray:
+def whitening_directions(effect_signatures: Signatures, mask: BoolArray) -> FloatArray:
     """Return directions (p, q) of an effect's parameters with orthonormal signatures."""
     here = effect_signatures.information[np.ix_(mask, mask)]
     scale = 1 / np.sqrt(np.maximum(effect_signatures.raw[mask], _TINY))
@@ -118,7 +118,7 @@ def direction_correlation(effect_signatures: Signatures, one: BoolArray, other: 
     """
     step = effect_signatures.step(one)
     size = float(step @ effect_signatures.information[np.ix_(one, one)] @ step)
-    b = _whitening_directions(effect_signatures, other)
+    b = whitening_directions(effect_signatures, other)
     if size <= 0 or b.size == 0:
         return 0.0
     across = float(np.linalg.norm(b.T @ effect_signatures.information[np.ix_(other, one)] @ step))

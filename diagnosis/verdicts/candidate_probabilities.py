@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.stats import chi2
 
@@ -16,6 +18,16 @@ _REFUTED_LOG_EVIDENCE = 3.0
 """Difference of log evidence from which a rival is refuted."""
 _MAX_GROUP = 3
 """Largest number of names in a group."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedEffect:
+    """What the shots say of an effect of the best hypothesis."""
+
+    group: tuple[str, ...]
+    """The effect itself, and those that these data cannot separate from it."""
+    sign_flip_p_value: float
+    """See `sign_flip_test.flip_signs`."""
 
 
 def compute_probabilities(search: EffectSearch, best: Hypothesis, evidence: UnknownEvidence) -> dict[str, float]:
@@ -118,12 +130,13 @@ def summarize_strengths(
 
 def rank_candidates(
     probabilities: dict[str, float],
-    groups: dict[str, tuple[str, ...]],
+    named_effects: dict[str, NamedEffect],
     parameter_strengths: dict[str, tuple[Strength, ...]],
 ) -> tuple[CandidateEffect, ...]:
     """Rank candidates, most probable first."""
     order = sorted(probabilities, key=lambda name: probabilities[name], reverse=True)
     return tuple(
-        CandidateEffect(name, probabilities[name], groups.get(name, (name,)), parameter_strengths.get(name, ()))
+        CandidateEffect(name, probabilities[name], one.group, parameter_strengths.get(name, ()), one.sign_flip_p_value)
         for name in order
+        for one in (named_effects.get(name, NamedEffect((name,), float("nan"))),)
     )

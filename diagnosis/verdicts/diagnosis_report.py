@@ -25,6 +25,7 @@ from diagnosis.unexplained.excess_acceleration import measure_excess_acceleratio
 from diagnosis.unexplained.force_law import find_force_law
 from diagnosis.unexplained.local_patch import find_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
+    NamedEffect,
     compute_probabilities,
     estimate_shot_spreads,
     find_group,
@@ -38,6 +39,7 @@ from diagnosis.verdicts.experiment_design import (
     design_unknown_experiment,
 )
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
+from diagnosis.verdicts.sign_flip_test import flip_signs
 from diagnosis.verdicts.verdict import (
     CandidateEffect,
     DiagnosisReport,
@@ -66,7 +68,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         The report.
     """
     scene, best = study.problem.scene, study.best
-    verdict, groups, film = _decide_verdict(study)
+    verdict, named_effects, film = _decide_verdict(study)
     gap, per_effect = _measure_gap(study, recordings, rng)
     named = best.names if verdict in ("effects", "group") else ()
     phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
@@ -76,7 +78,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         model=scene.simulator_effects,
         verdict=verdict,
         effects=_order_effects(best.names, per_effect) if verdict == "effects" else (),
-        candidates=_build_candidates(study, groups, detectable, _select_answer(verdict, best.names)),
+        candidates=_build_candidates(study, named_effects, detectable, _select_answer(verdict, best.names)),
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
         per_effect=per_effect,
@@ -114,27 +116,30 @@ def _list_omitted_shots(study: Study) -> tuple[str, ...]:
     )
 
 
-def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, tuple[str, ...]], str]:
-    """Return the verdict, the group of every named effect, and the experiment that would separate a group."""
+def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, NamedEffect], str]:
+    """Return the verdict, what the shots say of every named effect, and the experiment that would separate a group."""
     problem, best = study.problem, study.best
-    groups, film = {}, ""
+    named_effects, film = {}, ""
     for name in best.names:
         without = fit_without_effect(study.search, best, name)
         linearized = linearize_fit(problem, without)
         effect_signatures = compute_signatures(
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
-        groups[name] = find_group(study.search, best, name, effect_signatures)
-        alike = tuple(one for one in groups[name] if one in problem.candidates)
+        named_effects[name] = NamedEffect(
+            find_group(study.search, best, name, effect_signatures),
+            flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
+        )
+        alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
         if len(alike) > 1 and not film:
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
             film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
     if study.unknown_evidence.is_unknown:
-        return "unknown", groups, film
+        return "unknown", named_effects, film
     if not best.names:
-        return ("unknown" if study.unknown_evidence.has_systematic_residuals else "none"), groups, film
-    alone = len(best.names) == 1 and any(len(group) > 1 for group in groups.values())
-    return ("group" if alone else "effects"), groups, film
+        return ("unknown" if study.unknown_evidence.has_systematic_residuals else "none"), named_effects, film
+    alone = len(best.names) == 1 and any(len(one.group) > 1 for one in named_effects.values())
+    return ("group" if alone else "effects"), named_effects, film
 
 
 def _recommend_experiment(study: Study, verdict: Verdict, apart: str) -> str:
@@ -163,7 +168,7 @@ def _effect_phases(scene: GapScene, name: str) -> tuple[str, ...]:
 
 
 def _build_candidates(
-    study: Study, groups: dict[str, tuple[str, ...]], detectable: FloatArray, answer: frozenset[str]
+    study: Study, named_effects: dict[str, NamedEffect], detectable: FloatArray, answer: frozenset[str]
 ) -> tuple[CandidateEffect, ...]:
     """Build the ranked candidates."""
     problem = study.problem
@@ -175,7 +180,7 @@ def _build_candidates(
         for name in problem.candidates
     }
     probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
-    return rank_candidates(put_answer_first(probabilities, answer), groups, parameter_strengths)
+    return rank_candidates(put_answer_first(probabilities, answer), named_effects, parameter_strengths)
 
 
 def _select_answer(verdict: Verdict, names: frozenset[str]) -> frozenset[str]:

@@ -39,6 +39,9 @@ class CandidateEffect:
     group: tuple[str, ...]
     """The effect itself, and those that these data cannot separate from it."""
     strengths: tuple[Strength, ...]
+    sign_flip_p_value: float = float("nan")
+    """Of a named effect: probability that shots without a missing effect agree as well, whatever their noise; NaN where
+    it has no strength, or the shots are too few."""
 
 
 @dataclass(frozen=True, slots=True)

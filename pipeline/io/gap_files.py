@@ -131,6 +131,7 @@ def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
         "effect": one.effect,
         "probability": one.probability,
         "group": list(one.group),
+        "sign_flip_p_value": _finite_or_none(one.sign_flip_p_value),
         "parameters": {s.name: _format_strength(s) for s in one.strengths},
         "detectable_from": {s.name: _finite_or_none(s.detectable_from) for s in one.strengths},
     }

@@ -40,7 +40,7 @@ class BodyKind:
     foreign: bool = False
     """Whether the missing effect is in no library: the right answer is `unknown`."""
     camera: Mapping[str, float] = field(default_factory=dict)
-    """correlation, outliers, missing."""
+    """correlation, outliers, missing, tails, resolution, smoothing."""
     throw: Mapping[str, float] = field(default_factory=dict)
     """speed, angle: equal in all shots."""
     engine: str = ""
@@ -110,11 +110,15 @@ CROOKED = {"gravity_tilt": {"angle": (0.01, 0.05)}}
 DRAGS = frozenset({"air_drag", "viscous_drag"})
 ROUGH = {"correlation": 0.5}
 SLOPPY = {"outliers": 0.01, "missing": 0.03}
+HEAVY, COARSE, SMOOTH = {"tails": 3.0}, {"resolution": 3.0}, {"smoothing": 9}
 
 BODY_KINDS = (
     BodyKind("slide, nothing missing", "slide", FRICTION, ("sliding_friction",)),
     BodyKind("slide, nothing missing, correlated noise", "slide", FRICTION, ("sliding_friction",), camera=ROUGH),
     BodyKind("slide, nothing missing, outliers and gaps", "slide", FRICTION, ("sliding_friction",), camera=SLOPPY),
+    BodyKind("slide, nothing missing, heavy tails", "slide", FRICTION, ("sliding_friction",), camera=HEAVY),
+    BodyKind("slide, nothing missing, quantised", "slide", FRICTION, ("sliding_friction",), camera=COARSE),
+    BodyKind("slide, nothing missing, filtered", "slide", FRICTION, ("sliding_friction",), camera=SMOOTH),
     BodyKind("slide, friction", "slide", FRICTION),
     BodyKind("slide, viscous drag", "slide", {"viscous_drag": {"k": (0.2, 1.0)}}),
     BodyKind("slide, air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}, ("sliding_friction",)),
@@ -132,6 +136,9 @@ BODY_KINDS = (
     BodyKind("flight, nothing missing", "flight", DRAG, ("air_drag",)),
     BodyKind("flight, nothing missing, correlated noise", "flight", DRAG, ("air_drag",), camera=ROUGH),
     BodyKind("flight, nothing missing, outliers and gaps", "flight", DRAG, ("air_drag",), camera=SLOPPY),
+    BodyKind("flight, nothing missing, heavy tails", "flight", DRAG, ("air_drag",), camera=HEAVY),
+    BodyKind("flight, nothing missing, quantised", "flight", DRAG, ("air_drag",), camera=COARSE),
+    BodyKind("flight, nothing missing, filtered", "flight", DRAG, ("air_drag",), camera=SMOOTH),
     BodyKind("flight, air drag", "flight", DRAG),
     BodyKind("flight, viscous drag", "flight", {"viscous_drag": {"k": (0.1, 0.6)}}),
     BodyKind("flight, wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}, ("air_drag",)),
@@ -145,6 +152,9 @@ BODY_KINDS = (
     BodyKind("pendulum, nothing missing", "pendulum", JOINT, ("joint_friction",)),
     BodyKind("pendulum, nothing missing, correlated noise", "pendulum", JOINT, ("joint_friction",), camera=ROUGH),
     BodyKind("pendulum, nothing missing, outliers and gaps", "pendulum", JOINT, ("joint_friction",), camera=SLOPPY),
+    BodyKind("pendulum, nothing missing, heavy tails", "pendulum", JOINT, ("joint_friction",), camera=HEAVY),
+    BodyKind("pendulum, nothing missing, quantised", "pendulum", JOINT, ("joint_friction",), camera=COARSE),
+    BodyKind("pendulum, nothing missing, filtered", "pendulum", JOINT, ("joint_friction",), camera=SMOOTH),
     BodyKind("pendulum, joint friction", "pendulum", JOINT),
     BodyKind("pendulum, air drag", "pendulum", {"air_drag": {"k": (0.02, 0.1)}}),
     BodyKind("pendulum, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",)),

@@ -22,6 +22,7 @@ from pipeline.io.profile_export import PROFILE_FILE, has_fitted_model
 from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
+    format_agreement,
     format_gap_closure,
     format_p_value,
     format_share,
@@ -67,6 +68,7 @@ def write_gap_page(
         sentence=format_verdict(report),
         closed=format_gap_closure(report),
         candidates=list_causes(report)[:MAX_CANDIDATES],
+        agreement=format_agreement(report),
         where=[
             {
                 "phase": format_phase(one.phase),

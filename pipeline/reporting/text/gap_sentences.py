@@ -71,6 +71,25 @@ def format_verdict(report: DiagnosisReport) -> str:
     return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
 
 
+def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
+    """Format how improbable it is that shots without a missing effect agree about the named ones as these do.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        One sentence per named effect that could be tested; with a group, about its first name.
+    """
+    named = report.effects or tuple(one.effect for one in report.candidates[:1] if report.verdict == "group")
+    return tuple(
+        f"{format_cause(one.effect).capitalize()}: shots without a missing effect would agree about one as well in at"
+        f" most {format_share(one.sign_flip_p_value)} of all cases, whatever the noise within a shot is (the signs of"
+        " whole shots were flipped)."
+        for one in report.candidates
+        if one.effect in named and math.isfinite(one.sign_flip_p_value)
+    )
+
+
 def _format_large_rest(report: DiagnosisReport) -> str:
     """Format that the error that remains is many times the noise; empty where it is not."""
     rest, closed = report.unexplained, report.gap.closure.closed

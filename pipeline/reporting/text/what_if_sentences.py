@@ -56,4 +56,4 @@ def format_what_if(document: dict[str, Any]) -> list[str]:
 
 
 def _format_probability(play: dict[str, Any]) -> str:
-    return f"{play['probability']:.0%} ± {100 * play['probability_sigma']:.0f} %"
+    return f"{100 * play['probability']:.0f} ± {100 * play['probability_sigma']:.0f} %"

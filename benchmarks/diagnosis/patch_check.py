@@ -1,0 +1,150 @@
+"""Find patches that no library holds, and compare place, size and strength with the truth.
+
+    python -m benchmarks.diagnosis.patch_check [slide|billiards ...] [--seeds 5] [--first 0] [--rows FILE.csv] [--show]
+
+The truth is worlds/slide.py and worlds/billiards_table.py, run as processes: twelve shots over a disc of 0.3 m radius
+with more friction at a random place. The diagnosed simulator has every other effect that acts. Printed: how often the
+patch is found, the overlap of the discs (area of both over area of either), the error of the strength, and the
+largest error of another parameter of the simulator in its standard deviations. Every table is a row of FILE.csv and
+is skipped if it is already there. Takes ten seconds (slide) to two minutes (billiards) per table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.diagnosis.billiards_gap import build_scene
+from benchmarks.diagnosis.billiards_gap_cases import CASES, film_case
+from benchmarks.diagnosis.gap_cases import generate_cases
+from benchmarks.diagnosis.gap_trial import play_case
+from benchmarks.support.row_files import append_row, read_rows
+from diagnosis.diagnose import diagnose
+from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.typing import FloatArray
+from pipeline.experiments.gapcheck.case_scores import Proportion
+from pipeline.io.track_folder_scene import build_gap_scene
+
+SCENES = ("slide", "billiards")
+RADIUS = 0.3
+"""m, of every patch."""
+GRAVITY = 9.81
+"""m/s^2."""
+GOAL_OVERLAP, GOAL_STRENGTH, GOAL_BIAS = 0.5, 0.2, 0.3
+
+
+@dataclass(frozen=True)
+class PatchRow:
+    """One table, a row of the CSV file; NaN where no patch was found."""
+
+    scene: str
+    seed: int
+    verdict: str
+    found: int
+    x: float
+    """m, true centre."""
+    y: float
+    distance: float
+    """m between the centres."""
+    radius: float
+    """m."""
+    overlap: float
+    strength: float
+    """Over the true one."""
+    bias: float
+    """Largest error of another parameter, in its standard deviations."""
+
+
+def measure_overlap(distance: float, one: float, other: float) -> float:
+    """Return the area that two discs share over the area that either covers."""
+    side = np.linspace(-2.0, 2.0, 801)
+    x, y = np.meshgrid(side, side)
+    first, second = np.hypot(x, y) < one, np.hypot(x - distance, y) < other
+    return float((first & second).sum() / (first | second).sum())
+
+
+def score_patch(scene: str, seed: int, report: DiagnosisReport, effects: Mapping[str, Mapping[str, float]]) -> PatchRow:
+    """Compare a report with the acting effects."""
+    truth, patch = effects["sticky_patch"], report.unexplained.patch
+    centre: FloatArray = np.array([truth["x"], truth["y"]])
+    errors = [
+        abs(one.value - effects[name][parameter]) / one.sigma
+        for one in report.fitted
+        for name, parameter in (one.name.split("."),)
+        if parameter in effects.get(name, {}) and not one.prior_only
+    ]
+    bias = max(errors, default=float("nan"))
+    if patch is None:
+        return PatchRow(scene, seed, report.verdict, 0, *centre, *[float("nan")] * 4, bias)
+    distance = float(np.hypot(*(patch.centre - centre)))
+    return PatchRow(
+        scene, seed, report.verdict, 1, *centre, distance, patch.radius,
+        measure_overlap(distance, patch.radius, RADIUS), -patch.strength / (truth["mu"] * GRAVITY), bias,
+    )  # fmt: skip
+
+
+def run_table(scene: str, seed: int) -> PatchRow:
+    """Simulate, film, diagnose and score one table."""
+    if scene == "billiards":
+        case = CASES["sticky patch"]
+        shots, effects = film_case(case, seed)
+        return score_patch(scene, seed, diagnose(build_scene(case, shots), shots, seed), effects)
+    slide = next(one for one in generate_cases() if one.kind.name == "slide, sticky patch")
+    drawn = slide.kind.draw_experiment(seed, slide.shots, slide.fps)
+    with tempfile.TemporaryDirectory() as folder:
+        read = play_case(slide, drawn, Path(folder) / "case")
+    return score_patch(scene, seed, diagnose(build_gap_scene(read), read.recordings, seed), drawn["effects"])
+
+
+def print_table(rows: list[PatchRow]) -> None:
+    """Print one line per scene."""
+    print("| scene | tables | found | overlap >= 0.5 | strength within 20 % | others within 0.3 sigma | medians |")
+    print("|---|---|---|---|---|---|---|")
+    for scene in SCENES:
+        own = [row for row in rows if row.scene == scene]
+        good = [row for row in own if row.found]
+        if not own:
+            continue
+        shares = (
+            Proportion(len(good), len(own)),
+            Proportion(sum(row.overlap >= GOAL_OVERLAP for row in good), len(good)),
+            Proportion(sum(abs(row.strength - 1) <= GOAL_STRENGTH for row in good), len(good)),
+            Proportion(sum(row.bias <= GOAL_BIAS for row in own), len(own)),
+        )
+        middle = [float(np.median([getattr(row, name) for row in good])) for name in ("overlap", "strength")]
+        bias = float(np.median([row.bias for row in own]))
+        print(
+            f"| {scene} | {len(own)} | {' | '.join(map(str, shares))} | overlap {middle[0]:.2f}, strength"
+            f" {middle[1]:.2f}, bias {bias:.1f} sigma |"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help="slide, billiards; default: both")
+    parser.add_argument("--seeds", type=int, default=5, help="number of tables per scene")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--rows", type=Path, help="CSV file of the rows")
+    parser.add_argument("--show", action="store_true", help="only print the table of the existing rows")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        path = options.rows or Path(scratch) / "rows.csv"
+        rows = read_rows(path, PatchRow)
+        done = {(row.scene, row.seed) for row in rows}
+        for seed in range(options.first, options.first + (0 if options.show else options.seeds)):
+            for scene in options.scenes or SCENES:
+                if (scene, seed) not in done:
+                    rows.append(run_table(scene, seed))
+                    append_row(rows[-1], path)
+                    print(rows[-1], file=sys.stderr, flush=True)
+        print_table(rows)
+
+
+if __name__ == "__main__":
+    main()
