@@ -5,12 +5,13 @@ Used by the simulators of bodies (`slide.py`, `flight.py`, `pendulum.py`), each 
     python worlds/slide.py EXPERIMENT.json OUT
 
 EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of the
+noise between frames, `outliers` and `missing` (shares of the frames), `tails` (degrees of freedom of Student's t; 0:
 normal), `resolution` (steps of an encoder, in standard deviations of the noise), `smoothing` (frames of a quadratic
 Savitzky-Golay filter), `effects` (name to parameters, all that act), `throw` (quantities that are not redrawn for every
 shot: `speed`, m/s, and `angle`, rad, at the release), `model` (names of the effects that the user's simulator has),
 `facts` (further entries of scene.json, which the simulator gets as well), `drive` (known inputs by the name of their
-column: `amplitude` in its unit and `frequency`, Hz, of a wave whose phase is redrawn for every shot) and `stated` (whether
-the columns of the inputs are written). OUT gets tracks.csv and scene.json, without the acting effects.
+column: `amplitude` in its unit and `frequency`, Hz, of a wave whose phase is redrawn for every shot) and `stated`
+(whether the columns of the inputs are written). OUT gets tracks.csv and scene.json, without the acting effects.
 """
 
 from __future__ import annotations
@@ -80,6 +81,9 @@ class Waves:
         phase = turning * np.asarray(t) + self.phases[name] + derivative * np.pi / 2
         wave: Floats = self.drive[name]["amplitude"] * turning**derivative * np.sin(phase)
         return wave
+
+
+STILL = Waves({}, {})
 
 
 @dataclass(frozen=True)

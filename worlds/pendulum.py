@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, Throw, Waves, integrate_motion, run_script
+from filming import STILL, Effects, Floats, Throw, Waves, integrate_motion, run_script
 
 GRAVITY, LENGTH = 9.81, 0.3
 PULL = 1.5 * GRAVITY / LENGTH
@@ -29,9 +29,7 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def play(
-    effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats, waves: Waves = Waves({}, {})
-) -> Floats:
+def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats, waves: Waves = STILL) -> Floats:
     """Return angles (T, 1) rad of a rod that is released, or pushed, at angles of up to 2 rad from its rest."""
     joint, air = effects.get("joint_friction", {}), effects.get("air_drag", {}).get("k", 0.0)
     tilt = effects.get("gravity_tilt", {}).get("angle", 0.0)

@@ -6,7 +6,7 @@ body turns: acceleration c v to its left), and `drag_power` (a drag -k v^power).
 
 With `walls` in `facts` ([x0, y0, x1, y1] m, and the `radius` of the body) a rectangle reflects the body: it keeps the
 share `wall_restitution` e of its normal speed, and the impulse of friction along the wall is mu of the normal one
-(`wall_friction`), at most so much that the body slides no more. `fading_restitution` is in no library: e = e0 - slope v.
+(`wall_friction`), at most so much that the body slides no more. In no library: `fading_restitution`, e = e0 - slope v.
 
 Known inputs: a force over mass (`force_x`, `force_y`, m/s2), and the place of the platform on which the body slides
 (`platform_x`, `platform_y`, m). The motion is integrated in the room, and written relative to the platform.
@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import TOLERANCE, Effects, Floats, Force, Throw, Waves, integrate_motion, run_script
+from filming import STILL, TOLERANCE, Effects, Floats, Force, Throw, Waves, integrate_motion, run_script
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
@@ -97,7 +97,7 @@ def play(
     t: Floats,
     walls: tuple[float, ...] = (),
     radius: float = 0.0,
-    waves: Waves = Waves({}, {}),
+    waves: Waves = STILL,
 ) -> Floats:
     """Return positions (T, 2) m of a body that is pushed off near the origin in any direction."""
     place = chance.uniform(-0.3, 0.3, 2)

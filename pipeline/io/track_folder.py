@@ -119,7 +119,8 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
                 " diagnose them separately"
             )
         if other.inputs != first.inputs or (other.entry.walls, other.entry.radius) != (
-            first.entry.walls, first.entry.radius,
+            first.entry.walls,
+            first.entry.radius,
         ):
             raise OptionError(
                 f"{folder} states other walls, radius or known inputs than {folders[0]}; diagnose them separately"

@@ -1,7 +1,7 @@
 """A scene of bodies that do not touch each other, for the diagnosis: each moves under a given acceleration.
 
-Known inputs may act, and walls may reflect the bodies, see `models.estimation.gap_scenes.motion_integrator`; derivatives
-by start and parameters come from complex steps of the same computation, exact to rounding.
+Known inputs may act, and walls may reflect the bodies, see `models.estimation.gap_scenes.motion_integrator`.
+Derivatives by start and parameters come from complex steps of the same computation, exact to rounding.
 """
 
 from __future__ import annotations

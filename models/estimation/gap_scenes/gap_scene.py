@@ -36,8 +36,8 @@ class Recording:
     is_sigma_stated: bool = True
     """Whether the standard deviations were stated with the recording; otherwise they are a usual value."""
     inputs: FloatArray | None = None
-    """(T, N, I, 2) value and rate (per s) of the known inputs of each body, in the order of the scene; between rows they
-    are cubics. None: all are 0."""
+    """(T, N, I, 2) value and rate (per s) of the known inputs of each body, in the order of the scene; cubics between
+    rows. None: all are 0."""
 
     def __post_init__(self) -> None:
         rows, bodies = self.positions.shape[:2]

@@ -2,8 +2,8 @@
 
 Every body is integrated by Runge-Kutta steps from its own start. A step that ends behind a wall is cut at the wall,
 where the velocity changes at once. All of it works with complex numbers, so that complex steps give the derivatives by
-start and parameters (Squire, Trapp 1998, doi:10.1137/S003614459631241X), also across a reflection: the time of a contact
-is a root of the simulated path, and Newton's method carries its derivative.
+start and parameters (Squire, Trapp 1998, doi:10.1137/S003614459631241X), also across a reflection: the time of a
+contact is a root of the simulated path, and Newton's method carries its derivative.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ RealOrComplexArray = NDArray[np.float64] | NDArray[np.complex128]
 AccelerationFunction = Callable[
     [RealOrComplexArray, RealOrComplexArray, RealOrComplexArray, RealOrComplexArray, RealOrComplexArray], None
 ]
-"""Fills the acceleration (D,) from position (D,), velocity (D,), parameters (P,) and inputs (I,); compiled, for real and
-complex."""
+"""Fills the acceleration (D,) from position (D,), velocity (D,), parameters (P,) and inputs (I,); compiled, for real
+and complex."""
 Integrator = Callable[
     [RealOrComplexArray, RealOrComplexArray, FloatArray, float, FloatArray, FloatArray],
     tuple[RealOrComplexArray, FloatArray],
@@ -41,7 +41,7 @@ _MIN_BOUNCE_SPEED = 1e-3
 _MAX_CONTACTS_PER_STEP = 8
 """Contacts in one step, at most: two in a corner, and a body that is pressed against a wall comes to rest there."""
 _NEWTON_STEPS = 4
-"""Newton iterations for the time of a contact: a path is nearly straight over `MAX_STEP`, and each doubles the digits."""
+"""Newton iterations for the time of a contact: a path is nearly straight over `MAX_STEP`."""
 
 
 def compile_closure(function: Callable[..., Any]) -> Any:
@@ -109,7 +109,7 @@ def build_integrator(
 
     @compile_closure
     def find_wall(now, end, walls):  # type: ignore[no-untyped-def]
-        """Return coordinate, side (0 lower, 1 upper) and share of the step of the first contact; coordinate -1: none."""
+        """Return coordinate (-1: none), side (0 lower, 1 upper) and share of the step of the first contact."""
         half = len(now) // 2
         axis, upper, first = -1, 0, 2.0
         for d in range(half):

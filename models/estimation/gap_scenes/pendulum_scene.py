@@ -4,9 +4,9 @@ Angles are absolute, 0 hanging, counter-clockwise. The rods may have any shape: 
 one's moment of inertia about its joint, the coupling of both, and the torque of gravity on each, all divided by the
 first one's moment about the pivot (with the joint's load). Only such ratios can be identified from motion.
 
-Known inputs are a torque on the first rod at the pivot, divided by the same moment (rad/s^2), and the acceleration of the
-pivot to the right and upwards (m/s^2). A pivot that accelerates is like another gravity: it acts on a rod by the share
-of its pull in `GRAVITY`.
+Known inputs are a torque on the first rod at the pivot, divided by the same moment (rad/s^2), and the acceleration of
+the pivot to the right and upwards (m/s^2). A pivot that accelerates is like another gravity: it acts on a rod by the
+share of its pull in `GRAVITY`.
 """
 
 from __future__ import annotations

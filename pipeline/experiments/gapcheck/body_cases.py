@@ -3,8 +3,8 @@
 Strengths are natural ones, drawn uniformly from a range: mu of plastic, wood and metal on smooth floors 0.1 to 0.4;
 drag of balls and shuttlecocks in air by g / (terminal speed)^2, 0.22 1/m for a shuttlecock, 0.02 for a tennis ball;
 bearings of swinging rods as in recorded pendulums, 0.02 to 0.2 1/s; floors and walls that are off by 2 to 10 mm/m; a
-draught of 1 to 4 m/s; lift by spin of sliced balls; pucks on smooth floors with mu 0.02 to 0.1, between walls that return
-0.5 to 0.9 of the normal speed, with mu 0.05 to 0.3. Noise is 0.3 px of a camera that shows the whole scene.
+draught of 1 to 4 m/s; lift by spin of sliced balls; pucks on smooth floors with mu 0.02 to 0.1, between walls that
+return 0.5 to 0.9 of the normal speed, with mu 0.05 to 0.3. Noise is 0.3 px of a camera that shows the whole scene.
 """
 
 from __future__ import annotations
@@ -181,8 +181,8 @@ BOUNCE = {"wall_restitution": {"e": (0.5, 0.9)}}
 RUB = {"wall_friction": {"mu": (0.05, 0.3)}}
 BOX = {"walls": [-0.5, -0.35, 0.5, 0.35], "radius": 0.03}
 WALL_KINDS = tuple(
-    BodyKind(f"slide between walls, {name}", "slide", acts, tuple(model), foreign=name in ("sticky patch", "fading walls"),
-             facts=BOX)
+    BodyKind(f"slide between walls, {name}", "slide", acts, tuple(model),
+             foreign=name in ("sticky patch", "fading walls"), facts=BOX)
     for name, acts, model in (
         ("nothing missing", {**GLIDE, **BOUNCE, **RUB}, [*GLIDE, *BOUNCE, *RUB]),
         ("elastic walls, nothing missing", GLIDE, GLIDE),

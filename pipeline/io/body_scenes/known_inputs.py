@@ -24,9 +24,7 @@ POSITION_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "pendulum": ("pivot_x", "pivot_y"),
 }
 """Positions of what carries the bodies; those of a pivot are in m, those of a platform in the unit of x and y."""
-INPUT_COLUMNS = {
-    scene: (*ACCELERATION_COLUMNS[scene], *POSITION_COLUMNS[scene]) for scene in ("slide", "pendulum")
-}
+INPUT_COLUMNS = {scene: (*ACCELERATION_COLUMNS[scene], *POSITION_COLUMNS[scene]) for scene in ("slide", "pendulum")}
 """Names by scene; no other column is an input."""
 _MAX_VALUE = 1e12
 """Values from here on, like NaN, count as missing."""
@@ -92,7 +90,9 @@ def build_inputs(
         for body, called in enumerate(bodies):
             own = (ids == called) & (np.abs(values) < _MAX_VALUE) & (np.abs(t) < _MAX_VALUE)
             if not own.any():
-                raise OptionError(f"{place}: {called} has no value of {name}; state it in every row, or drop the column")
+                raise OptionError(
+                    f"{place}: {called} has no value of {name}; state it in every row, or drop the column"
+                )
             inputs[:, body, k] += factor * _evaluate_spline(t[own], values[own], rows, derivative)
     return inputs
 

@@ -116,7 +116,11 @@ def test_an_input_with_gaps_is_interpolated(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("scene", "columns", "words"),
     [
-        ("slide", {"x": T, "y": T, "torque": T}, "has the column torque, a known input|takes the inputs force_x, force_y"),
+        (
+            "slide",
+            {"x": T, "y": T, "torque": T},
+            "has the column torque, a known input|takes the inputs force_x, force_y",
+        ),
         ("flight", {"x": T, "z": T, "pivot_x": T}, "the scene flight takes no known inputs; remove or rename it"),
         ("pendulum", {"theta1": T, "force_x": T}, "takes the inputs torque, pivot_x, pivot_y"),
         ("slide", {"x": T, "y": T, "force_x": ""}, "shot 0: puck has no value of force_x"),

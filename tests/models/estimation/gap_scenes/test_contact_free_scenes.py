@@ -1,4 +1,4 @@
-"""Scenes of bodies that do not touch each other: exact solutions, conserved energy, and derivatives against finite differences."""
+"""Scenes of bodies that do not touch each other: exact solutions, energy, derivatives by finite differences."""
 
 from __future__ import annotations
 
@@ -187,12 +187,12 @@ def test_a_body_in_a_corner_leaves_both_walls() -> None:
 
 def test_observations_soon_after_a_wall_are_a_contact() -> None:
     scene, piece = build_sliding_scene((), WALLS), recording(2, 60)
-    found = scene.observation_covariates(piece, np.array([0.0, 0.0, 1.0, 0.0]), neutral_values(scene), ())
-    assert np.isnan(found.since_contact[piece.t < 0.299]).all()
-    assert np.allclose(found.since_contact[(piece.t > 0.301) & (piece.t < 0.79)], piece.t[19:48] - 0.3)
-    assert found.phase[17] == "slide"
-    assert found.phase[20] == "cushion_contact"
-    assert found.phase[40] == "slide"
+    covariates = scene.observation_covariates(piece, np.array([0.0, 0.0, 1.0, 0.0]), neutral_values(scene), ())
+    assert np.isnan(covariates.since_contact[piece.t < 0.299]).all()
+    assert np.allclose(covariates.since_contact[(piece.t > 0.301) & (piece.t < 0.79)], piece.t[19:48] - 0.3)
+    assert covariates.phase[17] == "slide"
+    assert covariates.phase[20] == "cushion_contact"
+    assert covariates.phase[40] == "slide"
 
 
 def test_walls_that_no_body_meets_are_not_tested() -> None:
