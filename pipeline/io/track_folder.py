@@ -118,13 +118,10 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
                 f"{folder} has the scene {other.entry.scene}, {folders[0]} has {first.entry.scene};"
                 " diagnose them separately"
             )
-        if other.inputs != first.inputs or (other.entry.walls, other.entry.radius) != (
-            first.entry.walls,
-            first.entry.radius,
-        ):
+        if _list_surroundings(other) != _list_surroundings(first):
             raise OptionError(
                 f"{folder} states other walls, radius or known inputs than {folders[0]}; diagnose them separately"
-            )  # fmt: skip
+            )
         if _is_other_table(first.entry, other.entry):
             raise OptionError(
                 f"{folder} has {_describe_table(other.entry)}, {folders[0]} has"
@@ -153,6 +150,11 @@ def _is_other_table(one: SceneEntry, other: SceneEntry) -> bool:
     sizes = [(entry.table.length, entry.table.width) for entry in (one, other) if entry.table is not None]
     balls = [(entry.ball_radius,) for entry in (one, other) if entry.ball_radius is not None]
     return any(len(pair) == 2 and not np.allclose(pair[0], pair[1], rtol=_SIZE_TOLERANCE) for pair in (sizes, balls))
+
+
+def _list_surroundings(folder: TrackFolder) -> tuple[object, ...]:
+    """List what else acts on bodies: walls, their distance from the centre of a body, and known inputs."""
+    return folder.entry.walls, folder.entry.radius, folder.inputs
 
 
 def _describe_table(entry: SceneEntry) -> str:
