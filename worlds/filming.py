@@ -167,7 +167,7 @@ def write_track_folder(
     waves: list[Waves],
     out: Path,
 ) -> None:
-    given = tuple(experiment.drive) if experiment.stated else ()
+    given, columns = tuple(experiment.drive) if experiment.stated else (), columns[: observed[0][1].shape[1]]
     out.mkdir(parents=True, exist_ok=True)
     with (out / "tracks.csv").open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")

@@ -179,7 +179,7 @@ def _read_track_folder(folder: Path) -> TrackFolder:
     fewest = 1 if entry.scene in ("flight", "pendulum") else len(COORDINATE_COLUMNS[entry.scene])
     if len(names) < fewest or "id" not in table.column_names:
         raise OptionError(f"{path} needs the columns id and {', '.join(COORDINATE_COLUMNS[entry.scene])}")
-    inputs = find_input_columns(entry.scene, table.column_names, path)
+    inputs = find_input_columns(entry.scene, names, table.column_names, path)
     columns = {name: _parse_numbers(table, name, path) for name in table.column_names if name in _NUMERIC_COLUMNS}
     ids = np.array([str(value) for value in table.column("id").to_pylist()])
     recordings = _split_recordings(entry, columns, ids, names, inputs, path)

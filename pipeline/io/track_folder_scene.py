@@ -67,7 +67,7 @@ def _build_scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
     if folder.entry.scene == "slide":
         return _build_slide(folder, assumed)
     if folder.entry.scene == "flight":
-        return build_flight_scene(count, folder.entry.gravity, assumed)
+        return build_flight_scene(count, folder.entry.gravity, assumed, bool(folder.inputs))
     if folder.entry.scene == "pendulum":
         return build_pendulum_scene(count, assumed)
     return _build_billiards(folder)

@@ -204,6 +204,7 @@ PIVOT = {"pivot_x": {"amplitude": 0.02, "frequency": 1.5}}
 MOTOR = {"torque": {"amplitude": 5.0, "frequency": 0.8}}
 PLATFORM = {"platform_x": {"amplitude": 0.02, "frequency": 2.0}, "platform_y": {"amplitude": 0.01, "frequency": 3.0}}
 FAN = {"force_x": {"amplitude": 2.0, "frequency": 1.5}}
+AXIS = {f"axis_{name}": {"amplitude": 1.0, "frequency": 0.0} for name in "xyz"}
 DRIVEN_KINDS = (
     BodyKind("pendulum with a moving pivot, nothing missing", "pendulum", JOINT, ("joint_friction",), drive=PIVOT),
     BodyKind("pendulum with a moving pivot, joint friction", "pendulum", JOINT, drive=PIVOT),
@@ -217,6 +218,9 @@ DRIVEN_KINDS = (
     BodyKind("slide with a force, friction", "slide", FRICTION, drive=FAN),
     BodyKind("slide on a moving platform that is not stated", "slide", FRICTION, ("sliding_friction",), foreign=True,
              drive=PLATFORM, stated=False),
+    BodyKind("flight about a stated axis, lift by spin", "flight", {**DRAG, **SPIN}, ("air_drag",), drive=AXIS),
+    BodyKind("flight about an axis that is not stated", "flight", {**DRAG, **SPIN}, ("air_drag",), foreign=True,
+             drive=AXIS, stated=False),
 )  # fmt: skip
 """Kinds with known inputs."""
 

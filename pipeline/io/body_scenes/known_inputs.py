@@ -3,6 +3,7 @@
 Between the samples an input is a spline. Forces and torques are stated over mass and moment of inertia, as only these
 ratios follow from a motion. A platform or a pivot is stated by its position, whose second derivative acts: an error of
 the stated position then shifts the predicted one by about as much, and does not grow with time.
+Of the spin of a flight only the axis is an input: how strongly a spin lifts does not follow from its rate alone.
 """
 
 from __future__ import annotations
@@ -24,17 +25,24 @@ POSITION_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "pendulum": ("pivot_x", "pivot_y"),
 }
 """Positions of what carries the bodies; those of a pivot are in m, those of a platform in the unit of x and y."""
-INPUT_COLUMNS = {scene: (*ACCELERATION_COLUMNS[scene], *POSITION_COLUMNS[scene]) for scene in ("slide", "pendulum")}
+AXIS_COLUMNS = ("axis_x", "axis_y", "axis_z")
+"""Spin axis of a flight in space; only its direction counts."""
+INPUT_COLUMNS = {
+    "slide": (*ACCELERATION_COLUMNS["slide"], *POSITION_COLUMNS["slide"]),
+    "pendulum": (*ACCELERATION_COLUMNS["pendulum"], *POSITION_COLUMNS["pendulum"]),
+    "flight": AXIS_COLUMNS,
+}
 """Names by scene; no other column is an input."""
 _MAX_VALUE = 1e12
 """Values from here on, like NaN, count as missing."""
 
 
-def find_input_columns(scene: str, names: Iterable[str], path: Path) -> tuple[str, ...]:
+def find_input_columns(scene: str, coordinates: tuple[str, ...], names: Iterable[str], path: Path) -> tuple[str, ...]:
     """Find the columns that state known inputs.
 
     Args:
         scene: Scene of the folder.
+        coordinates: Columns of its coordinates.
         names: Names of all columns.
         path: Their tracks.csv, for the message.
 
@@ -42,7 +50,7 @@ def find_input_columns(scene: str, names: Iterable[str], path: Path) -> tuple[st
         Names of input columns of the scene.
 
     Raises:
-        OptionError: A column is an input of another scene.
+        OptionError: A column is an input of another scene, or a spin axis or a space for it is incomplete.
     """
     own = INPUT_COLUMNS.get(scene, ())
     present = set(names)
@@ -50,7 +58,10 @@ def find_input_columns(scene: str, names: Iterable[str], path: Path) -> tuple[st
     if foreign:
         takes = f"takes the inputs {', '.join(own)}" if own else "takes no known inputs"
         raise OptionError(f"{path} has the column {foreign[0]}, but the scene {scene} {takes}; remove or rename it")
-    return tuple(name for name in own if name in present)
+    inputs = tuple(name for name in own if name in present)
+    if scene == "flight" and inputs and (inputs != AXIS_COLUMNS or len(coordinates) < len(AXIS_COLUMNS)):
+        raise OptionError(f"{path}: a spin axis needs {', '.join(AXIS_COLUMNS)} beside x, y, z; complete or remove it")
+    return inputs
 
 
 def build_inputs(
@@ -66,7 +77,7 @@ def build_inputs(
     """Build the inputs of one shot in the order in which the acceleration of its scene takes them.
 
     Args:
-        scene: `slide` or `pendulum`.
+        scene: `slide`, `pendulum` or `flight`.
         columns: (K,) samples of each input column.
         t: (K,) s.
         ids: (K,) body of each sample.
@@ -77,14 +88,17 @@ def build_inputs(
 
     Returns:
         (T, N, I, 2) values and rates: of a slide the acceleration along x and y, of a pendulum that by the torque and
-        those of the pivot.
+        those of the pivot, of a flight the spin axis.
 
     Raises:
         OptionError: A body has no sample of an input.
     """
     inputs = np.zeros((len(rows), len(bodies), 2 if scene == "slide" else 3, 2))
+    if scene == "flight":
+        length = np.linalg.norm(list(columns.values()), axis=0)
+        columns = {name: values / np.where(length > 0, length, 1.0) for name, values in columns.items()}
     for name, values in columns.items():
-        derivative = 2 if name in POSITION_COLUMNS[scene] else 0
+        derivative = 2 if name in POSITION_COLUMNS.get(scene, ()) else 0
         # a platform that accelerates leaves a body behind: in its frame, the body accelerates backwards
         factor, k = (-scale if scene == "slide" and derivative else 1.0), _find_place(scene, name)
         for body, called in enumerate(bodies):

@@ -121,7 +121,8 @@ def test_an_input_with_gaps_is_interpolated(tmp_path: Path) -> None:
             {"x": T, "y": T, "torque": T},
             "has the column torque, a known input|takes the inputs force_x, force_y",
         ),
-        ("flight", {"x": T, "z": T, "pivot_x": T}, "the scene flight takes no known inputs; remove or rename it"),
+        ("billiards", {"x": T, "y": T, "pivot_x": T}, "the scene billiards takes no known inputs; remove or rename it"),
+        ("flight", {"x": T, "z": T, "axis_y": T}, "a spin axis needs axis_x, axis_y, axis_z beside x, y, z"),
         ("pendulum", {"theta1": T, "force_x": T}, "takes the inputs torque, pivot_x, pivot_y"),
         ("slide", {"x": T, "y": T, "force_x": ""}, "shot 0: puck has no value of force_x"),
         ("slide", {"x": T, "y": T, "force_x": "strong"}, "the column force_x has a value that is not a number"),
@@ -132,6 +133,18 @@ def test_an_input_that_cannot_act_is_one_sentence(
 ) -> None:
     with pytest.raises(OptionError, match=words):
         read_track_folders([write_folder(tmp_path / "a", {"scene": scene}, columns)])
+
+
+def test_of_a_spin_axis_only_the_direction_counts(tmp_path: Path) -> None:
+    columns = {"x": T, "y": T, "z": T, "axis_x": 0 * T + 3.0, "axis_y": 0 * T, "axis_z": 0 * T - 4.0}
+    read = read_track_folders([write_folder(tmp_path / "a", {"scene": "flight"}, columns)])
+    inputs = read.recordings[0].inputs
+    assert inputs is not None
+    assert np.allclose(inputs[:, 0, :, 0], [0.6, 0.0, -0.8])
+    assert np.allclose(inputs[..., 1], 0.0)
+    scene = build_gap_scene(read)
+    assert isinstance(scene, ContactFreeScene)
+    assert scene.input_count == 3
 
 
 def test_another_column_is_no_input(tmp_path: Path) -> None:

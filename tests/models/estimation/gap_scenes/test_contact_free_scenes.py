@@ -21,6 +21,9 @@ SCENES = {
     ),
     "flight": (build_flight_scene(2), 2, [0.0, 1.0, 8.0, 6.0], [0.1, 0.2, 0.3, 1.0]),
     "flight in space": (build_flight_scene(3), 3, [0.0, 0.0, 1.0, 8.0, 1.0, 6.0], [0.1, 0.2, 0.3, 1.0, -0.5]),
+    "flight with a spin axis": (
+        build_flight_scene(3, has_spin_axis=True), 3, [0.0, 0.0, 1.0, 8.0, 1.0, 6.0], [0.1, 0.2, 0.3, 1.0, -0.5],
+    ),
     "drop": (build_flight_scene(1), 1, [20.0, -1.0], [0.05, 0.1]),
     "pendulum": (build_pendulum_scene(1), 1, [1.0, 0.5], [40.0, 0.1, 0.2, 0.02, 0.01]),
     "double pendulum": (
@@ -229,6 +232,24 @@ def test_a_pivot_that_accelerates_to_the_right_leaves_the_rod_behind() -> None:
     inputs[:, 0, :2, 0] = [-neutral_values(scene)[0], 0.0]
     angles = scene.predict_positions(recording(1, 60, inputs), np.array([-np.pi / 2, 0.0]), neutral_values(scene), ())
     assert np.allclose(angles, -np.pi / 2, atol=1e-9)
+
+
+def test_lift_turns_about_the_stated_axis() -> None:
+    """About the vertical, the level velocity turns by s t; about -y, a flight in space is one without a stated axis."""
+    start, rows = np.array([0.0, 0.0, 1.0, 3.0, 0.0, 4.0]), 60
+    plain, stated = build_flight_scene(3), build_flight_scene(3, has_spin_axis=True)
+    shared = neutral_values(plain)
+    shared[2] = 0.7
+    inputs = np.zeros((rows, 1, 3, 2))
+    inputs[:, 0, 2, 0] = 1.0
+    t = recording(3, rows).t
+    places = stated.predict_positions(recording(3, rows, inputs), start, shared, ())[:, 0]
+    circle = 3.0 / 0.7 * np.stack([np.sin(0.7 * t), 1 - np.cos(0.7 * t)], axis=1)
+    assert np.allclose(places, np.column_stack([circle, 1 + 4 * t - 9.81 / 2 * t**2]), atol=1e-8)
+    inputs[:, 0, :, 0] = [0.0, -1.0, 0.0]
+    same = [scene.predict_positions(recording(3, rows, given), start, shared, ()) for scene, given in
+            ((plain, None), (stated, inputs))]  # fmt: skip
+    assert np.allclose(*same, atol=1e-12)
 
 
 def test_selected_rows_keep_their_inputs() -> None:
