@@ -23,6 +23,8 @@ from scipy.integrate import solve_ivp
 GRAVITY = 9.81
 STOP_SPEED = 1e-4
 """Speed at which a body stops, m/s."""
+SOFT_SPEED = 1e-3
+"""Speed below which friction of a driven body is smoothed, m/s."""
 PATCH_RADIUS = 0.3
 """Radius of a sticky patch, m."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
@@ -118,6 +120,8 @@ def play(
         size = float(np.hypot(*v))
         sticky = bool(patch) and np.hypot(where[0] - patch["x"], where[1] - patch["y"]) < PATCH_RADIUS
         friction = (mu + patch["mu"] if sticky else mu) * GRAVITY
+        # a driven body may stick and slip again, where a jump of friction at rest would take endless steps
+        friction *= np.tanh(size / SOFT_SPEED) if waves.drive else 1.0
         pull: Floats = -(friction / max(size, 1e-12) + viscous + air * size) * v + fall
         if between:
             pull = pull - between["k"] * size ** (between["power"] - 1) * v

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from pipeline.experiments.gapcheck.blind_case import simulate_case
@@ -34,6 +36,7 @@ def test_friction_is_named_beside_a_stated_motion_of_a_platform(tmp_path: Path) 
     assert diagnose_kind("slide on a moving platform, friction", tmp_path).effects == ("sliding_friction",)
 
 
+@pytest.mark.slow
 def test_a_moving_pivot_is_unknown_unless_it_is_stated(tmp_path: Path) -> None:
     for name in ("stated", "silent"):
         (tmp_path / name).mkdir()
