@@ -96,7 +96,7 @@ def all_effects() -> list[tuple[str, Effect]]:
     """Return the effects of all scenes, each with the name of its scene."""
     scenes = {
         "billiards": BILLIARDS_EFFECTS,
-        "slide": build_sliding_scene(()).effects,
+        "slide": build_sliding_scene((), ((0.0, 1.0), (0.0, 1.0))).effects,
         "flight": build_flight_scene(3, 9.81, ()).effects,
         "pendulum": build_pendulum_scene(2, ()).effects,
     }

@@ -7,9 +7,11 @@ Used by the simulators of bodies (`slide.py`, `flight.py`, `pendulum.py`), each 
 EXPERIMENT.json holds `seed`, `shots`, `fps`, `seconds`, `noise` (in the unit of the coordinates), `correlation` of the
 noise between frames, `outliers` and `missing` (shares of the frames), `tails` (degrees of freedom of Student's t; 0:
 normal), `resolution` (steps of an encoder, in standard deviations of the noise), `smoothing` (frames of a quadratic
-Savitzky-Golay filter), `effects` (name to parameters, all that act),
-`throw` (quantities that are not redrawn for every shot: `speed`, m/s, and `angle`, rad, at the release), and `model`
-(names of the effects that the user's simulator has). OUT gets tracks.csv and scene.json, without the acting effects.
+Savitzky-Golay filter), `effects` (name to parameters, all that act), `throw` (quantities that are not redrawn for every
+shot: `speed`, m/s, and `angle`, rad, at the release), `model` (names of the effects that the user's simulator has),
+`facts` (further entries of scene.json, which the simulator gets as well), `drive` (known inputs by the name of their
+column: `amplitude` in its unit and `frequency`, Hz, of a wave whose phase is redrawn for every shot) and `stated`
+(whether the columns of the inputs are written). OUT gets tracks.csv and scene.json, without the acting effects.
 """
 
 from __future__ import annotations
@@ -57,7 +59,31 @@ class Experiment:
     smoothing: int = 0
     throw: Throw = field(default_factory=dict)
     facts: Mapping[str, object] = field(default_factory=dict)
-    """Further entries of scene.json."""
+    """Further entries of scene.json; the simulator gets them as keywords."""
+    drive: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Amplitude and frequency of each known input."""
+    stated: bool = True
+    """Whether the known inputs are written."""
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Known inputs of one shot: a sine per column."""
+
+    drive: Mapping[str, Mapping[str, float]]
+    phases: Mapping[str, float]
+
+    def evaluate(self, name: str, t: float | Floats, derivative: int = 0) -> float | Floats:
+        """Evaluate a derivative of an input at a time or times (T,), s; 0 where there is no such input."""
+        if name not in self.drive:
+            return 0.0 * np.asarray(t)
+        turning = 2 * np.pi * self.drive[name]["frequency"]
+        phase = turning * np.asarray(t) + self.phases[name] + derivative * np.pi / 2
+        wave: Floats = self.drive[name]["amplitude"] * turning**derivative * np.sin(phase)
+        return wave
+
+
+STILL = Waves({}, {})
 
 
 @dataclass(frozen=True)
@@ -134,15 +160,22 @@ def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floa
 
 
 def write_track_folder(
-    experiment: Experiment, scene: str, columns: tuple[str, ...], observed: list[tuple[Floats, Floats]], out: Path
+    experiment: Experiment,
+    scene: str,
+    columns: tuple[str, ...],
+    observed: list[tuple[Floats, Floats]],
+    waves: list[Waves],
+    out: Path,
 ) -> None:
+    given, columns = tuple(experiment.drive) if experiment.stated else (), columns[: observed[0][1].shape[1]]
     out.mkdir(parents=True, exist_ok=True)
     with (out / "tracks.csv").open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("shot", "frame", "t", "id", *columns))
+        rows.writerow(("shot", "frame", "t", "id", *columns, *given))
         for shot, (t, places) in enumerate(observed):
             for frame in np.flatnonzero(np.isfinite(places[:, 0])):
-                rows.writerow((shot, frame, f"{t[frame]:.9f}", "body", *(f"{value:.9f}" for value in places[frame])))
+                values = (*places[frame], *(waves[shot].evaluate(name, t[frame]) for name in given))
+                rows.writerow((shot, frame, f"{t[frame]:.9f}", "body", *(f"{value:.9f}" for value in values)))
     units = "rad" if scene == "pendulum" else "m"
     facts = {"scene": scene, "units": units, "fps": experiment.fps, "model": list(experiment.model)}
     (out / "scene.json").write_text(json.dumps({**facts, **experiment.facts}, indent=1) + "\n")
@@ -151,11 +184,18 @@ def write_track_folder(
 def run_script(
     scene: str, columns: tuple[str, ...], effects: Mapping[str, tuple[str, ...]], play: Callable[..., Floats]
 ) -> None:
-    """Run a script: `play(effects, throw, chance, t)` returns the positions (T, D) of one shot."""
+    """Run a script: `play(effects, throw, chance, t, **facts)` returns the positions (T, D) of one shot.
+
+    Where the experiment has known inputs, `play` gets them as `waves`.
+    """
     if len(sys.argv) != 3:
         raise SystemExit(f"usage: python {sys.argv[0]} EXPERIMENT.json OUT")
     experiment = read_experiment(Path(sys.argv[1]), effects)
     chance = np.random.default_rng(experiment.seed)
     t = np.arange(round(experiment.seconds * experiment.fps) + 1) / experiment.fps
-    truth = [play(experiment.effects, experiment.throw, chance, t) for _ in range(experiment.shots)]
-    write_track_folder(experiment, scene, columns, film_shots(experiment, truth, chance), Path(sys.argv[2]))
+    truth, driven = [], []
+    for _ in range(experiment.shots):
+        driven.append(Waves(experiment.drive, {name: chance.uniform(0, 2 * np.pi) for name in experiment.drive}))
+        given = {"waves": driven[-1]} if experiment.drive else {}
+        truth.append(play(experiment.effects, experiment.throw, chance, t, **experiment.facts, **given))
+    write_track_folder(experiment, scene, columns, film_shots(experiment, truth, chance), driven, Path(sys.argv[2]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from filming import Effects, Floats, Throw, integrate_motion, run_script
+from filming import STILL, Effects, Floats, Throw, Waves, integrate_motion, run_script
 
 GRAVITY = 9.81
 LEAST_DRAG = 0.1
@@ -26,8 +26,24 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats) -> Floats:
-    """Return positions (T, 2) m of a body that is thrown up at an angle, to either side."""
+def play_in_space(effects: Effects, chance: np.random.Generator, t: Floats, axis: Floats) -> Floats:
+    """Return positions (T, 3) m of a body that is thrown up in any direction and spins about an axis (3,)."""
+    speed, steep, side = chance.uniform(6.0, 12.0), np.radians(chance.uniform(35.0, 80.0)), chance.uniform(0, 2 * np.pi)
+    air, spin = effects.get("air_drag", {}).get("k", 0.0), effects.get("magnus", {}).get("s", 0.0)
+
+    def force(_: float, where: Floats, v: Floats) -> Floats:
+        pull: Floats = spin * np.cross(axis, v) - air * np.linalg.norm(v) * v - np.array([0.0, 0.0, GRAVITY])
+        return pull
+
+    along = np.array([np.cos(steep) * np.cos(side), np.cos(steep) * np.sin(side), np.sin(steep)])
+    return integrate_motion(force, np.array([0.0, 0.0, chance.uniform(1.0, 2.0)]), speed * along, t)
+
+
+def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats, waves: Waves = STILL) -> Floats:
+    """Return positions (T, 2) m of a body that is thrown up at an angle, to either side; (T, 3) with a spin axis."""
+    if waves.drive:
+        axis = np.array([waves.evaluate(f"axis_{name}", 0.0) for name in "xyz"])
+        return play_in_space(effects, chance, t, axis / np.linalg.norm(axis))
     drawn = {"speed": chance.uniform(6.0, 12.0), "angle": np.radians(chance.uniform(35.0, 80.0))}
     speed, angle = throw.get("speed", drawn["speed"]), throw.get("angle", drawn["angle"])
     side = chance.choice([-1.0, 1.0])
@@ -51,4 +67,4 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats)
 
 
 if __name__ == "__main__":
-    run_script("flight", ("x", "y"), EFFECTS, play)
+    run_script("flight", ("x", "y", "z"), EFFECTS, play)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, TRAP_KINDS, BodyKind
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, TRAP_KINDS, WALL_KINDS, BodyKind
 
 NEAR = (4.0, 6.0)
 """Standard deviations of a strength just above the noise."""
@@ -18,7 +18,8 @@ class GapCase:
     """One question; gap_trial.py scores the answer."""
 
     question: str
-    """natural, near, none, withheld, foreign, pair, form, trap, garbage, 30 fps, 5 shots, 1 px."""
+    """natural, near, none, withheld, foreign, pair, form, trap, garbage, walls, driven, 30 fps, 5 shots,
+    1 px."""
     kind: BodyKind
     hidden: frozenset[str] = frozenset()
     """Effects removed from the library."""
@@ -45,6 +46,8 @@ def generate_cases() -> Iterator[GapCase]:
     yield from (GapCase("pair", kind) for kind in BODY_KINDS if len(kind.withheld) == 2)
     yield from (GapCase("form", kind) for kind in BODY_KINDS if kind.family)
     yield from (GapCase("trap", kind) for kind in TRAP_KINDS)
+    yield from (GapCase("walls", kind) for kind in WALL_KINDS)
+    yield from (GapCase("driven", kind) for kind in DRIVEN_KINDS)
     clean = [kind for kind in BODY_KINDS if not kind.withheld and not kind.camera]
     slow = [replace(kind, name=f"{kind.name}, wrong frame rate") for kind in clean]
     yield from (GapCase("trap", kind, clock=SLOW_CLOCK) for kind in slow)

@@ -7,6 +7,7 @@ whatever its law. It is measured piece by piece with a parabola, with an error t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,11 @@ def measure_excess_acceleration(problem: DiagnosisProblem, fitted: EffectFit) ->
     """
     if not isinstance(problem.scene, ContactRichScene):
         # a force that pulls back changes the residuals of a long path; a piece with a start of its own stays near it
-        pieces = tuple(piece for segment in fitted.segments for piece in _cut_pieces(segment))
+        pieces = tuple(
+            piece
+            for segment, start in zip(fitted.segments, fitted.starts, strict=True)
+            for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted))
+        )
         fitted = fit_start_states(problem, pieces, fitted) if pieces else fitted
     correlated = np.sqrt((1 + problem.correlation) / (1 - problem.correlation))
     rows: list[tuple[FloatArray, float, int, float, FloatArray, FloatArray]] = []
@@ -79,10 +84,26 @@ def measure_excess_acceleration(problem: DiagnosisProblem, fitted: EffectFit) ->
     )
 
 
-def _cut_pieces(segment: Recording) -> list[Recording]:
-    """Cut a segment into pieces in which every body is observed often enough."""
-    length = _piece_length(len(segment.t))
-    pieces = [segment.select_rows(k, k + length) for k in range(0, len(segment.t) - length + 1, length)]
+def _find_contact_rows(
+    problem: DiagnosisProblem, segment: Recording, start: FloatArray, fitted: EffectFit
+) -> list[int]:
+    """Find the rows of a segment before which a body meets a wall, in order."""
+    since = problem.scene.observation_covariates(segment, start, fitted.shared, fitted.forms).since_contact
+    rows, bodies = np.nonzero(segment.is_observed)
+    contact_rows: set[int] = set()
+    for body in range(len(segment.bodies)):
+        own = np.flatnonzero(bodies == body)
+        last = np.nan_to_num(segment.t[rows[own]] - since[own], nan=-np.inf)
+        contact_rows.update(int(row) for row in rows[own[1:]][last[1:] > last[:-1] + 1e-9])
+    return sorted(contact_rows)
+
+
+def _cut_pieces(segment: Recording, contacts: list[int]) -> list[Recording]:
+    """Cut a segment between its contacts into pieces in which every body is observed often enough."""
+    pieces = []
+    for first, end in pairwise([0, *contacts, len(segment.t)]):
+        length = min(_piece_length(len(segment.t)), max(end - first, _MIN_PIECE_ROWS))
+        pieces += [segment.select_rows(k, k + length) for k in range(first, end - length + 1, length)]
     return [one for one in pieces if (one.is_observed.sum(axis=0) >= MIN_ROWS).all()]
 
 

@@ -17,9 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
+from pipeline.io.body_scenes.known_inputs import INPUT_COLUMNS, build_inputs, find_input_columns
+from pipeline.io.body_scenes.wall_entry import WallsEntry
 from pipeline.io.track_folder_checks import find_positions_off_table, require_track_files
 
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegativeNumber = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 DEFAULT_NOISE_PX = 0.3
 """px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it."""
@@ -69,6 +72,8 @@ class SceneEntry(BaseModel):
     ball_radius: PositiveNumber | None = None
     image: ImageEntry | None = None
     gravity: PositiveNumber = 9.81
+    walls: WallsEntry = None
+    radius: NonNegativeNumber = 0.0
     model: list[str] | dict[str, Any] | None = None
     laws: dict[str, Any] | None = None
 
@@ -81,6 +86,8 @@ class TrackFolder:
     recordings: tuple[Recording, ...]
     coordinates: tuple[str, ...]
     """Column names of the coordinates."""
+    inputs: tuple[str, ...] = ()
+    """Column names of the known inputs."""
     notes: tuple[str, ...] = ()
     """Sentences on anomalies of the tracks."""
     origins: Mapping[int, str] = field(default_factory=dict)
@@ -110,6 +117,10 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             raise OptionError(
                 f"{folder} has the scene {other.entry.scene}, {folders[0]} has {first.entry.scene};"
                 " diagnose them separately"
+            )
+        if _list_surroundings(other) != _list_surroundings(first):
+            raise OptionError(
+                f"{folder} states other walls, radius or known inputs than {folders[0]}; diagnose them separately"
             )
         if _is_other_table(first.entry, other.entry):
             raise OptionError(
@@ -141,6 +152,11 @@ def _is_other_table(one: SceneEntry, other: SceneEntry) -> bool:
     return any(len(pair) == 2 and not np.allclose(pair[0], pair[1], rtol=_SIZE_TOLERANCE) for pair in (sizes, balls))
 
 
+def _list_surroundings(folder: TrackFolder) -> tuple[object, ...]:
+    """List what else acts on bodies: walls, their distance from the centre of a body, and known inputs."""
+    return folder.entry.walls, folder.entry.radius, folder.inputs
+
+
 def _describe_table(entry: SceneEntry) -> str:
     """Format the size of the table and of the balls."""
     size = (
@@ -163,16 +179,20 @@ def _read_track_folder(folder: Path) -> TrackFolder:
     fewest = 1 if entry.scene in ("flight", "pendulum") else len(COORDINATE_COLUMNS[entry.scene])
     if len(names) < fewest or "id" not in table.column_names:
         raise OptionError(f"{path} needs the columns id and {', '.join(COORDINATE_COLUMNS[entry.scene])}")
+    inputs = find_input_columns(entry.scene, names, table.column_names, path)
     columns = {name: _parse_numbers(table, name, path) for name in table.column_names if name in _NUMERIC_COLUMNS}
     ids = np.array([str(value) for value in table.column("id").to_pylist()])
-    recordings = _split_recordings(entry, columns, ids, names, path)
+    recordings = _split_recordings(entry, columns, ids, names, inputs, path)
     if not recordings:
         raise OptionError(f"{path} has no positions")
     notes = find_positions_off_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
-    return TrackFolder(entry, recordings, names, notes)
+    return TrackFolder(entry, recordings, names, inputs, notes)
 
 
-_NUMERIC_COLUMNS = {"shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed"}
+_NUMERIC_COLUMNS = {
+    "shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed",
+    *(name for columns in INPUT_COLUMNS.values() for name in columns),
+}  # fmt: skip
 
 
 def _read_scene_entry(path: Path) -> SceneEntry:
@@ -196,7 +216,12 @@ def _parse_numbers(table: pa.Table, name: str, path: Path) -> FloatArray:
 
 
 def _split_recordings(
-    entry: SceneEntry, columns: dict[str, FloatArray], ids: NDArray[np.str_], names: tuple[str, ...], path: Path
+    entry: SceneEntry,
+    columns: dict[str, FloatArray],
+    ids: NDArray[np.str_],
+    names: tuple[str, ...],
+    inputs: tuple[str, ...],
+    path: Path,
 ) -> tuple[Recording, ...]:
     count = len(ids)
     if "frame" not in columns or ("t" not in columns and entry.fps is None):
@@ -219,7 +244,16 @@ def _split_recordings(
             one = _build_recording(
                 int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
             )
-            recordings.append(replace(one, is_sigma_stated=bool(is_stated[here].all())))
+            one = replace(one, is_sigma_stated=bool(is_stated[here].all()))
+            if inputs:
+                # also rows without a position
+                rows = np.flatnonzero(shot == number)
+                samples = {name: columns[name][rows] for name in inputs}
+                given = build_inputs(
+                    entry.scene, samples, t[rows], ids[rows], one.bodies, one.t, metres, f"{path}, shot {number:g}"
+                )
+                one = replace(one, inputs=given)
+            recordings.append(one)
     return tuple(recordings)
 
 

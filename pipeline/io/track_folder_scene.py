@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from models.core.errors import OptionError
@@ -15,11 +17,12 @@ from models.estimation.gap_scenes.billiards_scene import (
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
-from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
+from models.estimation.gap_scenes.sliding_scene import WALL_EFFECTS, build_sliding_scene
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.body_scenes.wall_entry import WALL_SPELLINGS, find_centre_limits
 from pipeline.io.track_folder import SceneEntry, TrackFolder
 
 
@@ -36,6 +39,8 @@ def build_gap_scene(folder: TrackFolder) -> GapScene:
         OptionError: The scene cannot be diagnosed, or its model names an unknown effect.
     """
     entry = folder.entry
+    if entry.walls is not None and entry.scene != "slide":
+        raise OptionError(f"walls belong to the scene slide, and scene.json has {entry.scene}; remove them")
     assumed = tuple(name for name in entry.model or () if name != "gravity")
     scene = _build_scene(folder, assumed)
     available = [effect.name for effect in scene.effects if effect.kind != "probe"]
@@ -60,12 +65,24 @@ def billiards_table(scene: GapScene) -> Table | None:
 def _build_scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
     count = len(folder.coordinates)
     if folder.entry.scene == "slide":
-        return build_sliding_scene(assumed)
+        return _build_slide(folder, assumed)
     if folder.entry.scene == "flight":
-        return build_flight_scene(count, folder.entry.gravity, assumed)
+        return build_flight_scene(count, folder.entry.gravity, assumed, bool(folder.inputs))
     if folder.entry.scene == "pendulum":
         return build_pendulum_scene(count, assumed)
     return _build_billiards(folder)
+
+
+def _build_slide(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
+    """Build a slide, with walls where scene.json states them."""
+    entry = folder.entry
+    needing = [effect.name for effect in WALL_EFFECTS if effect.name in assumed]
+    if entry.walls is None:
+        if needing:
+            raise OptionError(f"{needing[0]} needs walls in scene.json; state them as {WALL_SPELLINGS}")
+        return build_sliding_scene(assumed)
+    limits = find_centre_limits(entry.walls, entry.radius, folder.recordings, Path("scene.json"))
+    return build_sliding_scene(assumed, limits, folder.recordings)
 
 
 def _build_billiards(folder: TrackFolder) -> GapScene:

@@ -94,3 +94,71 @@ def test_mujoco_swings_the_same_rod(effects: dict[str, dict[str, float]], tmp_pa
     _, _, ours = play_world(tmp_path / "ours", "pendulum", effects=effects, seconds=2.0)
     _, _, theirs = play_world(tmp_path / "theirs", "pendulum_mujoco", effects=effects, seconds=2.0)
     assert np.abs(ours - theirs).max() < 1e-3  # rad; dry friction is soft in MuJoCo
+
+
+def split_shots(shot: np.ndarray, t: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(t[shot == one], values[shot == one]) for one in np.unique(shot)]
+
+
+def test_elastic_walls_fold_a_straight_path(tmp_path: Path) -> None:
+    box = {"walls": [-0.3, -0.2, 0.3, 0.2], "radius": 0.05}
+    throw = {"speed": 2.0}
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    free = play_world(tmp_path / "a", "slide", effects={}, throw=throw, seed=4)
+    held = play_world(tmp_path / "b", "slide", effects={}, throw=throw, seed=4, facts=box)
+    for axis, side in enumerate((0.25, 0.15)):
+        # a start outside the box is none of a body between walls
+        inside = np.isin(
+            free[0], [one for one in range(3) if np.abs(free[2][free[0] == one][0] / [0.25, 0.15]).max() < 1]
+        )
+        away = (free[2][inside, axis] + side) / (2 * side)
+        folded = side * (1 - 2 * np.abs(1 - away % 2))
+        assert inside.any()
+        assert np.allclose(held[2][inside, axis], folded, atol=1e-6)
+
+
+def test_a_wall_keeps_its_share_of_the_normal_speed_and_rubs(tmp_path: Path) -> None:
+    effects = {"wall_restitution": {"e": 0.7}, "wall_friction": {"mu": 0.1}}
+    facts = {"walls": [-9, -9, 0.4, 9], "radius": 0.0}
+    rows = play_world(tmp_path, "slide", effects=effects, throw={"angle": 0.3, "speed": 1.5}, facts=facts)
+    closing, along = 1.5 * np.cos(0.3), 1.5 * np.sin(0.3)
+    for _, xy in split_shots(*rows):
+        before, after = (xy[1] - xy[0]) * 60, (xy[-1] - xy[-2]) * 60
+        assert np.allclose(before, [closing, along], atol=1e-5)
+        assert np.allclose(after, [-0.7 * closing, along - 0.1 * 1.7 * closing], atol=1e-5)
+
+
+def test_a_body_without_friction_stays_behind_a_platform(tmp_path: Path) -> None:
+    drive = {"platform_x": {"amplitude": 0.05, "frequency": 2.0}}
+    rows = play_world(tmp_path, "slide", effects={}, drive=drive)
+    for _, values in split_shots(*rows):
+        assert np.ptp(values[:, 2]) > 0.09
+        assert np.ptp(np.diff(values[:, 0] + values[:, 2])) < 1e-6
+
+
+def test_a_force_accelerates_a_body(tmp_path: Path) -> None:
+    rows = play_world(tmp_path, "slide", effects={}, drive={"force_y": {"amplitude": 2.0, "frequency": 1.0}}, fps=500.0)
+    for _, values in split_shots(*rows):
+        assert np.allclose(np.diff(values[:, 1], 2) * 500**2, values[1:-1, 2], atol=2e-2)
+
+
+def test_a_driven_rod_obeys_torque_and_pivot(tmp_path: Path) -> None:
+    drive = {
+        "torque": {"amplitude": 5.0, "frequency": 1.0},
+        "pivot_x": {"amplitude": 0.02, "frequency": 1.5},
+        "pivot_y": {"amplitude": 0.01, "frequency": 2.0},
+    }
+    rows = play_world(tmp_path, "pendulum", effects={}, drive=drive, fps=500.0)
+    for _, values in split_shots(*rows):
+        angle, torque, x, y = values.T
+        turned, right, up = (np.diff(one, 2) * 500**2 for one in (angle, x, y))
+        middle = angle[1:-1]
+        expected = torque[1:-1] - 5.0 * ((9.81 + up) * np.sin(middle) + right * np.cos(middle))
+        assert np.allclose(turned, expected, atol=0.05)
+
+
+def test_inputs_that_are_not_stated_are_not_written(tmp_path: Path) -> None:
+    drive = {"torque": {"amplitude": 5.0, "frequency": 1.0}}
+    _, _, values = play_world(tmp_path, "pendulum", effects={}, drive=drive, stated=False)
+    assert values.shape[1] == 1

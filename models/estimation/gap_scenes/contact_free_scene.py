@@ -1,43 +1,35 @@
-"""A scene without contacts for the diagnosis: bodies that move independently under a given acceleration.
+"""A scene of bodies that do not touch each other, for the diagnosis: each moves under a given acceleration.
 
-Every body is integrated by Runge-Kutta steps from its own start; derivatives by start and parameters come from complex
-steps of the same computation (Squire, Trapp 1998, doi:10.1137/S003614459631241X), exact to rounding.
+Known inputs may act, and walls may reflect the bodies, see `models.estimation.gap_scenes.motion_integrator`.
+Derivatives by start and parameters come from complex steps of the same computation, exact to rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from dataclasses import dataclass, field, replace
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
+from models.estimation.gap_scenes.motion_integrator import MAX_STEP, Integrator, RealOrComplexArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Effect, EffectKind, Prior
 
-RealOrComplexArray = NDArray[np.float64] | NDArray[np.complex128]
-AccelerationFunction = Callable[[RealOrComplexArray, RealOrComplexArray, RealOrComplexArray, RealOrComplexArray], None]
-"""Fills the acceleration (D,) from position (D,), velocity (D,) and parameters (P,); compiled, for real and complex."""
-Integrator = Callable[[RealOrComplexArray, RealOrComplexArray, FloatArray, float], RealOrComplexArray]
-
-MAX_STEP = 1 / 200
-"""s of one step: the fourth-order error of a pendulum of 1 Hz is then below 1e-8 in a second."""
-MAX_STEPS_PER_ROW = 400
-"""Steps between two rows, at most: rows that are further apart than 2 s resolve no motion, and the times of a recording
-in another unit must not make a simulation endless."""
+BRAKE_PROBE = "brake_over_speed"
 _COMPLEX_STEP = 1e-30
 _GUESS_ROWS = 12
 """Rows from which an initial guess of position and velocity is estimated."""
+_SHORT_GUESS_ROWS = 4
+"""The same for a further guess where a wall may be met within the first rows."""
+_CONTACT_DURATION = 0.25
+"""s for which an observation counts as affected by a contact with a wall."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneEffect:
-    """An effect of a scene without contacts."""
+    """An effect of a scene of bodies that do not touch each other."""
 
     name: str
     parameters: tuple[Prior, ...]
@@ -60,73 +52,6 @@ def build_brake_probe(unit: str, phase: str) -> SceneEffect:
     return SceneEffect(BRAKE_PROBE, powers, (0.0,) * len(powers), (phase,), "a cubic in speed", (), "probe")
 
 
-BRAKE_PROBE = "brake_over_speed"
-_BRAKE_FADE_SPEED = 0.01
-"""m/s or rad/s below which the probe vanishes."""
-
-
-def compile_closure(function: Callable[..., Any]) -> Any:
-    """Compile a function that uses values of its enclosing function; every process compiles it again."""
-    return numba.njit(error_model="numpy", nogil=True)(function)
-
-
-@cache
-def build_integrator(acceleration: AccelerationFunction, has_brake_probe: bool = False) -> Integrator:
-    """Build a compiled integrator of an acceleration.
-
-    Args:
-        acceleration: Acceleration of one body.
-        has_brake_probe: Whether the last four parameters are those of `build_brake_probe`.
-
-    Returns:
-        Function of n starts (2D, n), n sets of parameters (P, n), times (T,) s and a step limit (s), to states (T, 2D,
-        n).
-    """
-
-    @compile_closure
-    def march(start, parameters, t, longest):  # type: ignore[no-untyped-def]
-        size, count = start.shape
-        half = size // 2
-        states = np.empty((len(t), size, count), start.dtype)
-        now, at, rate, sum_of_rates = np.empty((4, size), start.dtype)
-        for i in range(count):
-            p = parameters[:, i].copy()
-            probe = p[-4:]
-            braked = has_brake_probe and (probe != 0).any()
-            now[:] = start[:, i]
-            states[0, :, i] = now
-            for k in range(1, len(t)):
-                steps = int(min(np.ceil((t[k] - t[k - 1]) / longest - 1e-9), MAX_STEPS_PER_ROW))
-                h = (t[k] - t[k - 1]) / steps
-                for _ in range(steps):
-                    sum_of_rates[:] = 0.0
-                    for stage in range(4):
-                        part = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                        for d in range(size):
-                            at[d] = now[d] + part * rate[d] if stage else now[d]
-                        for d in range(half):
-                            rate[d] = at[half + d]
-                        acceleration(at[:half], at[half:], p, rate[half:])
-                        if braked:
-                            square = 0 * p[0] + _BRAKE_FADE_SPEED**2
-                            for d in range(half, size):
-                                square += at[d] * at[d]
-                            speed = np.sqrt(square)
-                            brake = probe[0] / speed + probe[1] + probe[2] * speed + probe[3] * speed * speed
-                            for d in range(half, size):
-                                rate[d] -= brake * at[d]
-                        weight = 2.0 if stage == 1 or stage == 2 else 1.0
-                        for d in range(size):
-                            sum_of_rates[d] += weight * rate[d]
-                    for d in range(size):
-                        now[d] += h / 6 * sum_of_rates[d]
-                states[k, :, i] = now
-        return states
-
-    integrator: Integrator = march
-    return integrator
-
-
 @dataclass(frozen=True)
 class ContactFreeScene:
     """A scene of bodies that do not touch each other."""
@@ -140,6 +65,10 @@ class ContactFreeScene:
     not_tested: tuple[str, ...] = ()
     gauges: tuple[str, ...] = ("frame_rate", "time_offset")
     alternatives: tuple[Alternatives, ...] = ()
+    input_count: int = 0
+    """Number of known inputs that the acceleration takes."""
+    walls: tuple[tuple[float, float], ...] = ()
+    """Lower and upper limit of each coordinate; empty where there are no walls."""
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the whole recording, or nothing where a body was never observed."""
@@ -157,24 +86,49 @@ class ContactFreeScene:
     ) -> Covariates:
         """Compute the covariates of the observations of a segment, from a simulation."""
         rows, bodies = np.nonzero(segment.is_observed)
-        states = self._simulate_states(segment, start, shared)
+        states, contacts = self._simulate_states(segment, start, shared)
         half = states.shape[1] // 2
         place, velocity = states[rows, :half, bodies], states[rows, half:, bodies]
-        return Covariates((self.phase,) * len(rows), place, velocity, np.full(len(rows), np.nan), None)
+        since = segment.t[rows] - contacts[rows, bodies]
+        phases = tuple("cushion_contact" if one < _CONTACT_DURATION else self.phase for one in since)
+        return Covariates(phases, place, velocity, since, None)
 
     def predict_positions(
         self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
     ) -> FloatArray:
         """Predict the positions (T, N, D) of every body at every row of a segment."""
-        states = self._simulate_states(segment, start, shared)
+        states, _ = self._simulate_states(segment, start, shared)
         return np.asarray(np.moveaxis(states[:, : states.shape[1] // 2], 1, 2))
 
-    def _simulate_states(self, segment: Recording, start: FloatArray, shared: FloatArray) -> FloatArray:
-        """Simulate the states (T, 2D, N) of all bodies."""
+    def integrate_segment(
+        self, segment: Recording, starts: RealOrComplexArray, parameters: RealOrComplexArray
+    ) -> tuple[RealOrComplexArray, FloatArray]:
+        """Integrate the bodies of a segment, each from the same number of starts.
+
+        Args:
+            segment: Segment of a recording with N bodies.
+            starts: (2D, n) states, body by body.
+            parameters: (P, n) parameters.
+
+        Returns:
+            (T, 2D, n) states, and (T, n) s, the time of the last contact with a wall, NaN where there was none.
+        """
+        bodies = len(segment.bodies)
+        inputs = np.zeros((bodies, 0, self.input_count, 2))
+        if segment.inputs is not None:
+            inputs = np.ascontiguousarray(np.moveaxis(segment.inputs, 1, 0))
+        walls = np.array(self.walls).reshape(-1, 2)
+        return self.integrate(starts, parameters, segment.t, MAX_STEP, walls, inputs)
+
+    def _simulate_states(
+        self, segment: Recording, start: FloatArray, shared: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Simulate the states (T, 2D, N) of all bodies, and the times (T, N) of their last contacts."""
         bodies = len(segment.bodies)
         starts = np.ascontiguousarray(start.reshape(bodies, -1).T)
         parameters = np.repeat(np.asarray(shared, np.float64)[:, None], bodies, axis=1)
-        return np.asarray(self.integrate(starts, parameters, segment.t, MAX_STEP), np.float64)
+        states, contacts = self.integrate_segment(segment, starts, parameters)
+        return np.asarray(states, np.float64), contacts
 
 
 @dataclass(frozen=True)
@@ -188,7 +142,8 @@ class ContactFreeModel:
     """One window per segment."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "windows", tuple(_build_window(segment) for segment in self.segments))
+        has_walls = bool(self.scene.walls)
+        object.__setattr__(self, "windows", tuple(_build_window(segment, has_walls) for segment in self.segments))
 
     @property
     def unknowns(self) -> tuple[Prior, ...]:
@@ -206,7 +161,7 @@ class ContactFreeModel:
         parameters = np.repeat(shared[:, None, None], bodies, axis=1).repeat(columns, axis=2).astype(np.complex128)
         starts[np.arange(size), :, np.arange(size)] += 1j * _COMPLEX_STEP
         parameters[needed, :, size + np.arange(len(needed))] += 1j * _COMPLEX_STEP
-        flat = self.scene.integrate(starts.reshape(size, -1), parameters.reshape(len(shared), -1), segment.t, MAX_STEP)
+        flat, _ = self.scene.integrate_segment(segment, starts.reshape(size, -1), parameters.reshape(len(shared), -1))
         states = np.asarray(flat, np.complex128).reshape(len(segment.t), size, bodies, columns)
         return self._build_linearization(segment, states[:, : size // 2], size, needed, len(shared))
 
@@ -241,15 +196,23 @@ class ContactFreeModel:
         )  # fmt: skip
 
 
-def _build_window(segment: Recording) -> Window:
+def _build_window(segment: Recording, has_walls: bool) -> Window:
+    """Build the window of a segment; a wall that is met within the first rows spoils the usual guess."""
     rows, who = np.nonzero(segment.is_observed)
-    start = np.concatenate([_estimate_initial_state(segment, body) for body in range(len(segment.bodies))])
-    return Window(segment.shot, segment.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
+    start = _estimate_initial_states(segment, _GUESS_ROWS)
+    others = (_estimate_initial_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
+    window = Window(segment.shot, segment.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
+    return replace(window, alternative_starts=others)
 
 
-def _estimate_initial_state(segment: Recording, body: int) -> FloatArray:
+def _estimate_initial_states(segment: Recording, count: int) -> FloatArray:
+    """Estimate positions and velocities (2D N,) at the first row from `count` rows."""
+    return np.concatenate([_estimate_initial_state(segment, body, count) for body in range(len(segment.bodies))])
+
+
+def _estimate_initial_state(segment: Recording, body: int, count: int) -> FloatArray:
     """Estimate position and velocity (2D,) at the first row, by a line or parabola through the first observed rows."""
-    own = np.flatnonzero(segment.is_observed[:, body])[:_GUESS_ROWS]
+    own = np.flatnonzero(segment.is_observed[:, body])[:count]
     degree = min(2 if len(own) >= 8 else 1, len(own) - 1)
     line = np.polynomial.polynomial.polyfit(segment.t[own] - segment.t[0], segment.positions[own, body], degree)
     return np.concatenate([line[0], line[1] if degree else np.zeros_like(line[0])])

@@ -1,4 +1,7 @@
-"""A body in flight, for the diagnosis: gravity is known, every other effect may be missing."""
+"""A body in flight, for the diagnosis: gravity is known, every other effect may be missing.
+
+The known input of a flight in space is the axis of its spin, a unit vector; without it, a body spins about -y.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,10 @@ from functools import cache
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import (
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.motion_integrator import (
     AccelerationFunction,
-    ContactFreeScene,
     RealOrComplexArray,
-    SceneEffect,
-    build_brake_probe,
     build_integrator,
     compile_closure,
 )
@@ -47,7 +48,8 @@ def flight_effects(coordinates: int) -> tuple[SceneEffect, ...]:
         return (*drags, probe)
     magnus = SceneEffect(
         "magnus", (Prior("s", "1/s", 0.0, 0.3, False, (-20.0, 20.0)),), (0.0,), ("flight",),
-        "a = s v rotated by 90 degrees, upwards for motion towards +x: lift by spin", ("wind",),
+        "a = s n x v with the spin axis n; without it, v rotated by 90 degrees, upwards for motion towards +x: lift",
+        ("wind",),
     )  # fmt: skip
     blown = SceneEffect(
         "wind", wind, (0.0,) * len(wind), ("flight",),
@@ -64,15 +66,19 @@ NEGLIGIBLE_DRAG, DRAG_REFERENCE_SPEED = 0.02, 10.0
 
 
 @cache
-def build_flight_acceleration(coordinates: int, gravity: float) -> AccelerationFunction:
+def build_flight_acceleration(coordinates: int, gravity: float, has_spin_axis: bool = False) -> AccelerationFunction:
     """Build the acceleration by gravity (m/s^2), drags, lift and wind.
 
-    Its parameters are in the order of `flight_effects`.
+    Its parameters are in the order of `flight_effects`; its inputs are the spin axis, where there is one.
     """
 
     @compile_closure
     def force(
-        place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+        place: RealOrComplexArray,
+        velocity: RealOrComplexArray,
+        p: RealOrComplexArray,
+        given: RealOrComplexArray,
+        out: RealOrComplexArray,
     ) -> None:
         last = coordinates - 1
         square = 0 * velocity[0] + MIN_DRAG_SPEED**2
@@ -87,7 +93,11 @@ def build_flight_acceleration(coordinates: int, gravity: float) -> AccelerationF
             blown = p[3 + k] if k < last else 0.0 * p[0]
             out[k] = -drag * (velocity[k] - blown) + least * blown
         out[last] -= gravity
-        if coordinates > 1:
+        if has_spin_axis:
+            out[0] += p[2] * (given[1] * velocity[2] - given[2] * velocity[1])
+            out[1] += p[2] * (given[2] * velocity[0] - given[0] * velocity[2])
+            out[2] += p[2] * (given[0] * velocity[1] - given[1] * velocity[0])
+        elif coordinates > 1:
             out[0] -= p[2] * velocity[last]
             out[last] += p[2] * velocity[0]
 
@@ -96,7 +106,7 @@ def build_flight_acceleration(coordinates: int, gravity: float) -> AccelerationF
 
 
 def build_flight_scene(
-    coordinates: int, gravity: float = 9.81, simulator_effects: tuple[str, ...] = ()
+    coordinates: int, gravity: float = 9.81, simulator_effects: tuple[str, ...] = (), has_spin_axis: bool = False
 ) -> ContactFreeScene:
     """Build the scene of a simulator that has gravity and further effects.
 
@@ -104,11 +114,12 @@ def build_flight_scene(
         coordinates: Number of coordinates, the last of which is height.
         gravity: m/s^2.
         simulator_effects: Names of the effects that the simulator has.
+        has_spin_axis: Whether recordings state the axis of the spin; only with three coordinates.
 
     Returns:
         The scene.
     """
-    march = build_integrator(build_flight_acceleration(coordinates, gravity), True)
+    march = build_integrator(build_flight_acceleration(coordinates, gravity, has_spin_axis), True)
     return ContactFreeScene(
         "flight",
         "m",
@@ -117,4 +128,5 @@ def build_flight_scene(
         simulator_effects,
         march,
         ("lens_distortion", "perspective"),
+        input_count=3 if has_spin_axis else 0,
     )

@@ -36,11 +36,16 @@ class Recording:
     """(T, N) standard deviation of each coordinate."""
     is_sigma_stated: bool = True
     """Whether the standard deviations were stated with the recording; otherwise they are a usual value."""
+    inputs: FloatArray | None = None
+    """(T, N, I, 2) value and rate (per s) of the known inputs of each body, in the order of the scene; cubics between
+    rows. None: all are 0."""
 
     def __post_init__(self) -> None:
         rows, bodies = self.positions.shape[:2]
         if self.t.shape != (rows,) or self.frame.shape != (rows,) or self.sigma.shape != (rows, bodies):
             raise ValueError("a recording needs one time and frame per row, and one sigma per row and body")
+        if self.inputs is not None and (self.inputs.shape[:2] != (rows, bodies) or self.inputs.shape[3:] != (2,)):
+            raise ValueError("inputs need a value and a rate per row and body")
         if len(self.bodies) != bodies or np.any(np.diff(self.t) <= 0):
             raise ValueError("a recording needs one name per body, and increasing times")
 
@@ -53,8 +58,9 @@ class Recording:
         """Select the rows from `first` up to, but excluding, `last`."""
         part = slice(first, last)
         return replace(
-            self, frame=self.frame[part], t=self.t[part], positions=self.positions[part], sigma=self.sigma[part]
-        )
+            self, frame=self.frame[part], t=self.t[part], positions=self.positions[part], sigma=self.sigma[part],
+            inputs=None if self.inputs is None else self.inputs[part],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,22 +3,25 @@
 Angles are absolute, 0 hanging, counter-clockwise. The rods may have any shape: of two, the parameters are the second
 one's moment of inertia about its joint, the coupling of both, and the torque of gravity on each, all divided by the
 first one's moment about the pivot (with the joint's load). Only such ratios can be identified from motion.
+
+Known inputs are a torque on the first rod at the pivot, divided by the same moment (rad/s^2), and the acceleration of
+the pivot to the right and upwards (m/s^2). A pivot that accelerates is like another gravity: it acts on a rod by the
+share of its pull in `GRAVITY`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import (
-    ContactFreeScene,
-    RealOrComplexArray,
-    SceneEffect,
-    build_brake_probe,
-    build_integrator,
-)
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
+GRAVITY = 9.81
+"""m/s^2"""
+INPUT_COUNT = 3
+"""Torque at the pivot over the first moment of inertia, acceleration of the pivot to the right and upwards."""
 DRY_FRICTION_FADE_SPEED = 0.004
 """rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second."""
 
@@ -76,17 +79,26 @@ def pendulum_effects(angles: int) -> tuple[SceneEffect, ...]:
 
 @compile_kernel
 def one_rod_acceleration(
-    place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+    place: RealOrComplexArray,
+    velocity: RealOrComplexArray,
+    p: RealOrComplexArray,
+    given: RealOrComplexArray,
+    out: RealOrComplexArray,
 ) -> None:
     """Fill the angular acceleration, with parameters in the order of `pendulum_effects(1)`."""
     w = velocity[0]
     size = np.sqrt(w * w + DRY_FRICTION_FADE_SPEED**2)
-    out[0] = -p[0] * np.sin(place[0] - p[4]) - p[1] * w - p[2] * w / size - p[3] * size * w
+    pulled = np.sin(place[0] - p[4]) + (given[1] * np.cos(place[0]) + given[2] * np.sin(place[0])) / GRAVITY
+    out[0] = given[0] - p[0] * pulled - p[1] * w - p[2] * w / size - p[3] * size * w
 
 
 @compile_kernel
 def two_rod_acceleration(
-    place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+    place: RealOrComplexArray,
+    velocity: RealOrComplexArray,
+    p: RealOrComplexArray,
+    given: RealOrComplexArray,
+    out: RealOrComplexArray,
 ) -> None:
     """Fill the angular accelerations, with parameters in the order of `pendulum_effects(2)`."""
     between = place[0] - place[1]
@@ -95,8 +107,10 @@ def two_rod_acceleration(
     w = w2 - w1
     at_joint = p[6] * w + p[7] * w / np.sqrt(w * w + DRY_FRICTION_FADE_SPEED**2)
     at_pivot = p[4] * w1 + p[5] * w1 / np.sqrt(w1 * w1 + DRY_FRICTION_FADE_SPEED**2)
-    first = -p[2] * sine * w2 * w2 - p[0] * np.sin(place[0] - p[8]) - at_pivot + at_joint
-    second = p[2] * sine * w1 * w1 - p[3] * np.sin(place[1] - p[8]) - at_joint
+    pulled = np.sin(place[0] - p[8]) + (given[1] * np.cos(place[0]) + given[2] * np.sin(place[0])) / GRAVITY
+    second_pulled = np.sin(place[1] - p[8]) + (given[1] * np.cos(place[1]) + given[2] * np.sin(place[1])) / GRAVITY
+    first = given[0] - p[2] * sine * w2 * w2 - p[0] * pulled - at_pivot + at_joint
+    second = p[2] * sine * w1 * w1 - p[3] * second_pulled - at_joint
     whole = p[1] - p[2] * p[2] * cosine * cosine
     out[0] = (p[1] * first - p[2] * cosine * second) / whole
     out[1] = (second - p[2] * cosine * first) / whole
@@ -122,4 +136,5 @@ def build_pendulum_scene(angles: int, simulator_effects: tuple[str, ...] = ()) -
         present,
         march,
         ("spring_nonlinearity", "rod_mass"),
+        input_count=INPUT_COUNT,
     )

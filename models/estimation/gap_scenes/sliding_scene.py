@@ -1,16 +1,17 @@
-"""A body that slides on a plane, for the diagnosis: no force acts on it unless the simulator has it."""
+"""A body that slides on a plane, for the diagnosis: no force acts on it unless the simulator has it.
+
+Walls may reflect it. A body without spin loses part of its normal speed there, and part of its tangential speed by
+Coulomb friction during the contact. Known inputs are two accelerations, along x and y.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import (
-    ContactFreeScene,
-    RealOrComplexArray,
-    SceneEffect,
-    build_brake_probe,
-    build_integrator,
-)
+from models.core.typing import FloatArray
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.gap_scene import Recording
+from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
@@ -39,23 +40,45 @@ SLIDING_EFFECTS = (
                   Prior("slope_y", "mm/m", 0.0, 10.0, False, (-200.0, 200.0))), (0.0, 0.0), ("slide",),
         "g times the slope, in the downhill direction", ("sliding_friction",),
     ),
-    build_brake_probe("m", "slide"),
 )  # fmt: skip
+"""Effects between the walls."""
+WALL_EFFECTS = (
+    SceneEffect(
+        "wall_restitution", (Prior("e", "1", 0.7, 0.2, False, (0.05, 1.0)),), (1.0,), ("cushion_contact",),
+        "share of the normal speed that is returned, Newton 1687", ("wall_friction", "sliding_friction"),
+    ),
+    SceneEffect(
+        "wall_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("cushion_contact",),
+        "the tangential speed drops by mu (1 + e) times the normal speed, at most to 0: Coulomb friction, no spin",
+        ("wall_restitution", "sliding_friction"),
+    ),
+)  # fmt: skip
+"""Effects of walls; their parameters follow those of `SLIDING_EFFECTS`."""
+_WALL_PARAMETERS = (5, 6)
+"""Indices of the restitution and the friction of walls among all parameters."""
+_NEAR_SIGMAS = 3.0
+"""Standard deviations within which an observed position may be at a wall."""
+INPUT_COUNT = 2
+"""Known accelerations along x and y, m/s^2."""
 
 
 @compile_kernel
 def sliding_acceleration(
-    place: RealOrComplexArray, velocity: RealOrComplexArray, p: RealOrComplexArray, out: RealOrComplexArray
+    place: RealOrComplexArray,
+    velocity: RealOrComplexArray,
+    p: RealOrComplexArray,
+    given: RealOrComplexArray,
+    out: RealOrComplexArray,
 ) -> None:
-    """Fill the acceleration by friction, drags and slope, with parameters in the order of `SLIDING_EFFECTS`.
+    """Fill the acceleration by friction, drags, slope and inputs, with parameters in the order of `SLIDING_EFFECTS`.
 
-    Friction fades out at the velocity where it balances the slope, not at zero velocity, so that a stopped body does
-    not creep.
+    Friction fades out at the velocity where it balances slope and inputs, not at zero velocity, so that a stopped body
+    does not creep.
     """
     square = velocity[0] * velocity[0] + velocity[1] * velocity[1]
     speed = np.sqrt(square + FRICTION_FADE_SPEED**2)
     brake = p[1] + p[2] * speed
-    fall_x, fall_y = GRAVITY * 1e-3 * p[3], GRAVITY * 1e-3 * p[4]
+    fall_x, fall_y = GRAVITY * 1e-3 * p[3] + given[0], GRAVITY * 1e-3 * p[4] + given[1]
     friction = p[0] * GRAVITY
     rubbed_x, rubbed_y = velocity[0], velocity[1]
     holds = friction * friction - fall_x * fall_x - fall_y * fall_y
@@ -67,21 +90,48 @@ def sliding_acceleration(
     out[1] = fall_y - brake * velocity[1] - friction * rubbed_y / speed
 
 
-def build_sliding_scene(simulator_effects: tuple[str, ...] = ()) -> ContactFreeScene:
+def build_sliding_scene(
+    simulator_effects: tuple[str, ...] = (),
+    walls: tuple[tuple[float, float], ...] = (),
+    recordings: tuple[Recording, ...] | None = None,
+) -> ContactFreeScene:
     """Build the scene of a simulator with some of the effects.
 
     Args:
         simulator_effects: Names of the effects that the simulator has.
+        walls: Lower and upper limit (m) of the centre of a body along x and along y; empty where there are no walls.
+        recordings: Recordings to be diagnosed. Where no body meets a wall, effects of walls are only offered if the
+            simulator has them. None: bodies meet walls.
 
     Returns:
         The scene.
     """
+    untested: tuple[str, ...] = ("lens_distortion", "perspective")
+    offered = WALL_EFFECTS if walls else ()
+    if walls and recordings is not None and not any(_meets_wall(one, np.array(walls)) for one in recordings):
+        untested += tuple(f"{one.name}: no body meets a wall" for one in WALL_EFFECTS)
+        offered = WALL_EFFECTS if {one.name for one in WALL_EFFECTS} & set(simulator_effects) else ()
+    elif not walls:
+        untested += tuple(f"{one.name}: no walls are stated" for one in WALL_EFFECTS)
     return ContactFreeScene(
         "slide",
         "m",
         "slide",
-        SLIDING_EFFECTS,
+        (*SLIDING_EFFECTS, *offered, build_brake_probe("m", "slide")),
         simulator_effects,
-        build_integrator(sliding_acceleration, True),
-        ("lens_distortion", "perspective"),
+        build_integrator(sliding_acceleration, True, bool(walls), _WALL_PARAMETERS if offered else None),
+        untested,
+        input_count=INPUT_COUNT,
+        walls=walls,
     )
+
+
+def _meets_wall(recording: Recording, walls: FloatArray) -> bool:
+    """Return whether a body comes so near to a wall that it may meet it before the next frame."""
+    for body in range(len(recording.bodies)):
+        rows = np.flatnonzero(recording.is_observed[:, body])
+        places = recording.positions[rows, body]
+        reach = np.abs(np.diff(places, axis=0, append=places[-1:])) + _NEAR_SIGMAS * recording.sigma[rows, body, None]
+        if ((places - walls[:, 0] < reach) | (walls[:, 1] - places < reach)).any():
+            return True
+    return False

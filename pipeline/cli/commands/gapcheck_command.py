@@ -29,7 +29,7 @@ def gapcheck(
         str, typer.Option("--only", help="Check only kinds of case, or sets of --real, whose name contains this word.")
     ] = "",
     every: Annotated[
-        bool, typer.Option("--all", help="Check all kinds of billiards cases instead of one per question.")
+        bool, typer.Option("--all", help="Check all kinds of cases, also bodies between walls and with known inputs.")
     ] = False,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Number of cases of each kind.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the first case of each kind.")] = 0,
@@ -56,8 +56,9 @@ def gapcheck(
     report is written. The command prints how often the effect was named, false alarms, unknown effects, the closed part
     of the gap, and the calibration of the probabilities.
 
-    On two idle cores it takes about six minutes, with `--all` about twenty, half a minute per table. Sliding, flying
-    and swinging bodies take three minutes together (`--only slide`, `flight` or `pendulum`).
+    On two idle cores it takes about six minutes, with `--all` about twenty-five, half a minute per table. Sliding,
+    flying and swinging bodies take three minutes together (`--only slide`, `flight` or `pendulum`), walls and known
+    inputs another three.
 
     With `--real`, no case is simulated. The answer to a set is opened once its report is written. The command prints
     one row per set; a set that cannot be read is one row with the reason, and makes the exit status 1.

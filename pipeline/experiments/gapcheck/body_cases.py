@@ -3,7 +3,8 @@
 Strengths are natural ones, drawn uniformly from a range: mu of plastic, wood and metal on smooth floors 0.1 to 0.4;
 drag of balls and shuttlecocks in air by g / (terminal speed)^2, 0.22 1/m for a shuttlecock, 0.02 for a tennis ball;
 bearings of swinging rods as in recorded pendulums, 0.02 to 0.2 1/s; floors and walls that are off by 2 to 10 mm/m; a
-draught of 1 to 4 m/s; lift by spin of sliced balls. Noise is 0.3 px of a camera that shows the whole scene.
+draught of 1 to 4 m/s; lift by spin of sliced balls; pucks on smooth floors with mu 0.02 to 0.1, between walls that
+return 0.5 to 0.9 of the normal speed, with mu 0.05 to 0.3. Noise is 0.3 px of a camera that shows the whole scene.
 """
 
 from __future__ import annotations
@@ -44,6 +45,12 @@ class BodyKind:
     """speed, angle: equal in all shots."""
     engine: str = ""
     """The package that simulates it; empty for integrators of this project."""
+    facts: Mapping[str, object] = field(default_factory=dict)
+    """Further entries of scene.json, such as walls."""
+    drive: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Known inputs by column: amplitude and frequency (Hz)."""
+    stated: bool = True
+    """Whether the known inputs are stated."""
     family: frozenset[str] = frozenset()
     """Effects of the library, any of which alone is a right name for an effect of another form."""
 
@@ -84,6 +91,7 @@ class BodyKind:
         return {
             "effects": effects, "model": list(self.model), "seed": int(rng.integers(2**31)), "shots": shots, "fps": fps,
             "seconds": SECONDS[self.scene], "noise": NOISE[self.scene], "throw": dict(self.throw), **self.camera,
+            "facts": dict(self.facts), "drive": dict(self.drive), "stated": self.stated,
         }  # fmt: skip
 
 
@@ -167,6 +175,54 @@ MUJOCO_KINDS = (
     ),
 )
 """The same pendulum, simulated by an independent engine."""
+
+GLIDE = {"sliding_friction": {"mu": (0.02, 0.1)}}
+BOUNCE = {"wall_restitution": {"e": (0.5, 0.9)}}
+RUB = {"wall_friction": {"mu": (0.05, 0.3)}}
+BOX = {"walls": [-0.5, -0.35, 0.5, 0.35], "radius": 0.03}
+WALL_KINDS = tuple(
+    BodyKind(f"slide between walls, {name}", "slide", acts, tuple(model),
+             foreign=name in ("sticky patch", "fading walls"), facts=BOX)
+    for name, acts, model in (
+        ("nothing missing", {**GLIDE, **BOUNCE, **RUB}, [*GLIDE, *BOUNCE, *RUB]),
+        ("elastic walls, nothing missing", GLIDE, GLIDE),
+        ("wall restitution", {**GLIDE, **BOUNCE}, GLIDE),
+        ("wall friction", {**GLIDE, **BOUNCE, **RUB}, [*GLIDE, *BOUNCE]),
+        ("wall restitution and wall friction", {**GLIDE, **BOUNCE, **RUB}, GLIDE),
+        ("friction", {**GLIDE, **BOUNCE, **RUB}, [*BOUNCE, *RUB]),
+        ("viscous drag", {**BOUNCE, **RUB, "viscous_drag": {"k": (0.2, 1.0)}}, [*BOUNCE, *RUB]),
+        ("slope", {**GLIDE, **SLOPE, **BOUNCE}, [*GLIDE, *BOUNCE]),
+        ("sticky patch", {**GLIDE, **BOUNCE, "sticky_patch": {"mu": (0.2, 0.5), "x": (-0.2, 0.2), "y": (-0.2, 0.2)}},
+         [*GLIDE, *BOUNCE]),
+        ("fading walls", {**GLIDE, "fading_restitution": {"e0": (0.9, 0.95), "slope": (0.2, 0.35)}},
+         [*GLIDE, "wall_restitution"]),
+    )
+)  # fmt: skip
+"""Kinds between walls."""
+
+PIVOT = {"pivot_x": {"amplitude": 0.02, "frequency": 1.5}}
+MOTOR = {"torque": {"amplitude": 5.0, "frequency": 0.8}}
+PLATFORM = {"platform_x": {"amplitude": 0.02, "frequency": 2.0}, "platform_y": {"amplitude": 0.01, "frequency": 3.0}}
+FAN = {"force_x": {"amplitude": 2.0, "frequency": 1.5}}
+AXIS = {f"axis_{name}": {"amplitude": 1.0, "frequency": 0.0} for name in "xyz"}
+DRIVEN_KINDS = (
+    BodyKind("pendulum with a moving pivot, nothing missing", "pendulum", JOINT, ("joint_friction",), drive=PIVOT),
+    BodyKind("pendulum with a moving pivot, joint friction", "pendulum", JOINT, drive=PIVOT),
+    BodyKind("pendulum with a motor, joint friction", "pendulum", JOINT, drive=MOTOR),
+    BodyKind("pendulum with a moving pivot that is not stated", "pendulum", JOINT, ("joint_friction",), foreign=True,
+             drive=PIVOT, stated=False),
+    BodyKind("pendulum with a motor that is not stated", "pendulum", JOINT, ("joint_friction",), foreign=True,
+             drive=MOTOR, stated=False),
+    BodyKind("slide on a moving platform, nothing missing", "slide", FRICTION, ("sliding_friction",), drive=PLATFORM),
+    BodyKind("slide on a moving platform, friction", "slide", FRICTION, drive=PLATFORM),
+    BodyKind("slide with a force, friction", "slide", FRICTION, drive=FAN),
+    BodyKind("slide on a moving platform that is not stated", "slide", FRICTION, ("sliding_friction",), foreign=True,
+             drive=PLATFORM, stated=False),
+    BodyKind("flight about a stated axis, lift by spin", "flight", {**DRAG, **SPIN}, ("air_drag",), drive=AXIS),
+    BodyKind("flight about an axis that is not stated", "flight", {**DRAG, **SPIN}, ("air_drag",), foreign=True,
+             drive=AXIS, stated=False),
+)  # fmt: skip
+"""Kinds with known inputs."""
 
 TRAP_KINDS = (
     BodyKind(

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS
-from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, MUJOCO_KINDS
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, MUJOCO_KINDS, WALL_KINDS
 from pipeline.experiments.gapcheck.case_kind import CaseKind
 
-KINDS: tuple[CaseKind, ...] = (*BODY_KINDS, *MUJOCO_KINDS, *BILLIARDS_KINDS)
+KINDS: tuple[CaseKind, ...] = (*BODY_KINDS, *MUJOCO_KINDS, *WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)
 
+_RARE_KINDS = (*WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)
 _DEFAULT_TABLES = ("nothing missing", "slope", "cushion law", "slope and lens distortion", "sticky patch")
 DEFAULT_KINDS: tuple[CaseKind, ...] = tuple(
-    kind
-    for kind in KINDS
-    if kind not in BILLIARDS_KINDS or kind.name in [f"billiards, {one}" for one in _DEFAULT_TABLES]
+    kind for kind in KINDS if kind not in _RARE_KINDS or kind.name in [f"billiards, {one}" for one in _DEFAULT_TABLES]
 )
-"""Kinds that are checked by default; one table for each kind of question, as a table takes a minute."""
+"""Kinds that are checked by default: no walls and no inputs, and one table for each kind of question, as a table takes
+a minute."""

@@ -16,7 +16,11 @@ from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CH
 from models.physics.effect import Effect
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 
-SCENES = (build_flight_scene(3, 9.81, ()), build_pendulum_scene(2, ()), build_sliding_scene(()))
+SCENES = (
+    build_flight_scene(3, 9.81, ()),
+    build_pendulum_scene(2, ()),
+    build_sliding_scene((), ((0.0, 1.0), (0.0, 1.0))),
+)
 EFFECTS: tuple[Effect, ...] = (*BILLIARDS_EFFECTS, *(effect for scene in SCENES for effect in scene.effects))
 GAUGES = ("frame_rate", "time_offset", "parallax_shift")
 

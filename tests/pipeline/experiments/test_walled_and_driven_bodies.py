@@ -1,0 +1,45 @@
+"""Diagnoses of independently simulated bodies between walls and with known inputs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from diagnosis.diagnose import diagnose
+from diagnosis.verdicts.verdict import DiagnosisReport
+from pipeline.experiments.gapcheck.blind_case import simulate_case
+from pipeline.experiments.gapcheck.body_cases import DRIVEN_KINDS, WALL_KINDS
+from pipeline.io.track_folder import read_track_folders
+from pipeline.io.track_folder_scene import build_gap_scene
+
+KINDS = {kind.name: kind for kind in (*WALL_KINDS, *DRIVEN_KINDS)}
+
+
+def diagnose_kind(name: str, folder: Path) -> DiagnosisReport:
+    simulate_case(KINDS[name], 11, 6, 60.0, folder / "sealed.json", folder / "case")
+    read = read_track_folders([folder / "case"])
+    return diagnose(build_gap_scene(read), read.recordings)
+
+
+def test_a_wall_that_takes_speed_is_named_and_located(tmp_path: Path) -> None:
+    report = diagnose_kind("slide between walls, wall restitution", tmp_path)
+    assert report.effects == ("wall_restitution",)
+    assert report.where[0].phase == "cushion_contact"
+    assert report.gap.closure.closed > 0.95
+    strength = next(one for one in report.fitted if one.name == "wall_restitution.e")
+    assert 0.5 < strength.value < 0.9
+    assert strength.sigma < 0.02
+
+
+def test_friction_is_named_beside_a_stated_motion_of_a_platform(tmp_path: Path) -> None:
+    assert diagnose_kind("slide on a moving platform, friction", tmp_path).effects == ("sliding_friction",)
+
+
+@pytest.mark.slow
+def test_a_moving_pivot_is_unknown_unless_it_is_stated(tmp_path: Path) -> None:
+    for name in ("stated", "silent"):
+        (tmp_path / name).mkdir()
+    stated = diagnose_kind("pendulum with a moving pivot, joint friction", tmp_path / "stated")
+    assert stated.effects == ("joint_friction",)
+    assert diagnose_kind("pendulum with a moving pivot that is not stated", tmp_path / "silent").verdict == "unknown"
