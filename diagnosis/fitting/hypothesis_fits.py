@@ -221,6 +221,7 @@ def fit_start_states(
     like: EffectFit,
     starts: tuple[FloatArray, ...] | None = None,
     retry_guesses: bool = False,
+    options: ShootingOptions = FULL_FIT,
 ) -> EffectFit:
     """Fit the start states of segments with all parameters fixed to those of another fit.
 
@@ -230,12 +231,13 @@ def fit_start_states(
         like: Fit with the parameters and forms.
         starts: Start state (S,) of each window from an earlier fit.
         retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
+        options: Iteration limits.
 
     Returns:
         A fit without free parameters.
     """
     fixed = replace(like, free=np.zeros(len(problem.priors), bool))
-    return refit_effects(problem, segments, fixed, starts, retry_guesses)
+    return refit_effects(problem, segments, fixed, starts, retry_guesses, options)
 
 
 def refit_effects(

@@ -6,7 +6,7 @@ previous one is white (Prais and Winsten 1954). Jacobians are transformed alike,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     SimulatedWindow,
     Window,
     drop_shared_jacobian,
-    simulate_window,
+    predict_window,
 )
 from models.physics.effect import Prior
 
@@ -31,12 +31,17 @@ class NoiseChain:
     """(K,) index of the previous observation of the same body; the own index where there is none."""
     correlation: FloatArray
     """(K,) correlation with the previous observation, 0 where there is none."""
+    scale: FloatArray = field(init=False, repr=False)
+    """(K,) factor on the part of the noise that the previous observation does not predict."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scale", 1 / np.sqrt(1 - self.correlation**2))
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Whiten values (K, ...) whose errors have unit variance."""
         column = (-1, *[1] * (values.ndim - 1))
-        fresh = 1 / np.sqrt(1 - self.correlation**2)
-        return np.asarray((values - self.correlation.reshape(column) * values[self.previous]) * fresh.reshape(column))
+        predicted = self.correlation.reshape(column) * values[self.previous]
+        return np.asarray((values - predicted) * self.scale.reshape(column))
 
 
 def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:
@@ -73,7 +78,7 @@ class WhitenedModel:
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
         """Simulate a window and whiten its residuals."""
-        simulated = simulate_window(self.model, window, start, shared)
+        simulated = predict_window(self.model, window, start, shared)
         if isinstance(simulated, LinearizedWindow):
             return self._whiten_window(window, simulated)
         return replace(simulated, residual=self.chains[window].whiten(simulated.residual))
