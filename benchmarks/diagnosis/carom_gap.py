@@ -7,8 +7,8 @@ The shots are those of ../shared/data/physics/recorded_carom/shots.csv (shot, t,
 quarter confirms effects, a quarter reports. MODEL is the cushion model of the user's simulator (default: all three),
 which also has rolling resistance, sliding friction, spin decay, the restitution of cushions and balls and, with a
 published cushion model, its friction. Every case is a row of FILE.csv and is skipped if it is already there; the table
-is printed from all rows. Two processes work on each case, as they do for users, unless --serial is given; the CPU
-seconds are those of one of them. Takes some minutes per case.
+is printed from all rows. Two processes work on each case, as they do for users, unless --serial is given. Takes
+one to a few minutes per case.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import time
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+
+import psutil
 
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT
@@ -74,6 +76,7 @@ class CaromGapRow:
     """s until there was a first hypothesis to show."""
     steps: int
     cpu: float
+    """CPU seconds of all processes."""
     wall: float
 
     def format_line(self) -> str:
@@ -117,10 +120,16 @@ def run_case(source: Path, model: str, group: int, count: int, workers: Executor
 
     with tempfile.TemporaryDirectory() as scratch:
         read = read_track_folders([write_group(Path(scratch), source, group, count, model)])
-    begun = time.process_time(), time.perf_counter()
+    begun = _measure_cpu(), time.perf_counter()
     report = diagnose(build_gap_scene(read), read.recordings, on_progress=note, executor=workers)
-    seconds = time.process_time() - begun[0], time.perf_counter() - begun[1]
+    seconds = _measure_cpu() - begun[0], time.perf_counter() - begun[1]
     return _make_row(model, group, count, report, (firsts[0] if firsts else seconds[1], max(steps, default=0)), seconds)
+
+
+def _measure_cpu() -> float:
+    """Measure the CPU seconds of this process and its helper so far."""
+    own = psutil.Process()
+    return float(sum(one.cpu_times().user + one.cpu_times().system for one in (own, *own.children())))
 
 
 def _make_row(

@@ -22,7 +22,7 @@ from models.physics.effect import Prior
 
 FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)
 """Iteration limits of a fit that is compared with others."""
-COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
+COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3, grow_shares=False)
 """Iteration limits of a first attempt, which decides whether a full fit is worthwhile."""
 _LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
 """Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more."""

@@ -7,6 +7,7 @@ previous one is white (Prais and Winsten 1954). Jacobians are transformed alike,
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import prod
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     drop_shared_jacobian,
     predict_window,
 )
+from models.numerics.autoregression import whiten_series
 from models.physics.effect import Prior
 
 
@@ -39,9 +41,9 @@ class NoiseChain:
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Whiten values (K, ...) whose errors have unit variance."""
-        column = (-1, *[1] * (values.ndim - 1))
-        predicted = self.correlation.reshape(column) * values[self.previous]
-        return np.asarray((values - predicted) * self.scale.reshape(column))
+        table = values.reshape(len(values), prod(values.shape[1:]))
+        rows = whiten_series(table, self.previous, self.correlation, self.scale)
+        return np.asarray(rows.reshape(values.shape))
 
 
 def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:
