@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import sys
 import tempfile
 import time
 from contextlib import nullcontext
@@ -115,6 +116,10 @@ def run_case(source: Path, model: str, group: int, count: int, workers: Executor
 
     def note(doing: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
         steps.append(outlook.steps_done)
+        best = "+".join(outlook.best or ())
+        print(
+            f"{time.perf_counter() - begun[1]:6.0f} s  {doing} {'+'.join(names)}  [{best}]", file=sys.stderr, flush=True
+        )
         if outlook.best is not None:
             firsts.append(time.perf_counter() - begun[1])
 
