@@ -83,6 +83,10 @@ class ShotWindows:
     """(P,) unknowns whose Jacobian is needed."""
     affects_motion: BoolArray = field(init=False, repr=False)
     """(P,) those of them that change the motion, not only its observation."""
+    latest_runs: dict[int, tuple[bytes, WindowRun, ObservedStates]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """By window: inputs and result of its latest simulation. A step that is accepted is differentiated next."""
     model_codes: tuple[int, int] = field(init=False, repr=False)
     """Codes of the contact models in compiled functions."""
     handover_times: tuple[float, ...] = field(init=False, repr=False)
@@ -120,8 +124,10 @@ class ShotWindows:
         return replace(self, segments=tuple(one.truncate(t) for one in self.segments if one.t[0] <= t))
 
     def without_shared_jacobian(self) -> ShotWindows:
-        """Return the model without Jacobians by the unknown parameters."""
-        return replace(self, jacobian_mask=np.zeros(len(self.unknowns), bool))
+        """Return the model without Jacobians by the unknown parameters; both share their latest runs."""
+        narrow = replace(self, jacobian_mask=np.zeros(len(self.unknowns), bool))
+        object.__setattr__(narrow, "latest_runs", self.latest_runs)
+        return narrow
 
     def simulate_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot:
         """Simulate the shot of a window.
@@ -239,15 +245,21 @@ class ShotWindows:
         self, window: int, start: FloatArray, values: FloatArray
     ) -> tuple[WindowRun, ObservedStates] | None:
         """Simulate a window and evaluate it at all observations and at its end; None where it is not possible."""
+        inputs = start.tobytes() + values.tobytes()
+        latest = self.latest_runs.get(window)
+        if latest is not None and latest[0] == inputs:
+            return latest[1:]
         segment, end = self.segments[window], self.handover_times[window]
         seconds = self.simulated_seconds[window]
         run = simulate_window_run(start, segment.moving, self.table, values, self.model_codes, seconds)
         if run is None:
             return None
         at, place = _observation_times(segment, values)
-        return run, observe_run(
+        observed = observe_run(
             run, at, place, segment.observation_indices[1], end, segment.observations, segment.observation_whitening
         )
+        self.latest_runs[window] = inputs, run, observed
+        return run, observed
 
     def _compute_residual(self, segment: ShotSegment, predicted: FloatArray, observed: ObservedStates) -> FloatArray:
         """Compute the residual (K, 2) of the places where the balls are predicted to be observed."""
