@@ -6,7 +6,8 @@ previous one is white (Prais and Winsten 1954). Jacobians are transformed alike,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import prod
 
 import numpy as np
 
@@ -18,8 +19,9 @@ from models.estimation.multiple_shooting.shooting_windows import (
     SimulatedWindow,
     Window,
     drop_shared_jacobian,
-    simulate_window,
+    predict_window,
 )
+from models.numerics.autoregression import whiten_series
 from models.physics.effect import Prior
 
 
@@ -31,12 +33,17 @@ class NoiseChain:
     """(K,) index of the previous observation of the same body; the own index where there is none."""
     correlation: FloatArray
     """(K,) correlation with the previous observation, 0 where there is none."""
+    scale: FloatArray = field(init=False, repr=False)
+    """(K,) factor on the part of the noise that the previous observation does not predict."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scale", 1 / np.sqrt(1 - self.correlation**2))
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Whiten values (K, ...) whose errors have unit variance."""
-        column = (-1, *[1] * (values.ndim - 1))
-        fresh = 1 / np.sqrt(1 - self.correlation**2)
-        return np.asarray((values - self.correlation.reshape(column) * values[self.previous]) * fresh.reshape(column))
+        table = values.reshape(len(values), prod(values.shape[1:]))
+        rows = whiten_series(table, self.previous, self.correlation, self.scale)
+        return np.asarray(rows.reshape(values.shape))
 
 
 def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:
@@ -73,7 +80,7 @@ class WhitenedModel:
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
         """Simulate a window and whiten its residuals."""
-        simulated = simulate_window(self.model, window, start, shared)
+        simulated = predict_window(self.model, window, start, shared)
         if isinstance(simulated, LinearizedWindow):
             return self._whiten_window(window, simulated)
         return replace(simulated, residual=self.chains[window].whiten(simulated.residual))

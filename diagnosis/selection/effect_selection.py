@@ -207,7 +207,9 @@ def _find_partial_hypothesis(search: EffectSearch, now: Hypothesis) -> Hypothesi
     """
     more = [one for one in search.hypotheses.values() if one.size == now.size + 1]
     best = max(more, key=search.log_evidence, default=now)
-    clear = best.size > now.size and all(effect_p_value(search, best, name) < SIGNIFICANCE for name in best.names)
+    clear = best.size > now.size and all(
+        effect_p_value(search, best, name) < SIGNIFICANCE for name in _order_from_weakest(search, best)
+    )
     return best if clear and best.fitted.lower_excess_cost > 0 and best.size < MAX_EFFECTS else None
 
 
@@ -243,8 +245,17 @@ def needs_all_effects(search: EffectSearch, hypothesis: Hypothesis) -> bool:
         and _exceeds_rest(
             search, hypothesis, fit_without_effect(search, hypothesis, name).cost - hypothesis.fitted.cost
         )
-        for name in hypothesis.names
+        for name in _order_from_weakest(search, hypothesis)
     )
+
+
+def _order_from_weakest(search: EffectSearch, hypothesis: Hypothesis) -> list[str]:
+    """Order the effects of a hypothesis by the fit without each, those that are not yet fitted last.
+
+    One effect that is not needed decides, and the weakest is the likeliest.
+    """
+    without = {name: search.hypotheses.get(hypothesis.names - {name}) for name in sorted(hypothesis.names)}
+    return sorted(without, key=lambda name: np.inf if (one := without[name]) is None else one.fitted.cost)
 
 
 def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bool:
@@ -274,7 +285,7 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> 
     if gain >= beyond_noise or not search.problem.probes:
         return gain >= beyond_noise
     least = _MIN_SHARE_BESIDE_REST * search.base.fitted.lower_excess_cost
-    return gain >= least and gain >= search.generic_law_gain(hypothesis)
+    return gain >= least and search.exceeds_generic_laws(hypothesis, gain)
 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:
@@ -383,7 +394,7 @@ def _try_rivals(search: EffectSearch, now: Hypothesis) -> Hypothesis:
     Rivals are fitted on windows that the smaller hypotheses allow. On windows that only the right hypothesis allows, a
     wrong one follows wrong paths at great cost, and its misfit holds no information.
     """
-    for name in now.names if now.size > 1 else ():
+    for name in sorted(now.names) if now.size > 1 else ():
         rest = try_hypothesis(search, now.names - {name}, now)
         effect_signatures = compute_hypothesis_signatures(search, rest)
         rivals = [other for other in search.problem.candidates if other not in now.names]

@@ -182,7 +182,9 @@ class BreakModel:
         """Return the change of the engine's parameters with each of these, see `parametrised_shot`."""
         values = self.physics_values(parameters)
         balls = build_balls(parameters[: self.common_column], self.is_moving, self.break_shot.table, values)
-        return build_directions(balls, self.is_moving, self.break_shot.table, values, np.array(FITTED_PARAMETERS))
+        return build_directions(
+            balls.state, balls.radius, self.is_moving, self.break_shot.table, values, np.array(FITTED_PARAMETERS)
+        )
 
     def huber_weights(self, residual: FloatArray) -> tuple[FloatArray, float]:
         """Return weights (R,) and cost: Huber's loss over the samples, squares for the rest."""

@@ -11,7 +11,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     SimulatedWindow,
     Window,
     drop_shared_jacobian,
-    simulate_window,
+    predict_window,
 )
 from models.physics.effect import Prior
 
@@ -50,7 +50,7 @@ class FixedParameterModel:
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
         """Simulate a window without Jacobians where the underlying model can."""
-        simulated = simulate_window(self.model, window, start, self.fill_values(shared))
+        simulated = predict_window(self.model, window, start, self.fill_values(shared))
         return simulated if isinstance(simulated, SimulatedWindow) else self._select_free_columns(simulated)
 
     def without_shared_jacobian(self) -> FixedParameterModel:

@@ -194,7 +194,10 @@ def _add_link(
     """Add the continuity of the start of window `k` with the end of the previous window."""
     tied = np.flatnonzero(np.isfinite(sigma))
     prediction = require_linearized(point, k - 1)
-    rows = np.hstack([-prediction.end_start_jacobian[tied], np.eye(len(sigma))[tied]]) / sigma[tied, None]
+    rows = np.zeros((len(tied), here.stop - before.start))
+    rows[:, : here.start - before.start] = -prediction.end_start_jacobian[tied]
+    rows[np.arange(len(tied)), here.start - before.start + tied] = 1.0
+    rows /= sigma[tied, None]
     shared = -prediction.end_shared_jacobian[tied, : len(scale)] * scale / sigma[tied, None]
     both = slice(before.start, here.stop)
     block.add_rows(both, rows, shared, ((point.starts[k] - prediction.end) / sigma)[tied])

@@ -48,7 +48,7 @@ from models.estimation.multiple_shooting.state_elimination import (
     log_determinant,
 )
 from models.numerics.executor import SERIAL, Executor
-from models.numerics.least_squares import SearchOptions, minimize_cost, solve_damped
+from models.numerics.least_squares import Minimum, SearchOptions, minimize_cost, solve_damped
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.effect import Prior
 
@@ -89,6 +89,9 @@ class ShootingOptions:
     """Iterations of all windows together."""
     shot_iterations: int = 12
     """Iterations of the states of one chain alone, after a jump of its cost or for its initial guesses."""
+    grow_shares: bool = True
+    """Whether a chain that no initial guess explains is fitted to growing shares of its windows, so that contacts are
+    included one after another; windows with at most one contact hardly need it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +191,15 @@ def convert_to_priors(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple
 
 
 def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOptions) -> tuple[Iterate, bool]:
-    """Minimize the cost by damped steps; return the last iterate and whether it converged."""
+    """Minimize the cost by damped steps; return the last iterate and whether it converged.
+
+    Without shared parameters, chains have nothing in common: each is fitted alone, with a damping of its own.
+    """
+    if not problem.model.unknowns:
+        chains = range(len(problem.chains))
+        results = map_chains(problem, _converge_chain_task, now, chains, options.iterations)
+        point = replace_chains(problem, now, {k: part for k, (part, _) in zip(chains, results, strict=True)})
+        return point, all(converged for _, converged in results)
     settling = min(options.shot_iterations, _SETTLING_ITERATIONS)
 
     def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
@@ -231,6 +242,17 @@ def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterat
     return replace_chains(problem, trial, dict(zip(worse, parts, strict=True)))
 
 
+def _converge_chain_task(
+    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, iterations: int
+) -> tuple[ChainIterate, bool]:
+    best = _search_chain_states(problem, embed_chain(problem, part, shared, chain), chain, iterations, quiet_steps=2)
+    is_converged = best.outcome == "converged"
+    if best.outcome == "stalled" and best.linear is not None:
+        step = solve_damped(best.linear.states, best.linear.gradient, 0.0)
+        is_converged = float(best.linear.gradient @ step) < _REMAINING_DECREASE
+    return extract_chain(problem, best.point, chain), is_converged
+
+
 def _fit_chain_task(
     problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, iterations: int
 ) -> ChainIterate:
@@ -243,21 +265,27 @@ def _fit_chain_states(
     problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0
 ) -> Iterate:
     """Fit the states of one chain to the first `share` of each of its windows, with fixed shared parameters."""
+    return _search_chain_states(problem, now, chain, iterations, share).point
+
+
+def _search_chain_states(
+    problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0, quiet_steps: int = 1
+) -> Minimum[Iterate, ChainBlock]:
+    """Search the best states of one chain, see `_fit_chain_states`."""
     cost = chain_cost(problem, now, chain, share)
 
     def move(now: Iterate, step: FloatArray) -> tuple[Iterate, float]:
         trial = _step_states(problem, now, chain, step)
         return trial, chain_cost(problem, trial, chain, share)
 
-    best = minimize_cost(
+    return minimize_cost(
         now,
         cost,
         lambda now: assemble_state_block(problem, now, chain, share),
         lambda block, damping: -solve_damped(block.states, block.gradient, damping),
         move,
-        replace(_SEARCH, iterations=iterations if np.isfinite(cost) else 0),
+        replace(_SEARCH, iterations=iterations if np.isfinite(cost) else 0, quiet_steps=quiet_steps),
     )
-    return best.point
 
 
 def _fit_best_guess_task(
@@ -320,7 +348,7 @@ def _fit_guesses(
         if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
             return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
-    if best.costs[chain] <= _EXPLAINED_CHI2 * count:
+    if best.costs[chain] <= _EXPLAINED_CHI2 * count or not options.grow_shares:
         return best
     early = [
         _fit_growing_share(problem, _simulate_guess(problem, now, chain, starts), chain, options, _EARLY_SHARES)

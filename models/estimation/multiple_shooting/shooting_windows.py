@@ -137,19 +137,34 @@ def simulate_window(
     Returns:
         The simulated or linearized window; all its numbers are finite, see `linearize_window`.
     """
-    simulate: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] | None = getattr(
-        model, "simulate", None
-    )
-    if simulate is None:
-        return linearize_window(model, window, start, shared)
     with np.errstate(over="ignore", invalid="ignore"):
-        prediction = simulate(window, start, shared)
+        prediction = predict_window(model, window, start, shared)
     if isinstance(prediction, LinearizedWindow):
         return _limit_jacobians(prediction)
     residual = _price_lost_observations(prediction.residual)
     if residual is prediction.residual and np.isfinite(prediction.end).all():
         return prediction
     return replace(prediction, residual=residual, end=np.nan_to_num(prediction.end))
+
+
+def predict_window(
+    model: ShootingModel, window: int, start: FloatArray, shared: FloatArray
+) -> SimulatedWindow | LinearizedWindow:
+    """Predict one window as `simulate_window` does, but with the numbers of the model: they may be infinite.
+
+    Args:
+        model: Model with an optional method `simulate`.
+        window: Index of the window.
+        start: (S,) start state.
+        shared: (P,) shared parameters.
+
+    Returns:
+        The simulated window, or the linearized one of a model without that method.
+    """
+    simulate: Callable[[int, FloatArray, FloatArray], SimulatedWindow | LinearizedWindow] = getattr(
+        model, "simulate", model.linearize
+    )
+    return simulate(window, start, shared)
 
 
 def linearize_window(model: ShootingModel, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:

@@ -49,10 +49,11 @@ class ChainBlock:
             residual: (R,) residuals in standard deviations.
         """
         self.states[where, where] += by_states.T @ by_states
-        self.coupling[where] += by_states.T @ by_shared
-        self.shared += by_shared.T @ by_shared
         self.gradient[where] += by_states.T @ residual
-        self.shared_gradient += by_shared.T @ residual
+        if len(self.shared):
+            self.coupling[where] += by_states.T @ by_shared
+            self.shared += by_shared.T @ by_shared
+            self.shared_gradient += by_shared.T @ residual
 
     def add_prior(self, where: slice, residual: FloatArray, sigma: FloatArray) -> None:
         """Add a prior of the states at `where`: offset from its mean (m,), and sigma (m,), infinite where unknown."""

@@ -52,6 +52,8 @@ class ShotSegment:
     dropped_frame_delay: FloatArray | None = None
     """(T,) s by which one dropped frame would shift each time; None where none is suspected."""
 
+    windows: dict[bool, Window] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Windows that were built of it, by `guess_spins`: every hypothesis is fitted to the same."""
     observation_indices: tuple[IntArray, IntArray] = field(init=False, repr=False)
     """(K,) row and (K,) ball of each observation."""
     observations: FloatArray = field(init=False, repr=False)
@@ -89,6 +91,13 @@ def build_window(segment: ShotSegment, guess_spins: bool) -> Window:
     Returns:
         The window.
     """
+    if guess_spins not in segment.windows:
+        segment.windows[guess_spins] = _build_new_window(segment, guess_spins)
+    return segment.windows[guess_spins]
+
+
+def _build_new_window(segment: ShotSegment, guess_spins: bool) -> Window:
+    """Build what `build_window` returns."""
     rows, balls = segment.observation_indices
     start = pack_start(segment.start, segment.moving)
     speed = np.hypot(segment.start[:, 2], segment.start[:, 3])

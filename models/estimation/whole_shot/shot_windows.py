@@ -16,6 +16,15 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
 from models.estimation.whole_shot.shot_segments import ShotSegment, build_window
+from models.estimation.whole_shot.window_simulation import (
+    ObservedStates,
+    WindowRun,
+    convert_ends,
+    differentiate_observations,
+    is_possible,
+    observe_run,
+    simulate_window_run,
+)
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.image_distortion import (
     IMAGE_PARAMETERS,
@@ -23,24 +32,21 @@ from models.physics.billiards.image_distortion import (
     ImagePlacement,
     distort_places,
 )
-from models.physics.billiards.parameter_vector import NAP_MU, PARAMETER_NAMES, ROLLING_MU, SLIDING_MU
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SLIDING_MU
 from models.physics.billiards.simulation.parametrised_shot import (
+    CENTRE_SIZE,
     DROPPED_FRAMES,
     IMAGE_START,
-    MASS_RATIO,
     MOVING_BALL_SIZE,
     NEUTRAL_SHOT_PARAMETERS,
-    RADIUS_FACTOR,
-    RADIUS_RATIO,
     SHOT_PARAMETERS,
     SHUTTER_READOUT,
     ContactModels,
-    build_directions,
-    convert_to_starts,
     pack_start,
     simulate_start,
 )
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
+from models.physics.billiards.simulation.table_physics import find_model_codes
 from models.physics.effect import Prior
 
 VIEW_PARAMETERS = slice(IMAGE_START, IMAGE_START + len(IMAGE_PARAMETERS))
@@ -48,8 +54,6 @@ VIEW_PARAMETERS = slice(IMAGE_START, IMAGE_START + len(IMAGE_PARAMETERS))
 _SECANT_SLIDING_MU = 0.2
 """Sliding friction at which a secant replaces the derivative where friction is absent: without it, slip does not
 exist."""
-_MAX_START = 1e6
-"""m or m/s: largest number of a start state, far beyond the place of a ball that was never observed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,16 @@ class ShotWindows:
     """(P,) unknowns whose Jacobian is needed."""
     affects_motion: BoolArray = field(init=False, repr=False)
     """(P,) those of them that change the motion, not only its observation."""
+    latest_runs: dict[int, tuple[bytes, WindowRun, ObservedStates]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """By window: inputs and result of its latest simulation. A step that is accepted is differentiated next."""
+    model_codes: tuple[int, int] = field(init=False, repr=False)
+    """Codes of the contact models in compiled functions."""
+    handover_times: tuple[float, ...] = field(init=False, repr=False)
+    """Per window: s from its start to that of the next one; infinite where none follows."""
+    simulated_seconds: tuple[float, ...] = field(init=False, repr=False)
+    """Per window: s that its simulation lasts."""
     handover_indices: tuple[IntArray, ...] = field(init=False, repr=False)
     """Per window (S',): which of the 7 N state variables start the next window; empty where none follows."""
 
@@ -90,9 +104,13 @@ class ShotWindows:
         object.__setattr__(self, "parameter_indices", indices)
         object.__setattr__(self, "is_differentiated", differentiated)
         object.__setattr__(self, "affects_motion", differentiated & (indices < IMAGE_START))
-        object.__setattr__(
-            self, "handover_indices", tuple(self._find_handover_indices(window) for window in range(len(self.segments)))
-        )
+        object.__setattr__(self, "model_codes", find_model_codes(self.laws.cushion, self.laws.ball))
+        for name, compute in (
+            ("handover_times", self._compute_handover_time),
+            ("simulated_seconds", self._compute_simulated_seconds),
+            ("handover_indices", self._find_handover_indices),
+        ):
+            object.__setattr__(self, name, tuple(map(compute, range(len(self.segments)))))
         object.__setattr__(self, "windows", tuple(build_window(one, self.guess_spins) for one in self.segments))
 
     def fill_values(self, shared: FloatArray) -> FloatArray:
@@ -106,8 +124,10 @@ class ShotWindows:
         return replace(self, segments=tuple(one.truncate(t) for one in self.segments if one.t[0] <= t))
 
     def without_shared_jacobian(self) -> ShotWindows:
-        """Return the model without Jacobians by the unknown parameters."""
-        return replace(self, jacobian_mask=np.zeros(len(self.unknowns), bool))
+        """Return the model without Jacobians by the unknown parameters; both share their latest runs."""
+        narrow = replace(self, jacobian_mask=np.zeros(len(self.unknowns), bool))
+        object.__setattr__(narrow, "latest_runs", self.latest_runs)
+        return narrow
 
     def simulate_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot:
         """Simulate the shot of a window.
@@ -124,29 +144,25 @@ class ShotWindows:
             ArithmeticError: The balls touch endlessly.
         """
         moving, values = self.segments[window].moving, self.fill_values(shared)
-        return simulate_start(start, moving, self.table, values, self.laws, self._simulated_seconds(window))
+        return simulate_start(start, moving, self.table, values, self.laws, self.simulated_seconds[window])
 
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Predict the observed positions and the start of the next window, with Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
         if self.budget is not None:
             self.budget.spend(len(segment.observations), self.laws.cushion, linearized=True)
-        run = self.simulate_possible_run(window, start, shared)
-        if run is None:
+        simulated = self._simulate_observations(window, start, values)
+        if simulated is None:
             return self._infinite_cost_window(window, len(start))
-        observed = self._observe_run(window, run, values)
-        directions = build_directions(
-            run.balls, segment.moving, self.table, values, self.parameter_indices[self.affects_motion]
-        )
-        derivatives, at_end = run.directional_derivatives_until(
-            observed.t, observed.where(segment), directions, 2, self._handover_time(window)
-        )
+        run, observed = simulated
+        derivatives, at_end = differentiate_observations(
+            run, observed, segment.observation_indices[1], segment.moving, self.table, values,
+            self.parameter_indices[self.affects_motion], self.handover_times[window],
+        )  # fmt: skip
         predicted, by_start, by_shared = self._observation_jacobians(
             segment, observed, _replace_nan(derivatives), values
         )
-        residual = _apply_whitening(segment.observation_whitening, (predicted - segment.observations)[..., None])[
-            ..., 0
-        ]
+        residual = self._compute_residual(segment, predicted, observed)
         by_start, by_shared = (
             _apply_whitening(segment.observation_whitening, by_start),
             _apply_whitening(segment.observation_whitening, by_shared),
@@ -154,27 +170,25 @@ class ShotWindows:
         if values[SLIDING_MU] == 0:
             self._fill_sliding_secant(window, start, shared, residual, by_shared)
         handed = self._linearize_handover(window, observed.end, at_end, run, values)
-        return LinearizedWindow(residual, by_start, by_shared, *handed, _contact_order(run))
+        return LinearizedWindow(residual, by_start, by_shared, *handed, run.contact_order)
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Predict the observed positions and the start of the next window, without Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
         if self.budget is not None:
             self.budget.spend(len(segment.observations))
-        run = self.simulate_possible_run(window, start, shared)
-        if run is None:
+        simulated = self._simulate_observations(window, start, values)
+        if simulated is None:
             failed = self._infinite_cost_window(window, len(start))
             return SimulatedWindow(failed.residual, failed.end)
-        observed = self._observe_run(window, run, values)
+        run, observed = simulated
         predicted = (
             distort_places(self._camera_view, observed.xy, values[VIEW_PARAMETERS])[0]
             if self._has_view_error(values)
             else observed.xy
         )
-        residual = _apply_whitening(segment.observation_whitening, (predicted - segment.observations)[..., None])[
-            ..., 0
-        ]
-        return SimulatedWindow(residual, self._next_window_start(window, observed.end, run), _contact_order(run))
+        residual = self._compute_residual(segment, predicted, observed)
+        return SimulatedWindow(residual, self._next_window_start(window, observed.end, run), run.contact_order)
 
     def predict_observed_path(self, window: int, start: FloatArray, shared: FloatArray) -> FloatArray:
         """Predict where balls would be observed at all times of a window, also where they were not.
@@ -207,7 +221,7 @@ class ShotWindows:
 
     def simulate_possible_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot | None:
         """Simulate the shot of a window; None where the parameters are unphysical or the balls touch endlessly."""
-        return self._simulate_possible_start(window, start, self.fill_values(shared), self._simulated_seconds(window))
+        return self._simulate_possible_start(window, start, self.fill_values(shared), self.simulated_seconds[window])
 
     def _simulate_possible_start(
         self, window: int, start: FloatArray, values: FloatArray, seconds: float
@@ -219,12 +233,6 @@ class ShotWindows:
         except ArithmeticError:
             return None
 
-    def _simulated_seconds(self, window: int) -> float:
-        """Compute the s that a simulation of a window lasts: past its last frame, and up to the next window."""
-        segment, end = self.segments[window], self._handover_time(window)
-        last = segment.t[-1] + 1.0 / 60 - segment.begin
-        return float(last if end == np.inf else max(last, end))
-
     @property
     def _camera_view(self) -> ImagePlacement:
         return ImagePlacement(np.zeros(2), 1.0) if self.view is None else self.view
@@ -233,18 +241,35 @@ class ShotWindows:
         """Return whether the camera parameters shift observed positions."""
         return self.view is not None and bool((values[VIEW_PARAMETERS] != NEUTRAL_IMAGE_PARAMETERS).any())
 
-    def _observe_run(self, window: int, run: SimulatedShot, values: FloatArray) -> _ObservedStates:
-        """Evaluate a simulated shot at all observations of a window and at its end."""
-        segment, end = self.segments[window], self._handover_time(window)
+    def _simulate_observations(
+        self, window: int, start: FloatArray, values: FloatArray
+    ) -> tuple[WindowRun, ObservedStates] | None:
+        """Simulate a window and evaluate it at all observations and at its end; None where it is not possible."""
+        inputs = start.tobytes() + values.tobytes()
+        latest = self.latest_runs.get(window)
+        if latest is not None and latest[0] == inputs:
+            return latest[1:]
+        segment, end = self.segments[window], self.handover_times[window]
+        seconds = self.simulated_seconds[window]
+        run = simulate_window_run(start, segment.moving, self.table, values, self.model_codes, seconds)
+        if run is None:
+            return None
         at, place = _observation_times(segment, values)
-        balls, inside = segment.observation_indices[1], np.maximum(at, 0.0)
-        states = run.states_at(inside if end == np.inf else np.append(inside, end))
-        seen_at = states[: len(inside)]
-        xy, v = _hold_pocketed_balls(seen_at[..., :2])[place, balls], _replace_nan(seen_at[place, balls, 2:4])
-        return _ObservedStates(xy + v * (at - inside)[place, None], v, inside, place, states[len(inside) :])
+        observed = observe_run(
+            run, at, place, segment.observation_indices[1], end, segment.observations, segment.observation_whitening
+        )
+        self.latest_runs[window] = inputs, run, observed
+        return run, observed
+
+    def _compute_residual(self, segment: ShotSegment, predicted: FloatArray, observed: ObservedStates) -> FloatArray:
+        """Compute the residual (K, 2) of the places where the balls are predicted to be observed."""
+        if predicted is observed.xy:
+            return observed.residual
+        deviations = (predicted - segment.observations)[..., None]
+        return np.asarray(_apply_whitening(segment.observation_whitening, deviations)[..., 0])
 
     def _observation_jacobians(
-        self, segment: ShotSegment, observed: _ObservedStates, derivatives: FloatArray, values: FloatArray
+        self, segment: ShotSegment, observed: ObservedStates, derivatives: FloatArray, values: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the observed positions (K, 2) and their Jacobians by start (K, 2, S) and unknowns (K, 2, P).
 
@@ -268,7 +293,7 @@ class ShotWindows:
             by_shared[..., on_view] = by_picture[..., self.parameter_indices[on_view] - IMAGE_START]
         return xy, by_place @ by_start, by_shared
 
-    def _parameter_jacobian(self, segment: ShotSegment, observed: _ObservedStates, by_motion: FloatArray) -> FloatArray:
+    def _parameter_jacobian(self, segment: ShotSegment, observed: ObservedStates, by_motion: FloatArray) -> FloatArray:
         """Compute the Jacobian (K, 2, P) of true positions by the unknowns: through the motion and the time."""
         by_shared = np.zeros((len(by_motion), 2, self._jacobian_columns))
         if not self._jacobian_columns:
@@ -296,31 +321,35 @@ class ShotWindows:
         """Number of columns of the Jacobians by shared parameters: all or none."""
         return len(self.unknowns) if self.is_differentiated.any() else 0
 
-    def _handover_time(self, window: int) -> float:
+    def _compute_handover_time(self, window: int) -> float:
         """Compute the s from the start of a window to the start of the next one; infinite where none follows."""
         follows = window + 1 < len(self.segments) and self.segments[window + 1].continues_previous
         return self.segments[window + 1].begin - self.segments[window].begin if follows else np.inf
 
+    def _compute_simulated_seconds(self, window: int) -> float:
+        """Compute the s that a simulation of a window lasts: past its last frame, and up to the next window."""
+        segment, end = self.segments[window], self.handover_times[window]
+        last = segment.t[-1] + 1.0 / 60 - segment.begin
+        return float(last if end == np.inf else max(last, end))
+
     def _find_handover_indices(self, window: int) -> IntArray:
         """Find the state variables that start the next window, as `handover_indices`."""
-        if self._handover_time(window) == np.inf:
+        if self.handover_times[window] == np.inf:
             return np.empty(0, np.int64)
         following = self.segments[window + 1].moving
         return pack_start(
             np.arange(len(following) * MOVING_BALL_SIZE, dtype=np.float64).reshape(-1, MOVING_BALL_SIZE), following
         ).astype(int)
 
-    def _next_window_start(self, window: int, end: FloatArray, run: SimulatedShot) -> FloatArray:
+    def _next_window_start(self, window: int, end: FloatArray, run: WindowRun) -> FloatArray:
         """Compute the start (S',) of the next window from the states (1, N, 7) at the end of this one."""
         indices = self.handover_indices[window]
-        return (
-            _replace_nan(convert_to_starts(end[0], run.balls.radius).reshape(-1)[indices])
-            if len(indices)
-            else np.empty(0)
-        )
+        if not len(indices):
+            return np.empty(0)
+        return _replace_nan(convert_ends(end[0, :, :, None], run.radius, indices)[:, 0])
 
     def _linearize_handover(
-        self, window: int, end: FloatArray, by: FloatArray, run: SimulatedShot, values: FloatArray
+        self, window: int, end: FloatArray, by: FloatArray, run: WindowRun, values: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the start of the next window (S',) and its Jacobians (S', S) and (S', P).
 
@@ -329,16 +358,18 @@ class ShotWindows:
         size, indices = len(self.windows[window].start), self.handover_indices[window]
         if not len(indices):
             return np.empty(0), np.empty((0, size)), np.empty((0, self._jacobian_columns))
-        by = convert_to_starts(by.swapaxes(1, 2), run.balls.radius[:, None]).swapaxes(1, 2)
+        converted = convert_ends(by, run.radius, indices)
         by_shared = np.zeros((len(indices), self._jacobian_columns))
         if self._jacobian_columns:
-            by[:, 4:, size:] += _radius_derivatives(end[0], run, values)[
+            by_radius = np.zeros((len(run.radius), MOVING_BALL_SIZE, int(self.affects_motion.sum())))
+            by_radius[:, CENTRE_SIZE:] = _radius_derivatives(end[0], run.radius, values)[
                 ..., self.parameter_indices[self.affects_motion]
             ]
-        by = _replace_nan(by.reshape(len(by) * MOVING_BALL_SIZE, -1)[indices])
+            converted[:, size:] += by_radius.reshape(-1, by_radius.shape[2])[indices]
+        converted = _replace_nan(converted)
         if self._jacobian_columns:
-            by_shared[:, self.affects_motion] = by[:, size:]
-        return self._next_window_start(window, end, run), by[:, :size], by_shared
+            by_shared[:, self.affects_motion] = converted[:, size:]
+        return self._next_window_start(window, end, run), converted[:, :size], by_shared
 
     def _infinite_cost_window(self, window: int, size: int) -> LinearizedWindow:
         """Return a prediction with infinite cost."""
@@ -349,28 +380,6 @@ class ShotWindows:
         )
         return LinearizedWindow(np.full((count, 2), np.inf), np.zeros((count, 2, size)), np.zeros((count, 2, shared)),
                     np.zeros(end), np.zeros((end, size)), np.zeros((end, shared)))  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class _ObservedStates:
-    """A simulated shot at the K observations of a window."""
-
-    xy: FloatArray
-    """(K, 2) m, positions."""
-    v: FloatArray
-    """(K, 2) m/s, velocities."""
-    t: FloatArray
-    """(M,) s since the start of the window, distinct observation times."""
-    place: IntArray
-    """(K,) index of each observation's time."""
-    end: FloatArray
-    """(1, N, 7) states at the handover to the next window, (0, N, 7) where none follows."""
-
-    def where(self, segment: ShotSegment) -> IntArray:
-        """Compute the observation number (M, N) of each ball at each time, -1 where there is none."""
-        numbers = np.full((len(self.t), len(segment.moving)), -1, np.int64)
-        numbers[self.place, segment.observation_indices[1]] = np.arange(len(self.place))
-        return numbers
 
 
 @compile_kernel
@@ -390,22 +399,10 @@ def _replace_nan(values: FloatArray) -> FloatArray:
     return values if np.isfinite(values).all() else np.nan_to_num(values)
 
 
-def _contact_order(run: SimulatedShot) -> tuple[tuple[int, ...], ...]:
-    """Return kinds and partners of all contacts, in their order."""
-    return tuple(map(tuple, run.contacts[:, [0, 2, 3]].astype(int).tolist()))
-
-
-def is_possible(start: FloatArray, values: FloatArray) -> bool:
-    """Return whether a start state and parameters are finite and physically possible."""
-    finite = np.abs(start).max(initial=0.0) < _MAX_START and np.isfinite(values).all()
-    solid = min(values[MASS_RATIO], values[RADIUS_RATIO] * values[RADIUS_FACTOR]) > 0
-    return bool(finite and solid and (abs(values[NAP_MU]) < values[ROLLING_MU] or values[NAP_MU] == 0))
-
-
-def _radius_derivatives(states: FloatArray, run: SimulatedShot, values: FloatArray) -> FloatArray:
+def _radius_derivatives(states: FloatArray, radius: FloatArray, values: FloatArray) -> FloatArray:
     """Compute the derivatives (N, 3, Q) of slip and side spin that come from the radius in their definition."""
     derivatives = np.zeros((len(states), 3, len(SHOT_PARAMETERS)))
-    by_radius = np.stack([-states[:, 5], states[:, 4], states[:, 6]], axis=1) * run.balls.radius[:, None]
+    by_radius = np.stack([-states[:, 5], states[:, 4], states[:, 6]], axis=1) * radius[:, None]
     derivatives[..., len(PARAMETER_NAMES) + 2] = by_radius / values[len(PARAMETER_NAMES) + 2]
     derivatives[1:, :, len(PARAMETER_NAMES) + 1] = by_radius[1:] / values[len(PARAMETER_NAMES) + 1]
     return derivatives

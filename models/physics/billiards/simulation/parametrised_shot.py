@@ -109,12 +109,12 @@ def build_balls(start: FloatArray, moving: BoolArray, table: Table, values: Floa
     """
     count = len(moving)
     state, radius, mass = np.zeros((count, MOVING_BALL_SIZE)), np.empty(count), np.empty(count)
-    _fill_balls(start, moving, table.ball_radius, table.ball_mass, values, state, radius, mass)
+    fill_balls(start, moving, table.ball_radius, table.ball_mass, values, state, radius, mass)
     return BallSet(_number_balls(count), state, radius, mass)
 
 
 @compile_kernel
-def _fill_balls(start, moving, usual_radius, usual_mass, values, state, radius, mass):  # type: ignore[no-untyped-def]
+def fill_balls(start, moving, usual_radius, usual_mass, values, state, radius, mass):  # type: ignore[no-untyped-def]
     """Write state (N, 7), radius (m) and mass (kg) (N,) of the engine.
 
     usual_radius (m) and usual_mass (kg) are those of the table; only the first ball is certain to have them.
@@ -165,12 +165,13 @@ def simulate_start(
 
 
 def build_directions(
-    balls: BallSet, moving: BoolArray, table: Table, values: FloatArray, numbers: IntArray
+    state: FloatArray, radius: FloatArray, moving: BoolArray, table: Table, values: FloatArray, numbers: IntArray
 ) -> FloatArray:
     """Build the derivatives of the engine's inputs by the numbers of a fit.
 
     Args:
-        balls: Balls of the start.
+        state: (N, 7) state of the balls at the start.
+        radius: (N,) m.
         moving: (N,) whether a ball moves at the start.
         table: Table with the usual mass of a ball.
         values: (Q,) values of `SHOT_PARAMETERS`.
@@ -181,7 +182,7 @@ def build_directions(
     """
     start_size = int(moving.sum()) * (MOVING_BALL_SIZE - RESTING_BALL_SIZE) + len(moving) * RESTING_BALL_SIZE
     directions = np.zeros((BALL_INPUTS * len(moving) + len(PARAMETER_NAMES) + len(CUSHIONS), start_size + len(numbers)))
-    _fill_directions(balls.state, balls.radius, moving, table.ball_mass, values, numbers, start_size, directions)
+    _fill_directions(state, radius, moving, table.ball_mass, values, numbers, start_size, directions)
     return directions
 
 

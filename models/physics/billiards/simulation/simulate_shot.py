@@ -28,6 +28,8 @@ _FIRST_CAPACITY = 512
 """Number of contacts for which there is room at first."""
 DISTURBED = ("velocity_n", "velocity_t", "slip_n", "slip_t", "side_spin")
 """What a disturbance of a cushion contact changes."""
+NO_DISTURBANCES = np.zeros((0, len(DISTURBED)))
+"""Those of a shot that follows its models."""
 MOST_CONTACTS = 500_000
 """A shot with more contacts is an error."""
 
@@ -63,28 +65,57 @@ def simulate(
     if not 0 < seconds < np.inf:
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
     rails = build_rails(table, offsets)
-    deviations = np.zeros((0, len(DISTURBED))) if disturbances is None else disturbances
+    deviations = NO_DISTURBANCES if disturbances is None else disturbances
+    contacts, segments = log_events(
+        balls.state, balls.radius, balls.mass, physics.values, physics.model_codes, rails, float(seconds),
+        correction, deviations,
+    )  # fmt: skip
+    return SimulatedShot(balls, rails, physics, float(seconds), contacts, segments)
+
+
+def log_events(
+    state: FloatArray,
+    radius: FloatArray,
+    mass: FloatArray,
+    physics: FloatArray,
+    model_codes: tuple[int, int],
+    rails: Rails,
+    seconds: float,
+    correction: FloatArray = NO_CORRECTION,
+    disturbances: FloatArray = NO_DISTURBANCES,
+) -> tuple[FloatArray, FloatArray]:
+    """Log the contacts and segments of a shot.
+
+    Args:
+        state: (N, 7) at its start.
+        radius: (N,) m.
+        mass: (N,) kg.
+        physics: (P,) in the order of `PARAMETER_NAMES`.
+        model_codes: Codes of the cushion model and the ball model.
+        rails: Parts of the table.
+        seconds: Duration, s.
+        correction: As of `simulate`.
+        disturbances: (D, 5) as of `simulate`.
+
+    Returns:
+        Contacts (E, EVENT_WIDTH) by time; segments (L, SEGMENT_WIDTH) by ball, then by time.
+
+    Raises:
+        ArithmeticError: The shot has more than `MOST_CONTACTS` contacts.
+    """
+    table, pieces = (
+        (rails.lines, rails.arcs, rails.holes),
+        INTEGRATED_PIECES if has_curved_path(physics) else CLOSED_FORM_PIECES,
+    )
     capacity = _FIRST_CAPACITY
     while capacity <= MOST_CONTACTS:
-        contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(balls.ids) + 2 * capacity, SEGMENT_WIDTH))
+        contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(state) + 2 * capacity, SEGMENT_WIDTH))
         event_count, segment_count, complete = simulate_events(
-            balls.state,
-            balls.radius,
-            balls.mass,
-            physics.values,
-            physics.model_codes,
-            (rails.lines, rails.arcs, rails.holes),
-            float(seconds),
-            INTEGRATED_PIECES if has_curved_path(physics.values) else CLOSED_FORM_PIECES,
-            correction,
-            deviations,
-            contacts,
-            segments,
-        )
-        if complete:
-            order = np.argsort(
-                segments[:segment_count, SEGMENT_BALL], kind="stable"
-            )  # they are made in the order of time
-            return SimulatedShot(balls, rails, physics, float(seconds), contacts[:event_count], segments[order])
+            state, radius, mass, physics, model_codes, table, seconds, pieces, correction, disturbances,
+            contacts, segments,
+        )  # fmt: skip
+        if complete:  # segments are made in the order of time
+            order = np.argsort(segments[:segment_count, SEGMENT_BALL], kind="stable")
+            return contacts[:event_count], segments[order]
         capacity *= 8
     raise ArithmeticError(f"the balls met more than {MOST_CONTACTS} times; shorten the shot, or part balls that touch")

@@ -44,8 +44,7 @@ class Physics:
     """One of `BALL_MODELS`."""
 
     def __post_init__(self) -> None:
-        find_model(REGISTERED_CUSHION_MODELS, self.cushion)
-        find_model(REGISTERED_BALL_MODELS, self.ball)
+        find_model_codes(self.cushion, self.ball)
         if self.values.shape != (len(PARAMETER_NAMES),) or not np.isfinite(self.values).all():
             raise ValueError(
                 f"{len(PARAMETER_NAMES)} finite numbers are wanted, in the order of PARAMETER_NAMES; got {self.values}"
@@ -54,7 +53,7 @@ class Physics:
     @property
     def model_codes(self) -> tuple[int, int]:
         """Codes of the cushion model and the ball model in compiled functions."""
-        return CUSHION_MODELS.index(self.cushion), BALL_MODELS.index(self.ball)
+        return find_model_codes(self.cushion, self.ball)
 
     @classmethod
     def from_effects(
@@ -92,6 +91,24 @@ class Physics:
         _require_used(physics)
         _require_nap_below_resistance(physics)
         return physics
+
+
+def find_model_codes(cushion: str, ball: str) -> tuple[int, int]:
+    """Find the codes of a cushion model and a ball model in compiled functions.
+
+    Args:
+        cushion: One of `CUSHION_MODELS`.
+        ball: One of `BALL_MODELS`.
+
+    Returns:
+        The codes.
+
+    Raises:
+        ValueError: A model is unknown.
+    """
+    find_model(REGISTERED_CUSHION_MODELS, cushion)
+    find_model(REGISTERED_BALL_MODELS, ball)
+    return CUSHION_MODELS.index(cushion), BALL_MODELS.index(ball)
 
 
 def contact_parameters(cushion: str, ball: str) -> tuple[str, ...]:

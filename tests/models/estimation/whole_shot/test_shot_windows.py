@@ -65,6 +65,20 @@ def test_the_handover_of_a_window_depends_on_its_start_and_the_parameters() -> N
         np.testing.assert_allclose(flow.end_shared_jacobian[:, k], slope, rtol=1e-4, atol=1e-4, err_msg=name)
 
 
+@pytest.mark.parametrize("pockets", [False, True])
+def test_a_window_is_simulated_as_any_other_shot(pockets: bool) -> None:
+    values = numbers(slope__slope_x=1.5, nose__left=0.001, lens_distortion__k1=0.01)
+    segment = filmed(np.random.default_rng(4), values, seconds=1.2)
+    model = shots((segment,), (), values)
+    model = replace(model, table=replace(model.table, pockets=pockets))
+    start, none = pack_start(segment.start, segment.moving), np.empty(0)
+    expected = model.predict_observed_path(0, start, none)[segment.observation_indices] - segment.observations
+    expected = (segment.observation_whitening @ expected[..., None])[..., 0]
+    np.testing.assert_allclose(model.simulate(0, start, none).residual, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(model.linearize(0, start, none).residual, model.simulate(0, start, none).residual)
+    assert len(model.simulate_run(0, start, none).contacts) * 3 * 8 == len(model.simulate(0, start, none).event_order)
+
+
 def test_absent_sliding_friction_has_a_secant_as_derivative() -> None:
     values = numbers(sliding_friction__mu=0.0)
     segment = filmed(np.random.default_rng(4), values, seconds=0.3)
