@@ -240,7 +240,7 @@ def adopt_better_starts(problem: DiagnosisProblem, fitted: EffectFit, starts: tu
         The better of both fits.
     """
     coarse = fit_start_states(problem, fitted.segments, fitted, starts, options=COARSE_FIT)
-    shots, sums = np.array([segment.shot for segment in fitted.segments]), []
+    shots, sums = np.array([segment.shot for segment in fitted.segments]), list[FloatArray]()
     for one in (fitted, coarse):
         costs = _window_costs(problem, one)[:, 0]
         sums.append(np.array([costs[shots == shot].sum() for shot in shots]))

@@ -239,19 +239,19 @@ def _observe_segments(segments, contacts, radius, p, seconds, capacity, at, plac
     states = np.empty((m + last, n, STATE_SIZE))
     for i in range(m + last):
         states[order[i]] = ordered[i]
-    held = states[:m, :, :2].copy()
+    last_places = states[:m, :, :2].copy()
     for i in range(1, m):
         for a in range(n):
             for j in range(2):
-                if np.isnan(held[i, a, j]):
-                    held[i, a, j] = held[i - 1, a, j]
+                if np.isnan(last_places[i, a, j]):
+                    last_places[i, a, j] = last_places[i - 1, a, j]
     xy, v, residual = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
     for k in range(count):
         i, a = place[k], balls[k]
         before = at[i] - inside[i]
         for j in range(2):
             v[k, j] = states[i, a, 2 + j] if np.isfinite(states[i, a, 2 + j]) else 0.0
-            xy[k, j] = held[i, a, j] + v[k, j] * before
+            xy[k, j] = last_places[i, a, j] + v[k, j] * before
         x, y = xy[k, 0] - observations[k, 0], xy[k, 1] - observations[k, 1]
         residual[k, 0] = whitening[k, 0, 0] * x + whitening[k, 0, 1] * y
         residual[k, 1] = whitening[k, 1, 0] * x + whitening[k, 1, 1] * y
