@@ -117,11 +117,11 @@ def evaluate_priors(
         ]
     )
     size = np.array([table.length, table.width, table.ball_radius])
-    return PriorRows(*_evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
+    return PriorRows(*evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
 
 
 @compile_kernel
-def _evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):  # type: ignore[no-untyped-def]
+def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):  # type: ignore[no-untyped-def]
     """Evaluate the fields of `PriorRows`.
 
     `table` is its length, width and ball radius, `shared_deviation` (10,) the normalized deviation of the shared
@@ -171,7 +171,8 @@ def evaluate_end_states(arrays, parameters):  # type: ignore[no-untyped-def]
     sliding, rolling = parameters.shared[SLIDING_COLUMN], parameters.shared[ROLLING_COLUMN]
     for k in range(len(start)):
         if arrays.static[k] or arrays.end[k] == NONE:
-            end_state[k, :2] = parameters.state[k, :2]
+            for axis in range(2):  # a whole row would take several times as long to compile
+                end_state[k, axis] = parameters.state[k, axis]
         else:
             differentiate_segment(
                 parameters.state[k],
