@@ -30,12 +30,12 @@ from weakref import WeakKeyDictionary
 
 import numba
 from filelock import FileLock
-from llvmlite.binding import parse_assembly
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.codegen import ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
-from numba.core.types import unliteral
+from numba.core.types.misc import unliteral
 
 from models.core.source_imports import find_discovered_packages, find_imports
 
@@ -120,7 +120,7 @@ class _SharedCodeImpl(CompileResultCacheImpl):  # type: ignore[misc]
         is_long = next(islice(instructions, _MAX_COPIED_INSTRUCTIONS, None), None) is not None
         is_shared = is_long and isinstance(_find_kernel(own), Dispatcher)
         if is_shared:
-            library._shared_module = parse_assembly(str(library.codegen._create_empty_module(library.name)))
+            library._shared_module = ll.parse_assembly(str(library.codegen._create_empty_module(library.name)))
         _references[library] = (own,) if is_shared else called
         return called, own if is_shared else None, function.llvm_cpython_wrapper_name, super().reduce(cres)
 

@@ -6,7 +6,6 @@ that both processes need is compiled by the one that comes first, see `models.nu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess

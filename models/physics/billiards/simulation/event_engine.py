@@ -25,6 +25,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     REST,
     X,
     Y,
+    count_pieces,
     evaluate_pieces,
     find_piece,
 )
@@ -283,7 +284,7 @@ def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def simulate_events(start, radius, mass, p, models, table, seconds, capacity, correction, errors, events, segments):  # type: ignore[no-untyped-def]
+def simulate_events(start, radius, mass, p, models, table, seconds, bends, correction, errors, events, segments):  # type: ignore[no-untyped-def]
     """Simulate a shot and log its events and segments.
 
     Args:
@@ -294,7 +295,7 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
         models: Codes of the cushion model and of the ball model.
         table: Lines (L, 6), arcs (A, 4) and holes (H, 3) of `cushion_geometry.Rails`.
         seconds: Duration, s.
-        capacity: Number of pieces that one segment may have.
+        bends: As in `plan_motion`.
         correction: Weights of `rebound_correction` for contacts with cushions; empty for none.
         errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
             before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin;
@@ -305,7 +306,7 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
     Returns:
         The number of events, the number of segments, and whether there was room for all.
     """
-    n, (lines, arcs, holes) = len(start), table
+    n, (lines, arcs, holes), capacity = len(start), table, count_pieces(bends)
     state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
     rows, phases = np.zeros((n, capacity, PIECE_WIDTH)), np.zeros((n, capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
@@ -324,7 +325,7 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
             segment_count += 1
             start_times[a] = now
             if on_table[a]:
-                counts[a] = plan_motion(state[a], radius[a], p, seconds - now, rows[a], phases[a])
+                counts[a] = plan_motion(state[a], radius[a], p, bends, seconds - now, rows[a], phases[a])
         for a in range(n):
             if not changed[a]:
                 continue

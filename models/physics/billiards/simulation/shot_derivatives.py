@@ -23,7 +23,7 @@ from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_READS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_READS
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.motion_derivatives import PLANNING_MARGIN, differentiate_motion
-from models.physics.billiards.cloth.motion_pieces import PIECE_WIDTH, evaluate_pieces
+from models.physics.billiards.cloth.motion_pieces import PIECE_WIDTH, count_pieces, evaluate_pieces
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 from models.physics.billiards.simulation.event_engine import (
@@ -202,6 +202,7 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
     sensitivity,
     radius,
     p,
+    bends,
     active,
     times,
     place,
@@ -234,6 +235,7 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
         segments[k, SEGMENT_STATE:].copy(),
         radius[ball],
         p,
+        bends,
         active,
         needed,
         times[observed] - start,
@@ -254,10 +256,10 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def evaluate_rate(segment, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+def evaluate_rate(segment, until, radius, p, bends, rows, phases, state, rate):  # type: ignore[no-untyped-def]
     """Write state (7,) and its time derivative, rate (7,), of a segment at the time `until` (s)."""
     count = plan_motion(
-        segment[SEGMENT_STATE:], radius, p, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
+        segment[SEGMENT_STATE:], radius, p, bends, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
     )
     evaluate_pieces(rows, count, segment[SEGMENT_STATE + 6], p, until - segment[SEGMENT_TIME], state, rate)
 
@@ -279,7 +281,7 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
     end,
     directions,
     active,
-    piece_capacity,
+    bends,
     out,
     at_end,
 ):
@@ -301,11 +303,11 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
         end: s; infinite if no derivatives at an end are wanted.
         directions: (9 N + P + 4, C).
         active: (A,) parameters that a direction changes.
-        piece_capacity: Number of pieces that one segment may have.
+        bends: As in `plan_motion`; a parameter of a direction counts as present.
         out: (K, R, C) receives derivatives of the first R, 2 or 7, numbers of a state.
         at_end: (N, 7, C) receives the derivatives of all balls at `end`.
     """
-    n, columns = len(radius), directions.shape[1]
+    n, columns, piece_capacity = len(radius), directions.shape[1], count_pieces(bends)
     rows, phases = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64)
     complex_rows = np.zeros((piece_capacity, PIECE_WIDTH), np.complex128)
     workspace = np.empty(len(times) * out.shape[1] * (8 + len(active)))
@@ -322,12 +324,12 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
         for m in range(len(met)):
             k = segment[met[m]]
             sens[met[m]] = propagate_along_segment(
-                segments, k, t, end, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
-                workspace, out, at_end,
+                segments, k, t, end, sens[met[m]], radius, p, bends, active, times, place, directions, complex_rows,
+                phases, workspace, out, at_end,
             )  # fmt: skip
             segment[met[m]] = k + 1
-            evaluate_rate(segments[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
-            evaluate_rate(segments[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
+            evaluate_rate(segments[k], t, radius[met[m]], p, bends, rows, phases, states[m], rates[m])
+            evaluate_rate(segments[k + 1], t, radius[met[m]], p, bends, rows, phases, unused, rates[2 + m])
         if kind == BALL:
             both = propagate_through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
@@ -349,6 +351,7 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
                 sens[a],
                 radius,
                 p,
+                bends,
                 active,
                 times,
                 place,

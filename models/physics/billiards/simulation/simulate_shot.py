@@ -15,7 +15,6 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cloth.forces import has_curved_path
-from models.physics.billiards.cloth.motion_pieces import CLOSED_FORM_PIECES, INTEGRATED_PIECES
 from models.physics.billiards.cushion_geometry import Rails, build_rails
 from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_BALL, SEGMENT_WIDTH, simulate_events
 from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot, kinetic_energy
@@ -75,7 +74,7 @@ def simulate(
             physics.model_codes,
             (rails.lines, rails.arcs, rails.holes),
             float(seconds),
-            INTEGRATED_PIECES if has_curved_path(physics.values) else CLOSED_FORM_PIECES,
+            True if has_curved_path(physics.values) else None,
             correction,
             deviations,
             contacts,
