@@ -6,9 +6,13 @@ that both processes need is compiled by the one that comes first, see `models.nu
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+from collections.abc import Collection
 from contextlib import suppress
 from multiprocessing import get_context
-from multiprocessing.process import BaseProcess
+from multiprocessing.process import BaseProcess, parent_process
 from types import TracebackType
 
 from pipeline.engine.process_setup import available_cores, limit_garbage_collection
@@ -35,9 +39,13 @@ class KernelPreparation:
             self._process.terminate()
             self._process.join()
 
-    def start(self) -> None:
-        """Start the process if kernels are missing and this process may use a second core; only the first call acts."""
-        if self._is_checked:
+    def start(self, done: Collection[str]) -> None:
+        """Start the process if kernels are missing and this process may use a second core; only the first call acts.
+
+        Args:
+            done: Names of the stages whose results exist; the fit uses the kernels.
+        """
+        if self._is_checked or "fit" in done:
             return
         self._is_checked = True
         if available_cores() > 1 and not _has_kernels(self._with_shots):
@@ -62,10 +70,20 @@ def _has_kernels(with_shots: bool) -> bool:
 
 def _prepare_kernels(with_shots: bool) -> None:
     """Compile the kernels of a run, those first that the run itself needs last."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides what an interrupt ends
     limit_garbage_collection()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     if with_shots:
         prepare_shot_kernels()
     prepare_fit_kernels()
+
+
+def _exit_with_parent() -> None:
+    """End this process when the process that started it ends, even if that was killed."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
 
 
 def prepare_fit_kernels() -> None:

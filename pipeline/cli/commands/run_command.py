@@ -83,8 +83,7 @@ def run(
             """Start a helper process before a stage runs that uses it, or that comes before one that does."""
             if "detect" not in done:
                 executor.start()
-            if "fit" not in done:
-                kernels.start()
+            kernels.start(done)
 
         def print_answer(answer: FinishedRun) -> None:
             """Print the answer while the rest is still made."""
