@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.curved_paths import integrate_path
 from models.physics.billiards.cloth.forces import (
@@ -114,7 +115,7 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
         The number of pieces.
     """
     s = np.zeros(7, rows.dtype)
-    s[:6] = state[:6]
+    copy_numbers(state[:6], s)
     count, phase = 0, ROLL
     size = contact_slip(s, radius)[2]
     if size.real > SLIP_THRESHOLD:

@@ -100,8 +100,10 @@ def fill_place_derivatives(s, rows, phases, count, taus, at_times, j):  # type: 
 def fill_state_derivatives(s, q, rows, count, tau, out, j):  # type: ignore[no-untyped-def]
     """Write column j of out (7, ...) at tau (s) from planned pieces whose numbers carry a step."""
     if tau == 0.0:
-        out[:, j] = s.imag / COMPLEX_STEP
+        for i in range(7):
+            out[i, j] = s[i].imag / COMPLEX_STEP
         return
     state, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
     evaluate_pieces(rows, count, s[6], q, tau + 0j, state, turn)
-    out[:, j] = state.imag / COMPLEX_STEP
+    for i in range(7):
+        out[i, j] = state[i].imag / COMPLEX_STEP

@@ -62,7 +62,6 @@ def simulate(
     if not 0 < seconds < np.inf:
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
     rails = build_rails(table, offsets)
-    deviations = np.zeros((0, len(DISTURBED))) if disturbances is None else disturbances
     capacity = _FIRST_CAPACITY
     while capacity <= MOST_CONTACTS:
         contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(balls.ids) + 2 * capacity, SEGMENT_WIDTH))
@@ -75,8 +74,8 @@ def simulate(
             (rails.lines, rails.arcs, rails.holes),
             float(seconds),
             True if has_curved_path(physics.values) else None,
-            correction,
-            deviations,
+            correction if len(correction) else None,
+            disturbances if disturbances is not None and len(disturbances) else None,
             contacts,
             segments,
         )
