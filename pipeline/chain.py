@@ -241,7 +241,7 @@ def run_clip(
     shot: ClipShot | None = None,
     answer_listener: Callable[[FinishedRun], None] | None = None,
     executor: Executor = SERIAL,
-    start_helpers: Callable[[Collection[str]], None] | None = None,
+    start_helpers: Callable[[Collection[str]], object] | None = None,
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
 

@@ -39,15 +39,22 @@ class KernelPreparation:
             self._process.terminate()
             self._process.join()
 
-    def start(self, done: Collection[str]) -> None:
+    def start(self, done: Collection[str]) -> bool:
         """Start the process if kernels are missing and this process may use a second core; only the first call acts.
 
         Args:
             done: Names of the stages whose results exist; the fit uses the kernels.
+
+        Returns:
+            Whether the process runs.
         """
-        if self._is_checked or "fit" in done:
-            return
-        self._is_checked = True
+        if not self._is_checked and "fit" not in done:
+            self._is_checked = True
+            self._start_where_missing()
+        return self._process is not None and self._process.is_alive()
+
+    def _start_where_missing(self) -> None:
+        """Start the process if kernels are missing and this process may use a second core."""
         if available_cores() > 1 and not _has_kernels(self._with_shots):
             process = get_context("spawn").Process(target=_prepare_kernels, args=(self._with_shots,), daemon=True)
             with suppress(OSError):  # no process can be started: this one compiles everything

@@ -81,9 +81,9 @@ def run(
 
         def start_helpers(done: Collection[str]) -> None:
             """Start a helper process before a stage runs that uses it, or that comes before one that does."""
-            if "detect" not in done:
+            is_compiling = kernels.start(done)  # on the second core
+            if "detect" not in done and not is_compiling:
                 executor.start()
-            kernels.start(done)
 
         def print_answer(answer: FinishedRun) -> None:
             """Print the answer while the rest is still made."""
