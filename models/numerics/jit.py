@@ -17,14 +17,13 @@ from disk after it, and only if it still has this symbol.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
-from importlib import import_module
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import islice
-from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -129,6 +128,8 @@ class _SharedCodeImpl(CompileResultCacheImpl):  # type: ignore[misc]
         called, own, wrapper, reduced = payload
         for one in called:
             kernel = _find_kernel(one)
+            if not isinstance(kernel, Dispatcher):
+                return None
             kernel.compile(one.arguments)
             if kernel.overloads[one.arguments].fndesc.mangled_name != one.symbol:
                 return None
@@ -146,7 +147,7 @@ class _SharedCodeCache(FunctionCache):  # type: ignore[misc]
 
 def _find_kernel(reference: _KernelReference) -> Any:
     """Find the compiled function of a reference; something else, or None, where it has another name in its module."""
-    return getattr(import_module(reference.module), reference.name, None)
+    return getattr(sys.modules.get(reference.module), reference.name, None)
 
 
 def _find_references(library: Any) -> tuple[_KernelReference, ...]:
@@ -190,10 +191,13 @@ def compile_kernel(function: Callable[..., Any]) -> Any:
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Return whether a compiled function for this source is on disk, whatever the types of its arguments.
+    """Find out whether a kernel was compiled before.
 
     Args:
         kernel: Result of `compile_kernel`.
+
+    Returns:
+        Whether compiled code of the present source is on disk, whatever the types of its arguments.
     """
     return isinstance(kernel._cache, FunctionCache) and bool(kernel._cache._cache_file._load_index())
 
@@ -204,7 +208,7 @@ def _make_single_compilation(kernel: Any, compile_now: Callable[[Any], Any]) -> 
     A process that waits holds locks of callers only, so no two processes wait for each other.
     """
     cache_entry = kernel._cache
-    lock = Path(cache_entry._cache_file._index_path).with_suffix(".lock")
+    lock = cache_entry._cache_file._index_path.removesuffix(".nbi") + ".lock"
 
     def compile_once(signature: Any) -> Any:
         if tuple(normalize_signature(signature)[0]) in kernel.overloads:

@@ -71,7 +71,14 @@ def _complete_fit(inputs: Inputs, options: FitOptions, folder: Path, progress: P
 
 
 def fits_whole_shots(options: FitOptions) -> bool:
-    """Return whether published contact models are fitted to whole shots."""
+    """Find out what a run fits.
+
+    Args:
+        options: Options of the fit.
+
+    Returns:
+        Whether it fits published contact models to whole shots.
+    """
     return not options.quick if options.laws is None else options.laws
 
 

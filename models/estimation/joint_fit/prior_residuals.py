@@ -103,7 +103,17 @@ class PriorRows:
 def evaluate_priors(
     arrays: GraphArrays, parameters: FitParameters, reference: FitParameters, table: Table
 ) -> PriorRows:
-    """Evaluate the priors at `parameters`; standard deviations that depend on speeds are those of `reference`."""
+    """Evaluate the priors of a contact graph.
+
+    Args:
+        arrays: The contact graph.
+        parameters: Parameters at which the priors are evaluated.
+        reference: Parameters that the standard deviations belong to which depend on speeds.
+        table: The table.
+
+    Returns:
+        The rows of pseudo-observations.
+    """
     shared = parameters.shared
     shared_deviation = np.array(
         [np.log(shared[SLIDING_COLUMN] / SLIDING_PRIOR[0]), np.log(shared[ROLLING_COLUMN] / ROLLING_PRIOR[0])]
@@ -124,8 +134,15 @@ def evaluate_priors(
 def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):  # type: ignore[no-untyped-def]
     """Evaluate the fields of `PriorRows`.
 
-    `table` is its length, width and ball radius, `shared_deviation` (10,) the normalized deviation of the shared
-    parameters from their priors.
+    Args:
+        arrays: The contact graph.
+        parameters: As of `evaluate_priors`.
+        reference: As of `evaluate_priors`.
+        table: (3,) length, width and ball radius, m.
+        shared_deviation: (10,) normalized deviation of the shared parameters from their priors.
+
+    Returns:
+        Residual, derivative, column and first entry of each row.
     """
     segment_count, contact_count = len(arrays.ball), len(arrays.kind)
     max_rows = MAX_ROWS * contact_count + 6 * segment_count + SHARED_COUNT
