@@ -49,8 +49,16 @@ def inner(x):
                 total += table[i, j] - np.sqrt(abs(table[j, i]))
             else:
                 total -= table[i, j] * table[j, i]
+{lines}
     return x + {number} + int(0.0 * total)
 """
+LONG_CALLEE = LONG_CALLEE.replace(
+    "{lines}",
+    "\n".join(
+        f"    total += np.sqrt(abs(table[{k % 6}, {k % 5}] - {k})) if total > {k} else 1.0 / (1.0 + total * total)"
+        for k in range(40)
+    ),
+)
 PARTS = "caller.outer", "callee.inner"
 COPIED = ("core/source_imports.py", "numerics/jit.py")
 
