@@ -110,10 +110,10 @@ def test_a_caller_finds_the_code_of_a_long_function_after_it_was_lost(tmp_path: 
 
 def test_callers_do_not_contain_the_code_of_a_long_function(tmp_path: Path) -> None:
     sizes = []
-    for name, callee in (("short", CALLEE), ("long", LONG_CALLEE)):
+    for name, source in (("short", CALLEE), ("long", LONG_CALLEE)):
         folder = tmp_path / name
         folder.mkdir()
-        copy_package(folder, callee.format(number=1))
+        copy_package(folder, source.format(number=1))
         call_in_new_process(folder)
         size = {part: sum(path.stat().st_size for path in (folder / "cache").rglob(f"{part}-*.nbc")) for part in PARTS}
         sizes.append(size)

@@ -23,6 +23,7 @@ from models.physics.billiards.simulation.parametrised_shot import (
 from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
 from models.physics.billiards.simulation.simulated_shot import fill_states
 from models.physics.billiards.tables import TABLE_PRESETS
+from pipeline.engine.process_setup import available_cores
 from pipeline.stages import kernel_preparation
 from pipeline.stages.kernel_preparation import KernelPreparation, prepare_fit_kernels, prepare_shot_kernels
 
@@ -75,5 +76,5 @@ def test_no_process_is_started_where_the_kernels_are_there_or_the_fit_is_done(
         assert set(multiprocessing.active_children()) == before
         kernels.start(("read",))
         started = set(multiprocessing.active_children()) - before
-        assert len(started) == min(kernel_preparation.available_cores() - 1, 1)
+        assert len(started) == min(available_cores() - 1, 1)
     assert set(multiprocessing.active_children()) == before
