@@ -44,6 +44,7 @@ $(BIN)/python:
 .venv/.program: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet "torch>=2.6,<=2.13.0"
 	$(BIN)/python -m pip install --quiet -e .
+	@echo "The first clip compiles numerical code for this machine, once: it takes one to two minutes more."
 	@touch $@
 
 .venv/.tools: .venv/.program

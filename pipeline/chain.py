@@ -6,7 +6,7 @@ import filecmp
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -241,6 +241,7 @@ def run_clip(
     shot: ClipShot | None = None,
     answer_listener: Callable[[FinishedRun], None] | None = None,
     executor: Executor = SERIAL,
+    start_helpers: Callable[[Collection[str]], object] | None = None,
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
 
@@ -258,6 +259,7 @@ def run_clip(
         shot: The shot of the clip to run; None for the whole clip.
         answer_listener: Called with the summary of the run when the report is published, unless everything was cached.
         executor: Where stages run parts of their work; it changes no result.
+        start_helpers: Called before each stage that runs, with the names of the stages whose results exist.
 
     Returns:
         Summary of the run.
@@ -287,6 +289,8 @@ def run_clip(
     def publish_answer(before: Mapping[str, CacheEntry]) -> None:
         """Publish tables, poster and report before a later stage runs."""
         nonlocal is_answered
+        if start_helpers is not None:
+            start_helpers(before)
         if "report" not in before:
             return
         publish_files(before, folder)

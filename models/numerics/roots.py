@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 
 MAX_DEGREE = 10
@@ -94,8 +95,8 @@ def find_turning_points(c, degree, length, work):  # type: ignore[no-untyped-def
             before = after
         new[new_count] = length
         count = new_count + 1
-        roots[:count] = new[:count]
-    work[0, :count] = roots[:count]
+        copy_numbers(new[:count], roots)
+    copy_numbers(roots[:count], work[0])
     return count
 
 

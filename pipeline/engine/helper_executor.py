@@ -9,10 +9,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
+from types import TracebackType
 from typing import Any
 
 from models.numerics.executor import SERIAL, Executor, TaskFunction
@@ -50,6 +51,30 @@ def open_executor(prepare: Callable[[], None] | None = None) -> Iterator[Executo
         yield executor
     finally:
         executor.close()
+
+
+class DeferredExecutor:
+    """An executor that starts a helper process only when asked to, as a context manager; before, tasks run here."""
+
+    def __init__(self, prepare: Callable[[], None] | None = None) -> None:
+        self._prepare = prepare
+        self._helpers = ExitStack()
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> DeferredExecutor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._helpers.close()
+
+    def start(self) -> None:
+        """Start what `open_executor` opens, unless it runs already."""
+        if self._executor is None:
+            self._executor = self._helpers.enter_context(open_executor(self._prepare))
+
+    def map_tasks(self, subject: Any, function: TaskFunction, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Evaluate `function(subject, *one)` for every `one` in `arguments`; see `Executor.map_tasks`."""
+        return (self._executor or SERIAL).map_tasks(subject, function, arguments)
 
 
 class HelperExecutor:

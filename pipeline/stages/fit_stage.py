@@ -70,6 +70,18 @@ def _complete_fit(inputs: Inputs, options: FitOptions, folder: Path, progress: P
     return replace(fit, shot_numbers=measure_shots(fit, motion.solution, tracks, scene.table))
 
 
+def fits_whole_shots(options: FitOptions) -> bool:
+    """Find out what a run fits.
+
+    Args:
+        options: Options of the fit.
+
+    Returns:
+        Whether it fits published contact models to whole shots.
+    """
+    return not options.quick if options.laws is None else options.laws
+
+
 def _fit_laws(fit: Fit, tracks: Tracks, scene: Scene, options: FitOptions) -> Fit:
     """Fit published contact models to whole shots, unless they are switched off."""
     if options.laws is False:

@@ -16,7 +16,7 @@ from diagnosis.fitting.display_names import format_cause
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
 from models.numerics.first_compilation import notify_first_compilation
 
-COMPILING_NOTE = "compiling the physics, once per installation: it takes one to four minutes"
+COMPILING_NOTE = "compiling numerical code for this machine: once, it takes one to two minutes"
 
 
 @contextmanager

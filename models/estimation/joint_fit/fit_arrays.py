@@ -66,7 +66,14 @@ class FitParameters(NamedTuple):
 
 
 def build_graph_arrays(graph: ContactGraph) -> GraphArrays:
-    """Build the arrays that a refinement of the graph keeps fixed."""
+    """Build the arrays that a refinement of a contact graph keeps fixed.
+
+    Args:
+        graph: The contact graph, of S segments and C contacts.
+
+    Returns:
+        The arrays.
+    """
     segments, contacts, layout = graph.segments, graph.contacts, layout_parameters(graph)
     kinds = get_args(ContactKind)
     return GraphArrays(

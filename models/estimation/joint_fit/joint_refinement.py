@@ -250,7 +250,7 @@ def _step_states(arrays, state, step):  # type: ignore[no-untyped-def]
 def _limit_contact_moves(moves, arrays, start, end):  # type: ignore[no-untyped-def]
     """Shorten the moves (C,) s of contacts until all segments last."""
     while True:
-        share = np.ones(len(moves))
+        share, is_shortened = np.ones(len(moves)), False
         for k in range(len(start)):
             if arrays.end[k] == NONE:
                 continue
@@ -260,12 +260,14 @@ def _limit_contact_moves(moves, arrays, start, end):  # type: ignore[no-untyped-
                 approach += moves[arrays.start[k]]
             room = max(min(MAX_SHORTENING * duration, duration - 2 * SHORTEST_SEGMENT), 0.0)
             if approach > room + 1e-9:
+                is_shortened = True
                 share[arrays.end[k]] = min(share[arrays.end[k]], 0.9 * room / approach)
                 if arrays.start[k] != NONE:
                     share[arrays.start[k]] = min(share[arrays.start[k]], 0.9 * room / approach)
-        if np.all(share == 1.0):
+        if not is_shortened:
             return
-        moves *= share
+        for k in range(len(moves)):
+            moves[k] *= share[k]
 
 
 def _has_valid_order(arrays: GraphArrays, t: FloatArray) -> bool:
@@ -302,12 +304,14 @@ def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: i
         np.empty(6),
         np.zeros((6, SEGMENT_STATE_SIZE + 3)),
     )
-    for row in range(len(t)):
+    for row in range(len(t)):  # loops over numbers: whole rows would take several times as long to compile
         k, w = owner[row], whiten[row]
         size = 2 if arrays.static[k] else SEGMENT_STATE_SIZE
         if arrays.static[k]:  # most balls rest most of the time
-            value[:2], derivative[:2] = parameters.state[k, :2], 0.0
-            derivative[0, 0] = derivative[1, 1] = 1.0
+            for axis in range(2):
+                value[axis] = parameters.state[k, axis]
+                for i in range(SEGMENT_STATE_SIZE + 3):
+                    derivative[axis, i] = 1.0 if i == axis else 0.0
         else:
             tau = t[row] - start[k]
             differentiate_segment(
@@ -320,7 +324,8 @@ def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: i
                 value,
                 derivative,
             )
-            derivative[:, SEGMENT_STATE_SIZE] *= -1  # a later start is a shorter time since
+            for axis in range(2):
+                derivative[axis, SEGMENT_STATE_SIZE] *= -1  # a later start is a shorter time since
             columns[row, SEGMENT_STATE_SIZE + 1], columns[row, SEGMENT_STATE_SIZE + 2] = (
                 arrays.first_shared,
                 arrays.first_shared + 1,
@@ -329,8 +334,9 @@ def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: i
             columns[row, SEGMENT_STATE_SIZE] = arrays.first_contact + arrays.start[k]
         for i in range(size):
             columns[row, i] = arrays.column[k] + i
+        x, y = value[0] - xy[row, 0], value[1] - xy[row, 1]
         for axis in range(2):
-            residual_xy = value[:2] - xy[row]
-            residual[2 * row + axis] = w[axis, 0] * residual_xy[0] + w[axis, 1] * residual_xy[1]
-            jacobian[row, axis] = w[axis, 0] * derivative[0] + w[axis, 1] * derivative[1]
+            residual[2 * row + axis] = w[axis, 0] * x + w[axis, 1] * y
+            for i in range(SEGMENT_STATE_SIZE + 3):
+                jacobian[row, axis, i] = w[axis, 0] * derivative[0, i] + w[axis, 1] * derivative[1, i]
     return residual, jacobian, columns

@@ -103,7 +103,17 @@ class PriorRows:
 def evaluate_priors(
     arrays: GraphArrays, parameters: FitParameters, reference: FitParameters, table: Table
 ) -> PriorRows:
-    """Evaluate the priors at `parameters`; standard deviations that depend on speeds are those of `reference`."""
+    """Evaluate the priors of a contact graph.
+
+    Args:
+        arrays: The contact graph.
+        parameters: Parameters at which the priors are evaluated.
+        reference: Parameters that the standard deviations belong to which depend on speeds.
+        table: The table.
+
+    Returns:
+        The rows of pseudo-observations.
+    """
     shared = parameters.shared
     shared_deviation = np.array(
         [np.log(shared[SLIDING_COLUMN] / SLIDING_PRIOR[0]), np.log(shared[ROLLING_COLUMN] / ROLLING_PRIOR[0])]
@@ -117,15 +127,22 @@ def evaluate_priors(
         ]
     )
     size = np.array([table.length, table.width, table.ball_radius])
-    return PriorRows(*_evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
+    return PriorRows(*evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
 
 
 @compile_kernel
-def _evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):  # type: ignore[no-untyped-def]
+def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):  # type: ignore[no-untyped-def]
     """Evaluate the fields of `PriorRows`.
 
-    `table` is its length, width and ball radius, `shared_deviation` (10,) the normalized deviation of the shared
-    parameters from their priors.
+    Args:
+        arrays: The contact graph.
+        parameters: As of `evaluate_priors`.
+        reference: As of `evaluate_priors`.
+        table: (3,) length, width and ball radius, m.
+        shared_deviation: (10,) normalized deviation of the shared parameters from their priors.
+
+    Returns:
+        Residual, derivative, column and first entry of each row.
     """
     segment_count, contact_count = len(arrays.ball), len(arrays.kind)
     max_rows = MAX_ROWS * contact_count + 6 * segment_count + SHARED_COUNT
@@ -171,7 +188,8 @@ def evaluate_end_states(arrays, parameters):  # type: ignore[no-untyped-def]
     sliding, rolling = parameters.shared[SLIDING_COLUMN], parameters.shared[ROLLING_COLUMN]
     for k in range(len(start)):
         if arrays.static[k] or arrays.end[k] == NONE:
-            end_state[k, :2] = parameters.state[k, :2]
+            for axis in range(2):  # a whole row would take several times as long to compile
+                end_state[k, axis] = parameters.state[k, axis]
         else:
             differentiate_segment(
                 parameters.state[k],

@@ -15,7 +15,6 @@ from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.forces import has_curved_path
-from models.physics.billiards.cloth.motion_pieces import CLOSED_FORM_PIECES, INTEGRATED_PIECES
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails, build_rails
 from models.physics.billiards.parameter_vector import (
     NAP_MU,
@@ -146,9 +145,8 @@ def observe_run(
     Returns:
         The states and residuals.
     """
-    capacity = INTEGRATED_PIECES if run.has_curves else CLOSED_FORM_PIECES
     xy, v, inside, residual, ends, pocket_times = _observe_segments(
-        run.segments, run.contacts, run.radius, run.physics, run.seconds, capacity,
+        run.segments, run.contacts, run.radius, run.physics, run.seconds, True if run.has_curves else None,
         at, place, balls, end, observations, whitening,
     )  # fmt: skip
     return ObservedStates(xy, v, inside, place, residual, ends, pocket_times)
@@ -189,7 +187,7 @@ def differentiate_observations(
     differentiate_shot(
         run.segments, run.contacts, observed.pocket_times, run.radius, run.mass, run.physics, run.model_codes,
         run.rails.lines, run.rails.arcs, CUSHION_NORMALS, t, at_times, float(end), directions, active,
-        INTEGRATED_PIECES if bends else CLOSED_FORM_PIECES, derivatives, at_end,
+        True if bends else None, derivatives, at_end,
     )  # fmt: skip
     return derivatives, at_end
 
@@ -220,7 +218,7 @@ def is_possible(start, values):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def _observe_segments(segments, contacts, radius, p, seconds, capacity, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
+def _observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
     """Evaluate what `observe_run` returns: xy, v (K, 2), times (M,), residual (K, 2), ends (E, N, 7), pockets (N,)."""
     n, m, count = len(radius), len(at), len(place)
     pocket_times = np.full(n, np.inf)
@@ -235,7 +233,7 @@ def _observe_segments(segments, contacts, radius, p, seconds, capacity, at, plac
         times[m] = end
     order = _order_times(times)
     ordered = np.full((m + last, n, STATE_SIZE), np.nan)
-    fill_states(segments, pocket_times, radius, p, seconds, times[order], capacity, ordered)
+    fill_states(segments, pocket_times, radius, p, seconds, times[order], bends, ordered)
     states = np.empty((m + last, n, STATE_SIZE))
     for i in range(m + last):
         states[order[i]] = ordered[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from rich.table import Table as Grid
 
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
-from pipeline.engine.helper_executor import open_executor
+from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.number_sentences import format_shot_line
@@ -21,6 +21,8 @@ from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
+from pipeline.stages.fit_stage import fits_whole_shots
+from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
@@ -71,10 +73,17 @@ def run(
         return
     answers: list[FinishedRun] = []
     with (
-        open_executor(load_detectors) as executor,
+        DeferredExecutor(load_detectors) as executor,
+        KernelPreparation(with_shots=fits_whole_shots(options.fit)) as kernels,
         StageDisplay(console, str(clip)) as display,
         _announce_compilation(),
     ):
+
+        def start_helpers(done: Collection[str]) -> None:
+            """Start a helper process before a stage runs that uses it, or that comes before one that does."""
+            is_compiling = kernels.start(done)  # on the second core
+            if "detect" not in done and not is_compiling:
+                executor.start()
 
         def print_answer(answer: FinishedRun) -> None:
             """Print the answer while the rest is still made."""
@@ -83,8 +92,9 @@ def run(
                 _print_answer(answer)
 
         finished = run_clip(
-            clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor
-        )
+            clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor,
+            start_helpers=start_helpers,
+        )  # fmt: skip
     _print_run(finished, options, update_profile, as_json, is_answered=bool(answers))
 
 

@@ -1,4 +1,4 @@
-"""Compiled code that is cached on disk is never that of an older source."""
+"""Compiled code that is cached on disk is never that of an older source, and long functions are compiled once."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
+
+from models.numerics.jit import compile_kernel
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -29,6 +31,35 @@ CALL = """
 from models.billiards.caller import outer
 print(outer(1), sum(outer.stats.cache_hits.values()))
 """
+LONG_CALLEE = """
+import numpy as np
+
+from models.numerics.jit import compile_kernel
+
+@compile_kernel
+def inner(x):
+    table = np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            table[i, j] = np.sin(x + i) * np.cos(x - j) / (1.0 + abs(x + i * j))
+    total = 0.0
+    for i in range(6):
+        for j in range(6):
+            if table[i, j] > table[j, i]:
+                total += table[i, j] - np.sqrt(abs(table[j, i]))
+            else:
+                total -= table[i, j] * table[j, i]
+{lines}
+    return x + {number} + int(0.0 * total)
+"""
+LONG_CALLEE = LONG_CALLEE.replace(
+    "{lines}",
+    "\n".join(
+        f"    total += np.sqrt(abs(table[{k % 6}, {k % 5}] - {k})) if total > {k} else 1.0 / (1.0 + total * total)"
+        for k in range(40)
+    ),
+)
+PARTS = "caller.outer", "callee.inner"
 COPIED = ("core/source_imports.py", "numerics/jit.py")
 
 
@@ -41,7 +72,8 @@ def call_in_new_process(folder: Path) -> list[int]:
     return [int(word) for word in run.stdout.split()]
 
 
-def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) -> None:
+def copy_package(tmp_path: Path, callee: str) -> Path:
+    """Copy the compiler into a new package `models` with the modules `caller` and `callee`."""
     models = tmp_path / "models"
     package = models / "billiards"
     for folder in (models, models / "core", models / "numerics", package):
@@ -50,10 +82,58 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) 
     for name in COPIED:
         (models / name).write_text((ROOT / "models" / name).read_text())
     (package / "caller.py").write_text(dedent(CALLER))
-    (package / "callee.py").write_text(dedent(CALLEE.format(number=1)))
+    (package / "callee.py").write_text(dedent(callee))
+    return package
+
+
+def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) -> None:
+    package = copy_package(tmp_path, CALLEE.format(number=1))
     assert call_in_new_process(tmp_path) == [20, 0]
     assert call_in_new_process(tmp_path) == [20, 1]
     (package / "bystander.py").write_text(dedent(CALLEE.format(number=7)))
     assert call_in_new_process(tmp_path) == [20, 1]
     (package / "callee.py").write_text(dedent(CALLEE.format(number=2)))
     assert call_in_new_process(tmp_path) == [30, 0]
+
+
+def test_a_caller_finds_the_code_of_a_long_function_after_it_was_lost(tmp_path: Path) -> None:
+    copy_package(tmp_path, LONG_CALLEE.format(number=1))
+    assert call_in_new_process(tmp_path) == [20, 0]
+    assert call_in_new_process(tmp_path) == [20, 1]
+    lost = list((tmp_path / "cache").rglob("callee.inner-*"))
+    assert lost
+    for path in lost:
+        path.unlink()
+    assert call_in_new_process(tmp_path)[0] == 20
+    assert call_in_new_process(tmp_path) == [20, 1]
+
+
+def test_callers_do_not_contain_the_code_of_a_long_function(tmp_path: Path) -> None:
+    sizes = []
+    for name, source in (("short", CALLEE), ("long", LONG_CALLEE)):
+        folder = tmp_path / name
+        folder.mkdir()
+        copy_package(folder, source.format(number=1))
+        call_in_new_process(folder)
+        size = {part: sum(path.stat().st_size for path in (folder / "cache").rglob(f"{part}-*.nbc")) for part in PARTS}
+        sizes.append(size)
+    caller, callee = (sizes[1][part] - sizes[0][part] for part in PARTS)
+    assert 0 <= caller < callee / 4, "the names of what it calls, not its code"
+
+
+@compile_kernel
+def shift(x, by):  # type: ignore[no-untyped-def]
+    return x + by
+
+
+@compile_kernel
+def shift_often(x):  # type: ignore[no-untyped-def]
+    total = 0
+    for _ in range(3):
+        total = shift(shift(total, 1), 2)
+    return shift(total, x)
+
+
+def test_a_function_is_compiled_once_whatever_constants_it_is_called_with() -> None:
+    assert shift_often(1) == 10
+    assert len(shift.signatures) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import time
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effec
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.numerics.executor import SERIAL, Executor
-from pipeline.engine.helper_executor import HelperExecutor
+from pipeline.engine.helper_executor import DeferredExecutor, HelperExecutor
+from pipeline.engine.process_setup import available_cores
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +98,17 @@ def test_the_tasks_of_a_dead_helper_are_run_here() -> None:
     assert not executor.is_ready
     assert executor.map_tasks(os.getpid(), exit_early, [(k,) for k in range(8)]) == list(range(8))
     executor.close()
+
+
+def test_a_deferred_executor_starts_no_process_before_it_is_asked_to() -> None:
+    before = set(multiprocessing.active_children())
+    with DeferredExecutor() as executor:
+        assert len(executor.map_tasks("alone", identify_process, [(1,), (2,)])) == 2
+        assert set(multiprocessing.active_children()) == before
+        executor.start()
+        executor.start()
+        assert len(set(multiprocessing.active_children()) - before) == min(available_cores() - 1, 1)
+    assert set(multiprocessing.active_children()) == before
 
 
 def test_tasks_do_not_wait_for_a_helper_that_has_not_started() -> None:

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_cushion.cushion_contact import (
@@ -197,7 +198,7 @@ def integrate_phase(y, contact, restoring, work_left, h, work, after):  # type: 
         if remaining_until_end(after, contact, restoring, work_left).real <= 0.0:
             finish_phase(y, h, contact, restoring, work_left, work, after)
             return h
-        y[:] = after
+        copy_numbers(after, y)
         h *= 0.9 / (error + 2e-3) ** 0.25
     return h
 
@@ -218,7 +219,7 @@ def finish_phase(y, whole, contact, restoring, work_left, work, after):  # type:
         if newton < 8:
             normal = evaluate_rates(after, contact, work[10])
             h -= remaining_until_end(after, contact, restoring, work_left) / (work[10][_W] if restoring else normal)
-    y[:] = after
+    copy_numbers(after, y)
 
 
 @compile_kernel

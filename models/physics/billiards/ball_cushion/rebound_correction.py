@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 
 INPUTS, HIDDEN, OUTPUTS = 6, 8, 4
@@ -71,4 +72,4 @@ def correct_rebound(weights, before, after):  # type: ignore[no-untyped-def]
         moved[o] += speed * LARGEST_SHARE * np.tanh(half / LARGEST_SHARE)
     limit = rebound_energy(before[0], before[1], before[2], before[3], before[4])
     if moved[0] < 0.0 and rebound_energy(moved[0], moved[1], moved[2], moved[3], moved[4]) <= limit:
-        after[:] = moved
+        copy_numbers(moved, after)

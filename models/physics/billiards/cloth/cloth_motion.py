@@ -13,14 +13,15 @@ an angle a to it decelerates at (mu_r - nap cos a) g. Without sliding friction s
 as one that rolls, and keeps its spin.
 
 Arguments that the functions share: s (7,) is x, y (m), vx, vy (m/s), wx, wy (rad/s) and the clock (s), changed in
-place; radius in m; p (P,) physical parameters; rows (K, PIECE_WIDTH) and phases (K,) receive pieces; count is their
-number.
+place; radius in m; p (P,) physical parameters; bends is None where no effect that bends paths is present, so that
+their integration need not be compiled; rows (K, PIECE_WIDTH) and phases (K,) receive pieces; count is their number.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.curved_paths import integrate_path
 from models.physics.billiards.cloth.forces import (
@@ -66,10 +67,13 @@ def remaining_time(s, radius, p, phase):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def complete_phase(s, radius, p, phase, curves, horizon, rows, phases, count):  # type: ignore[no-untyped-def]
-    """Move s to the end of a phase, by integration if it `curves`; return the number of pieces."""
-    if curves:
-        count = integrate_path(s, radius, p, phase, horizon, rows, phases, count)
+def complete_phase(s, radius, p, phase, bends, horizon, rows, phases, count):  # type: ignore[no-untyped-def]
+    """Move s to the end of a phase, by integration if an effect bends the path; return the number of pieces."""
+    curves = False
+    if bends is not None:
+        curves = has_curved_path(p)
+        if curves:
+            count = integrate_path(s, radius, p, phase, horizon, rows, phases, count)
     if s[CLOCK].real < horizon and not (curves and phase == SLIDE):
         rate = np.zeros(6, rows.dtype)
         evaluate_state_rate(s, radius, p, phase, rate)
@@ -93,7 +97,7 @@ def start_downhill(s, radius, p, phase, rows, phases, count):  # type: ignore[no
 
 
 @compile_kernel
-def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-untyped-def]
+def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore[no-untyped-def]
     """Plan the motion of a ball from a state.
 
     All arrays and numbers have the type of `rows`, float64 or complex128.
@@ -102,6 +106,7 @@ def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-unt
         state: (7,) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
         radius: m.
         p: (P,) physical parameters.
+        bends: None where no effect that bends paths is present in p.
         horizon: s; the last piece ends beyond it.
         rows: (K, PIECE_WIDTH) receives the pieces.
         phases: (K,) receives their phases.
@@ -110,13 +115,13 @@ def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-unt
         The number of pieces.
     """
     s = np.zeros(7, rows.dtype)
-    s[:6] = state[:6]
-    curves, count, phase = has_curved_path(p), 0, ROLL
+    copy_numbers(state[:6], s)
+    count, phase = 0, ROLL
     size = contact_slip(s, radius)[2]
     if size.real > SLIP_THRESHOLD:
         phase = SLIDE if p[SLIDING_MU].real > 0.0 else GLIDE
     if phase == SLIDE:
-        count = complete_phase(s, radius, p, SLIDE, curves, horizon, rows, phases, count)
+        count = complete_phase(s, radius, p, SLIDE, bends, horizon, rows, phases, count)
         phase = ROLL
     if p[SLIDING_MU].real > 0.0 and s[CLOCK].real < horizon:
         remove_remaining_slip(s, radius)
@@ -124,11 +129,13 @@ def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-unt
     stays_at_rest = ROLLING_SHARE * 1e-3 * np.hypot(sx.real, sy.real) <= p[ROLLING_MU].real
     while s[CLOCK].real < horizon and count < len(rows) - 2:
         if travel_direction(s[2], s[3])[2].real > 0.0:
-            count = complete_phase(s, radius, p, phase, curves, horizon, rows, phases, count)
+            count = complete_phase(s, radius, p, phase, bends, horizon, rows, phases, count)
             s[2:4] = 0.0
         elif p[ROLLING_MU].real > 0.0:
             s[2:4] = 0.0
         if stays_at_rest or s[CLOCK].real >= horizon:
+            break
+        if bends is None:
             break
         count = start_downhill(s, radius, p, phase, rows, phases, count)
     if s[CLOCK].real < horizon:

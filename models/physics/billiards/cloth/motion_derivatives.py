@@ -18,13 +18,16 @@ PLANNING_MARGIN = 1e-9
 
 
 @compile_kernel
-def differentiate_motion(state, radius, p, active, needed, taus, until, stop, rows, phases, at_times, last, stopped):  # type: ignore[no-untyped-def]
+def differentiate_motion(  # type: ignore[no-untyped-def]
+    state, radius, p, bends, active, needed, taus, until, stop, rows, phases, at_times, last, stopped
+):
     """Differentiate one ball's motion by its state, its radius and the active parameters.
 
     Args:
         state: (7,) at the initial state of the segment.
         radius: m.
         p: (P,) physical parameters.
+        bends: As in `plan_motion`.
         active: (A,) indices of parameters.
         needed: (8 + A,) columns that are wanted; the others are 0.
         taus: (T,) s since the start, sorted.
@@ -62,7 +65,7 @@ def differentiate_motion(state, radius, p, active, needed, taus, until, stop, ro
             if stop < np.inf:
                 stopped[_SIDE_SPIN, j] = side_spin_at(s[6], q[SPIN_DECAY], stop + 0j)[0].imag / COMPLEX_STEP
             continue
-        count = plan_motion(s, r, q, horizon + PLANNING_MARGIN, rows, phases)
+        count = plan_motion(s, r, q, bends, horizon + PLANNING_MARGIN, rows, phases)
         if at_times.shape[1] == 2:
             fill_place_derivatives(s, rows, phases, count, taus, at_times, j)
         else:
@@ -97,8 +100,10 @@ def fill_place_derivatives(s, rows, phases, count, taus, at_times, j):  # type: 
 def fill_state_derivatives(s, q, rows, count, tau, out, j):  # type: ignore[no-untyped-def]
     """Write column j of out (7, ...) at tau (s) from planned pieces whose numbers carry a step."""
     if tau == 0.0:
-        out[:, j] = s.imag / COMPLEX_STEP
+        for i in range(7):
+            out[i, j] = s[i].imag / COMPLEX_STEP
         return
     state, turn = np.zeros(7, np.complex128), np.zeros(7, np.complex128)
     evaluate_pieces(rows, count, s[6], q, tau + 0j, state, turn)
-    out[:, j] = state.imag / COMPLEX_STEP
+    for i in range(7):
+        out[i, j] = state[i].imag / COMPLEX_STEP

@@ -21,6 +21,14 @@ CLOCK = 6
 
 
 @compile_kernel
+def count_pieces(bends):  # type: ignore[no-untyped-def]
+    """Return the number of pieces of a table; `bends` as in `cloth_motion.plan_motion`."""
+    if bends is None:
+        return CLOSED_FORM_PIECES
+    return INTEGRATED_PIECES
+
+
+@compile_kernel
 def write_parabola(s, rate, length, phase, rows, phases, k):  # type: ignore[no-untyped-def]
     """Write piece k with constant acceleration and change of spin, and move s to its end.
 

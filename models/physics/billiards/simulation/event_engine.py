@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
 from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound, rebound_energy
@@ -25,6 +26,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     REST,
     X,
     Y,
+    count_pieces,
     evaluate_pieces,
     find_piece,
 )
@@ -47,7 +49,8 @@ _MOST_CROSSINGS = 20
 @compile_kernel
 def shift_polynomial(row, at, tau, out):  # type: ignore[no-untyped-def]
     """Write to out (6,) the coefficients of the polynomial row[at:at + 6] in the time since tau (s)."""
-    out[:] = row[at : at + 6]
+    for k in range(6):
+        out[k] = row[at + k]
     for i in range(5):
         for j in range(4, i - 1, -1):
             out[j] += tau * out[j + 1]
@@ -101,10 +104,12 @@ def find_ball_meeting(a, b, now, until, radius, start_times, rows, phases, count
         if end > now:
             shift_polynomial(rows[a, i], X, now - start_times[a] - rows[a, i, PIECE_START], x[:6])
             shift_polynomial(rows[b, j], X, now - start_times[b] - rows[b, j, PIECE_START], other[:6])
-            x[:6] -= other[:6]
+            for k in range(6):
+                x[k] -= other[k]
             shift_polynomial(rows[a, i], Y, now - start_times[a] - rows[a, i, PIECE_START], y[:6])
             shift_polynomial(rows[b, j], Y, now - start_times[b] - rows[b, j, PIECE_START], other[:6])
-            y[:6] -= other[:6]
+            for k in range(6):
+                y[k] -= other[k]
             t, closing, soft = find_centre_meeting(x, y, radius[a] + radius[b], end - now, work)
             if t < NEVER:
                 return now + t, closing, soft
@@ -170,9 +175,9 @@ def find_table_meeting(a, now, until, radius, start_times, rows, phases, counts,
                     )
                     disc = arcs[m] if obstacle == ARC else holes[m]
                     reach = disc[2] + radius[a] if obstacle == ARC else disc[2]
-                    other[:6] = x[:6]
+                    copy_numbers(x[:6], other)
                     other[0] -= disc[0]
-                    work[7, :6] = y[:6]
+                    copy_numbers(y[:6], work[7])
                     work[7, 0] -= disc[1]
                     t, closing, soft = find_centre_meeting(other, work[7], reach, min(end - now, best), work)
                 if t < best:
@@ -283,7 +288,7 @@ def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def simulate_events(start, radius, mass, p, models, table, seconds, capacity, correction, errors, events, segments):  # type: ignore[no-untyped-def]
+def simulate_events(start, radius, mass, p, models, table, seconds, bends, correction, errors, events, segments):  # type: ignore[no-untyped-def]
     """Simulate a shot and log its events and segments.
 
     Args:
@@ -294,37 +299,34 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
         models: Codes of the cushion model and of the ball model.
         table: Lines (L, 6), arcs (A, 4) and holes (H, 3) of `cushion_geometry.Rails`.
         seconds: Duration, s.
-        capacity: Number of pieces that one segment may have.
-        correction: Weights of `rebound_correction` for contacts with cushions; empty for none.
+        bends: As in `plan_motion`.
+        correction: Weights of `rebound_correction` for contacts with cushions; None for none.
         errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
             before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin;
-            reduced where they would create energy.
+            reduced where they would create energy. None for none.
         events: (E, EVENT_WIDTH) receives the events by time.
         segments: (L, SEGMENT_WIDTH) receives the segments by time.
 
     Returns:
         The number of events, the number of segments, and whether there was room for all.
     """
-    n, (lines, arcs, holes) = len(start), table
+    n, (lines, arcs, holes), capacity = len(start), table, count_pieces(bends)
     state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
     rows, phases = np.zeros((n, capacity, PIECE_WIDTH)), np.zeros((n, capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
-    work, out, rate, before, after = np.zeros((8, 16)), np.zeros(14), np.zeros(7), np.zeros(5), np.zeros(5)
+    work, out, rate, before = np.zeros((8, 16)), np.zeros(14), np.zeros(7), np.zeros(5)
     changed, event_count, segment_count, bounces = np.ones(n, np.bool_), 0, 0, 0
     now = 0.0
     while True:
         for a in range(n):
             if not changed[a]:
                 continue
-            (
-                segments[segment_count, SEGMENT_BALL],
-                segments[segment_count, SEGMENT_TIME],
-                segments[segment_count, SEGMENT_STATE:],
-            ) = a, now, state[a]
+            segments[segment_count, SEGMENT_BALL], segments[segment_count, SEGMENT_TIME] = a, now
+            copy_numbers(state[a], segments[segment_count, SEGMENT_STATE:])
             segment_count += 1
             start_times[a] = now
             if on_table[a]:
-                counts[a] = plan_motion(state[a], radius[a], p, seconds - now, rows[a], phases[a])
+                counts[a] = plan_motion(state[a], radius[a], p, bends, seconds - now, rows[a], phases[a])
         for a in range(n):
             if not changed[a]:
                 continue
@@ -365,7 +367,8 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
                 ball_times[a, b, 1],
                 ball_times[a, b, 2],
             )
-            state[a], state[b] = out[:7], out[7:]
+            copy_numbers(out[:7], state[a])
+            copy_numbers(out[7:], state[b])
             if np.hypot(out[9], out[10]) > np.hypot(out[2], out[3]):
                 a, b = b, a
                 event[EVENT_FIRST], event[EVENT_SECOND] = a, b
@@ -381,24 +384,25 @@ def simulate_events(start, radius, mass, p, models, table, seconds, capacity, co
                 event[EVENT_GENTLE] > 0,
                 out,
             )
-            state[a], state[b] = out[:7], out[7:]
+            copy_numbers(out[:7], state[a])
+            copy_numbers(out[7:], state[b])
             changed[a] = changed[b] = True
             continue
         event[EVENT_SPEED], event[EVENT_GENTLE], event[EVENT_KIND], event[EVENT_SECOND] = (
             table_times[a, 1], table_times[a, 2], table_times[a, 3], table_times[a, 4],
         )  # fmt: skip
-        state[a] = out[:7]
+        copy_numbers(out[:7], state[a])
         if event[EVENT_KIND] == HOLE:
             on_table[a] = False
             continue
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
-        before[:] = to_cushion_axes(state[a], nx, ny, radius[a])
+        copy_numbers(to_cushion_axes(state[a], nx, ny, radius[a]), before)
         resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
-        if len(correction) and not event[EVENT_GENTLE] > 0:
-            after[:] = to_cushion_axes(out[:7], nx, ny, radius[a])
+        if correction is not None and not event[EVENT_GENTLE] > 0:
+            after = to_cushion_axes(out[:7], nx, ny, radius[a])
             correct_rebound(correction, before, after)
             from_cushion_axes(after, nx, ny, radius[a], out)
-        if bounces < len(errors) and not event[EVENT_GENTLE] > 0:
+        if errors is not None and bounces < len(errors) and not event[EVENT_GENTLE] > 0:
             disturb_rebound(out, nx, ny, radius[a], before, errors[bounces])
             bounces += 1
-        state[a] = out[:7]
+        copy_numbers(out[:7], state[a])

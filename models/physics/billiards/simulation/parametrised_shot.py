@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.image_distortion import IMAGE_PARAMETERS, NEUTRAL_IMAGE_PARAMETERS
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
@@ -125,10 +126,10 @@ def fill_balls(start, moving, usual_radius, usual_mass, values, state, radius, m
         mass[k] = usual_mass * (values[MASS_RATIO] if k > 0 else 1.0)
         own = start[at : at + MOVING_BALL_SIZE]
         if not moving[k]:
-            state[k, :RESTING_BALL_SIZE] = own[:RESTING_BALL_SIZE]
+            copy_numbers(own[:RESTING_BALL_SIZE], state[k])
             at += RESTING_BALL_SIZE
             continue
-        state[k, :CENTRE_SIZE] = own[:CENTRE_SIZE]
+        copy_numbers(own[:CENTRE_SIZE], state[k])
         state[k, 4], state[k, 5] = (own[5] - own[3]) / radius[k], (own[2] - own[4]) / radius[k]
         state[k, 6] = own[SIDE_SPIN] / radius[k]
         at += MOVING_BALL_SIZE

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.numerics.array_copies import copy_numbers, copy_rows
 from models.numerics.jit import COMPLEX_STEP, compile_kernel
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_READS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_READS
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.motion_derivatives import PLANNING_MARGIN, differentiate_motion
-from models.physics.billiards.cloth.motion_pieces import PIECE_WIDTH, evaluate_pieces
+from models.physics.billiards.cloth.motion_pieces import PIECE_WIDTH, count_pieces, evaluate_pieces
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 from models.physics.billiards.simulation.event_engine import (
@@ -51,10 +52,10 @@ _RADIUS, _MASS, _PARAMETERS = 7, 8, len(PARAMETER_NAMES)
 def stack_ball_inputs(sensitivity, directions, ball, n, active):  # type: ignore[no-untyped-def]
     """Stack state, radius and `active` parameters of a ball along all directions (8 + A, C)."""
     inputs = np.empty((8 + len(active), sensitivity.shape[1]))
-    inputs[:7] = sensitivity
-    inputs[7] = directions[BALL_INPUTS * ball + _RADIUS]
+    copy_rows(sensitivity, inputs)
+    copy_numbers(directions[BALL_INPUTS * ball + _RADIUS], inputs[7])
     for j in range(len(active)):
-        inputs[8 + j] = directions[BALL_INPUTS * n + active[j]]
+        copy_numbers(directions[BALL_INPUTS * n + active[j]], inputs[8 + j])
     return inputs
 
 
@@ -90,7 +91,8 @@ def differentiate_cushion_contact(s, kind, row, lines, arcs, normals, radius, ma
         out = np.zeros(7, np.complex128)
         nx, ny = cushion_normal(kind, row, z, lines, around)
         resolve_cushion_contact(z, nx, ny, r, m, q, model, gentle, out)
-        jacobian[:, j] = out.imag / COMPLEX_STEP
+        for i in range(len(out)):
+            jacobian[i, j] = out[i].imag / COMPLEX_STEP
     return jacobian
 
 
@@ -106,21 +108,26 @@ def differentiate_ball_contact(a, b, ra, rb, ma, mb, p, active, model, gentle): 
         if j >= 18 and not BALL_MODEL_READS[model, active[j - 18]]:
             continue
         z = np.zeros(18, np.complex128)
-        z[:7], z[7:14], z[14], z[15], z[16], z[17] = a, b, ra, rb, ma, mb
+        copy_numbers(a, z)
+        copy_numbers(b, z[7:])
+        z[14], z[15], z[16], z[17] = ra, rb, ma, mb
         q, out = p.astype(np.complex128), np.zeros(14, np.complex128)
         if j < 18:
             z[j] += 1j * COMPLEX_STEP
         else:
             q[active[j - 18]] += 1j * COMPLEX_STEP
         resolve_ball_contact(z[:7], z[7:14], z[14], z[15], z[16], z[17], q, model, gentle, out)
-        jacobian[:, j] = out.imag / COMPLEX_STEP
+        for i in range(len(out)):
+            jacobian[i, j] = out[i].imag / COMPLEX_STEP
     return jacobian
 
 
 @compile_kernel
-def outer_product(rate, times):  # type: ignore[no-untyped-def]
-    """Return the product (7, C) of a rate (7,) and time shifts (C,)."""
-    return rate.reshape(-1, 1) * times.reshape(1, -1)
+def shift_states(sensitivity, rate, times, sign, out):  # type: ignore[no-untyped-def]
+    """Write to out (7, C) the derivatives (7, C) plus the product of `sign`, a rate (7,) and time shifts (C,)."""
+    for i in range(7):
+        for column in range(len(times)):
+            out[i, column] = sensitivity[i, column] + sign * (rate[i] * times[column])
 
 
 @compile_kernel
@@ -152,19 +159,26 @@ def propagate_through_cushion(  # type: ignore[no-untyped-def]
     nx, ny = cushion_normal(kind, row, s, lines, arcs)
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
     nose = directions[BALL_INPUTS * n + _PARAMETERS + side]
-    gap = -nx * sensitivity[0] - ny * sensitivity[1] - directions[BALL_INPUTS * a + _RADIUS]
-    gap += nose * (nx * normals[side, 0] + ny * normals[side, 1])
-    shift = gap / (nx * before[0] + ny * before[1])
-    by_mass = np.any(directions[BALL_INPUTS * a + _MASS] != 0.0)
+    by_radius, by_ball_mass = directions[BALL_INPUTS * a + _RADIUS], directions[BALL_INPUTS * a + _MASS]
+    shift, by_mass = np.empty(len(nose)), False
+    for column in range(len(nose)):
+        gap = -nx * sensitivity[0, column] - ny * sensitivity[1, column] - by_radius[column]
+        gap += nose[column] * (nx * normals[side, 0] + ny * normals[side, 1])
+        shift[column] = gap / (nx * before[0] + ny * before[1])
+        by_mass = by_mass or by_ball_mass[column] != 0.0
     jacobian = differentiate_cushion_contact(
         s, kind, row, lines, arcs, normals, radius, mass, by_mass, p, active, model, gentle
     )
     inputs = np.empty((10 + len(active), sensitivity.shape[1]))
-    inputs[:7] = sensitivity + outer_product(before, shift)
-    inputs[7], inputs[8], inputs[9] = directions[BALL_INPUTS * a + _RADIUS], directions[BALL_INPUTS * a + _MASS], nose
+    shift_states(sensitivity, before, shift, 1.0, inputs)
+    copy_numbers(by_radius, inputs[7])
+    copy_numbers(by_ball_mass, inputs[8])
+    copy_numbers(nose, inputs[9])
     for j in range(len(active)):
-        inputs[10 + j] = directions[BALL_INPUTS * n + active[j]]
-    return jacobian @ inputs - outer_product(after, shift)
+        copy_numbers(directions[BALL_INPUTS * n + active[j]], inputs[10 + j])
+    outputs = jacobian @ inputs
+    shift_states(outputs, after, shift, -1.0, outputs)
+    return outputs
 
 
 @compile_kernel
@@ -177,19 +191,24 @@ def propagate_through_ball(sa, sb, a, b, rates, ra, rb, ma, mb, p, active, model
     nx, ny = b[0] - a[0], b[1] - a[1]
     size = np.sqrt(nx * nx + ny * ny)
     nx, ny = nx / size, ny / size
-    gap = nx * (sb[0] - sa[0]) + ny * (sb[1] - sa[1])
-    gap -= directions[BALL_INPUTS * i + _RADIUS] + directions[BALL_INPUTS * j + _RADIUS]
-    shift = -gap / (nx * (rates[1, 0] - rates[0, 0]) + ny * (rates[1, 1] - rates[0, 1]))
+    own, other, shift = BALL_INPUTS * i, BALL_INPUTS * j, np.empty(sa.shape[1])
+    for column in range(len(shift)):
+        gap = nx * (sb[0, column] - sa[0, column]) + ny * (sb[1, column] - sa[1, column])
+        gap -= directions[own + _RADIUS, column] + directions[other + _RADIUS, column]
+        shift[column] = -gap / (nx * (rates[1, 0] - rates[0, 0]) + ny * (rates[1, 1] - rates[0, 1]))
     jacobian = differentiate_ball_contact(a, b, ra, rb, ma, mb, p, active, model, gentle)
     inputs = np.empty((18 + len(active), sa.shape[1]))
-    inputs[:7], inputs[7:14] = sa + outer_product(rates[0], shift), sb + outer_product(rates[1], shift)
-    inputs[14], inputs[15] = directions[BALL_INPUTS * i + _RADIUS], directions[BALL_INPUTS * j + _RADIUS]
-    inputs[16], inputs[17] = directions[BALL_INPUTS * i + _MASS], directions[BALL_INPUTS * j + _MASS]
+    shift_states(sa, rates[0], shift, 1.0, inputs)
+    shift_states(sb, rates[1], shift, 1.0, inputs[7:])
+    copy_numbers(directions[own + _RADIUS], inputs[14])
+    copy_numbers(directions[other + _RADIUS], inputs[15])
+    copy_numbers(directions[own + _MASS], inputs[16])
+    copy_numbers(directions[other + _MASS], inputs[17])
     for k in range(len(active)):
-        inputs[18 + k] = directions[BALL_INPUTS * n + active[k]]
+        copy_numbers(directions[BALL_INPUTS * n + active[k]], inputs[18 + k])
     outputs = jacobian @ inputs
-    outputs[:7] -= outer_product(rates[2], shift)
-    outputs[7:] -= outer_product(rates[3], shift)
+    shift_states(outputs, rates[2], shift, -1.0, outputs)
+    shift_states(outputs[7:], rates[3], shift, -1.0, outputs[7:])
     return outputs
 
 
@@ -202,6 +221,7 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
     sensitivity,
     radius,
     p,
+    bends,
     active,
     times,
     place,
@@ -224,7 +244,10 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
     observed = first + np.flatnonzero(place[first:after, ball] >= 0)
     inputs = stack_ball_inputs(sensitivity, directions, ball, place.shape[1], active)
     numbers, columns = out.shape[1], len(inputs)
-    needed = np.array([np.any(inputs[j] != 0.0) for j in range(columns)])
+    needed = np.zeros(columns, np.bool_)
+    for j in range(columns):
+        for direction in range(inputs.shape[1]):
+            needed[j] = needed[j] or inputs[j, direction] != 0.0
     parts, last = (
         workspace[: len(observed) * numbers * columns].reshape(len(observed), numbers, columns),
         np.empty((7, columns)),
@@ -234,6 +257,7 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
         segments[k, SEGMENT_STATE:].copy(),
         radius[ball],
         p,
+        bends,
         active,
         needed,
         times[observed] - start,
@@ -246,18 +270,18 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
         stopped,
     )
     if stop < np.inf:
-        at_end[ball] = stopped @ inputs
+        copy_rows(stopped @ inputs, at_end[ball])
     derivatives = parts.reshape(-1, columns) @ inputs
     for i in range(len(observed)):
-        out[place[observed[i], ball]] = derivatives[i * numbers : (i + 1) * numbers]
+        copy_rows(derivatives[i * numbers : (i + 1) * numbers], out[place[observed[i], ball]])
     return last @ inputs
 
 
 @compile_kernel
-def evaluate_rate(segment, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+def evaluate_rate(segment, until, radius, p, bends, rows, phases, state, rate):  # type: ignore[no-untyped-def]
     """Write state (7,) and its time derivative, rate (7,), of a segment at the time `until` (s)."""
     count = plan_motion(
-        segment[SEGMENT_STATE:], radius, p, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
+        segment[SEGMENT_STATE:], radius, p, bends, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
     )
     evaluate_pieces(rows, count, segment[SEGMENT_STATE + 6], p, until - segment[SEGMENT_TIME], state, rate)
 
@@ -279,7 +303,7 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
     end,
     directions,
     active,
-    piece_capacity,
+    bends,
     out,
     at_end,
 ):
@@ -301,11 +325,11 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
         end: s; infinite if no derivatives at an end are wanted.
         directions: (9 N + P + 4, C).
         active: (A,) parameters that a direction changes.
-        piece_capacity: Number of pieces that one segment may have.
+        bends: As in `plan_motion`; a parameter of a direction counts as present.
         out: (K, R, C) receives derivatives of the first R, 2 or 7, numbers of a state.
         at_end: (N, 7, C) receives the derivatives of all balls at `end`.
     """
-    n, columns = len(radius), directions.shape[1]
+    n, columns, piece_capacity = len(radius), directions.shape[1], count_pieces(bends)
     rows, phases = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64)
     complex_rows = np.zeros((piece_capacity, PIECE_WIDTH), np.complex128)
     workspace = np.empty(len(times) * out.shape[1] * (8 + len(active)))
@@ -313,32 +337,35 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
     for k in range(len(segments) - 1, -1, -1):
         segment[int(segments[k, SEGMENT_BALL])] = k
     for a in range(n):
-        sens[a] = directions[BALL_INPUTS * a : BALL_INPUTS * a + 7]
+        copy_rows(directions[BALL_INPUTS * a : BALL_INPUTS * a + 7], sens[a])
     states, rates, unused = np.zeros((2, 7)), np.zeros((4, 7)), np.zeros(7)
     for e in range(len(contacts)):
         t, a, b = contacts[e, EVENT_TIME], int(contacts[e, EVENT_FIRST]), int(contacts[e, EVENT_SECOND])
         kind, gentle = int(contacts[e, EVENT_KIND]), contacts[e, EVENT_GENTLE] > 0.0
-        met = np.array([a, b]) if kind == BALL else np.array([a])
-        for m in range(len(met)):
-            k = segment[met[m]]
-            sens[met[m]] = propagate_along_segment(
-                segments, k, t, end, sens[met[m]], radius, p, active, times, place, directions, complex_rows, phases,
-                workspace, out, at_end,
+        for m in range(2 if kind == BALL else 1):
+            ball = a if m == 0 else b
+            k = segment[ball]
+            sensitivity = propagate_along_segment(
+                segments, k, t, end, sens[ball], radius, p, bends, active, times, place, directions, complex_rows,
+                phases, workspace, out, at_end,
             )  # fmt: skip
-            segment[met[m]] = k + 1
-            evaluate_rate(segments[k], t, radius[met[m]], p, rows, phases, states[m], rates[m])
-            evaluate_rate(segments[k + 1], t, radius[met[m]], p, rows, phases, unused, rates[2 + m])
+            copy_rows(sensitivity, sens[ball])
+            segment[ball] = k + 1
+            evaluate_rate(segments[k], t, radius[ball], p, bends, rows, phases, states[m], rates[m])
+            evaluate_rate(segments[k + 1], t, radius[ball], p, bends, rows, phases, unused, rates[2 + m])
         if kind == BALL:
             both = propagate_through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
                 p, active, model_codes[1], gentle, a, b, n, directions,
             )  # fmt: skip
-            sens[a], sens[b] = both[:7], both[7:]
+            copy_rows(both[:7], sens[a])
+            copy_rows(both[7:], sens[b])
         elif kind != HOLE:
-            sens[a] = propagate_through_cushion(
+            sensitivity = propagate_through_cushion(
                 sens[a], states[0], rates[0], rates[2], kind, b, lines, arcs, normals, radius[a], mass[a],
                 p, active, model_codes[0], gentle, a, n, directions,
             )  # fmt: skip
+            copy_rows(sensitivity, sens[a])
     for a in range(n):
         if pocket_times[a] == np.inf:
             propagate_along_segment(
@@ -349,6 +376,7 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
                 sens[a],
                 radius,
                 p,
+                bends,
                 active,
                 times,
                 place,

@@ -15,7 +15,6 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cloth.forces import has_curved_path
-from models.physics.billiards.cloth.motion_pieces import CLOSED_FORM_PIECES, INTEGRATED_PIECES
 from models.physics.billiards.cushion_geometry import Rails, build_rails
 from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_BALL, SEGMENT_WIDTH, simulate_events
 from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot, kinetic_energy
@@ -28,8 +27,6 @@ _FIRST_CAPACITY = 512
 """Number of contacts for which there is room at first."""
 DISTURBED = ("velocity_n", "velocity_t", "slip_n", "slip_t", "side_spin")
 """What a disturbance of a cushion contact changes."""
-NO_DISTURBANCES = np.zeros((0, len(DISTURBED)))
-"""Those of a shot that follows its models."""
 MOST_CONTACTS = 500_000
 """A shot with more contacts is an error."""
 
@@ -65,10 +62,10 @@ def simulate(
     if not 0 < seconds < np.inf:
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
     rails = build_rails(table, offsets)
-    deviations = NO_DISTURBANCES if disturbances is None else disturbances
     contacts, segments = log_events(
         balls.state, balls.radius, balls.mass, physics.values, physics.model_codes, rails, float(seconds),
-        correction, deviations,
+        correction if len(correction) else None,
+        disturbances if disturbances is not None and len(disturbances) else None,
     )  # fmt: skip
     return SimulatedShot(balls, rails, physics, float(seconds), contacts, segments)
 
@@ -81,8 +78,8 @@ def log_events(
     model_codes: tuple[int, int],
     rails: Rails,
     seconds: float,
-    correction: FloatArray = NO_CORRECTION,
-    disturbances: FloatArray = NO_DISTURBANCES,
+    correction: FloatArray | None = None,
+    disturbances: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Log the contacts and segments of a shot.
 
@@ -94,8 +91,8 @@ def log_events(
         model_codes: Codes of the cushion model and the ball model.
         rails: Parts of the table.
         seconds: Duration, s.
-        correction: As of `simulate`.
-        disturbances: (D, 5) as of `simulate`.
+        correction: As of `simulate`; None for none.
+        disturbances: (D, 5) as of `simulate`; None for none.
 
     Returns:
         Contacts (E, EVENT_WIDTH) by time; segments (L, SEGMENT_WIDTH) by ball, then by time.
@@ -103,15 +100,12 @@ def log_events(
     Raises:
         ArithmeticError: The shot has more than `MOST_CONTACTS` contacts.
     """
-    table, pieces = (
-        (rails.lines, rails.arcs, rails.holes),
-        INTEGRATED_PIECES if has_curved_path(physics) else CLOSED_FORM_PIECES,
-    )
+    table, bends = (rails.lines, rails.arcs, rails.holes), True if has_curved_path(physics) else None
     capacity = _FIRST_CAPACITY
     while capacity <= MOST_CONTACTS:
         contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(state) + 2 * capacity, SEGMENT_WIDTH))
         event_count, segment_count, complete = simulate_events(
-            state, radius, mass, physics, model_codes, table, seconds, pieces, correction, disturbances,
+            state, radius, mass, physics, model_codes, table, seconds, bends, correction, disturbances,
             contacts, segments,
         )  # fmt: skip
         if complete:  # segments are made in the order of time

@@ -14,8 +14,6 @@ from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cloth.motion_pieces import (
-    CLOSED_FORM_PIECES,
-    INTEGRATED_PIECES,
     PHASE_NAMES,
     PIECE_END,
     PIECE_START,
@@ -23,6 +21,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     REST,
     X,
     Y,
+    count_pieces,
     evaluate_pieces,
 )
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails
@@ -121,7 +120,7 @@ class SimulatedShot:
         ordered = np.full((times.size, len(self.balls.ids), 7), np.nan)
         fill_states(
             self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds,
-            times.reshape(-1)[order], self.piece_capacity, ordered,
+            times.reshape(-1)[order], self.bends, ordered,
         )  # fmt: skip
         states = np.empty_like(ordered)
         states[order] = ordered
@@ -212,7 +211,7 @@ class SimulatedShot:
             float(end),
             np.ascontiguousarray(directions),
             np.flatnonzero(by_physics),
-            INTEGRATED_PIECES if curves else CLOSED_FORM_PIECES,
+            True if curves else None,
             derivatives,
             at_end,
         )
@@ -225,9 +224,9 @@ class SimulatedShot:
         return State(states[..., :2], states[..., 2:4], states[..., 4:7], zeros, zeros, np.zeros(zeros.shape, bool))
 
     @property
-    def piece_capacity(self) -> int:
-        """Number of pieces that one segment may have."""
-        return INTEGRATED_PIECES if has_curved_path(self.physics.values) else CLOSED_FORM_PIECES
+    def bends(self) -> bool | None:
+        """None where no effect that bends paths is present, see `plan_motion`."""
+        return True if has_curved_path(self.physics.values) else None
 
     @property
     def events(self) -> Events:
@@ -279,11 +278,11 @@ class SimulatedShot:
             Pieces (M, PIECE_WIDTH), whose columns PIECE_START and PIECE_END count from the start of the shot; ball
             (M,); phase (M,); side spin and its rate (M, 2).
         """
-        most = self.piece_capacity * len(self.segments)
+        most = int(count_pieces(self.bends)) * len(self.segments)
         rows, balls, phases = np.empty((most, PIECE_WIDTH)), np.empty(most, np.int64), np.empty(most, np.int64)
         spins = np.empty((most, 2))
         count = fill_pieces(
-            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds, self.piece_capacity,
+            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds, self.bends,
             rows, balls, phases, spins,
         )  # fmt: skip
         return rows[:count], balls[:count], phases[:count], spins[:count]
@@ -336,9 +335,10 @@ class SimulatedShot:
 
 
 @compile_kernel
-def fill_states(segments, pocket_times, radius, p, seconds, times, piece_capacity, out):  # type: ignore[no-untyped-def]
+def fill_states(segments, pocket_times, radius, p, seconds, times, bends, out):  # type: ignore[no-untyped-def]
     """Write to out (T, N, 7) the states at sorted times (T,), s."""
-    rows, phases, rate = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64), np.zeros(7)
+    capacity, rate = count_pieces(bends), np.zeros(7)
+    rows, phases = np.zeros((capacity, PIECE_WIDTH)), np.zeros(capacity, np.int64)
     for k in range(len(segments)):
         a, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
         last = k == len(segments) - 1 or int(segments[k + 1, SEGMENT_BALL]) != a
@@ -348,18 +348,19 @@ def fill_states(segments, pocket_times, radius, p, seconds, times, piece_capacit
         if first >= after or start >= pocket_times[a]:
             continue
         state = segments[k, SEGMENT_STATE:]
-        count = plan_motion(state, radius[a], p, max(seconds, times[after - 1]) - start, rows, phases)
+        count = plan_motion(state, radius[a], p, bends, max(seconds, times[after - 1]) - start, rows, phases)
         for i in range(first, after):
             evaluate_pieces(rows, count, state[6], p, times[i] - start, out[i, a], rate)
 
 
 @compile_kernel
-def fill_pieces(segments, pocket_times, radius, p, seconds, piece_capacity, pieces, balls, piece_phases, spins):  # type: ignore[no-untyped-def]
+def fill_pieces(segments, pocket_times, radius, p, seconds, bends, pieces, balls, piece_phases, spins):  # type: ignore[no-untyped-def]
     """Write all pieces up to `seconds`; return their number.
 
     pieces (M, PIECE_WIDTH), balls (M,), piece_phases (M,) and spins (M, 2), side spin and its rate, receive them.
     """
-    rows, phases, piece_count = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64), 0
+    capacity, piece_count = count_pieces(bends), 0
+    rows, phases = np.zeros((capacity, PIECE_WIDTH)), np.zeros(capacity, np.int64)
     out, rate = np.zeros(7), np.zeros(7)
     for k in range(len(segments)):
         a, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
@@ -367,7 +368,7 @@ def fill_pieces(segments, pocket_times, radius, p, seconds, piece_capacity, piec
         until = min(seconds, pocket_times[a]) if last else segments[k + 1, SEGMENT_TIME]
         if start >= until:
             continue
-        count = plan_motion(segments[k, SEGMENT_STATE:], radius[a], p, seconds - start, rows, phases)
+        count = plan_motion(segments[k, SEGMENT_STATE:], radius[a], p, bends, seconds - start, rows, phases)
         for i in range(count):
             begin = start + rows[i, PIECE_START]
             end = min(start + rows[i, PIECE_END], until)

@@ -1,0 +1,143 @@
+"""Compiles the kernels of a run in a second process while the run is on its first stages; once per installation.
+
+Each preparation evaluates a problem without content, so that the types of its arguments are those of a run. A kernel
+that both processes need is compiled by the one that comes first, see `models.numerics.jit`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Collection
+from contextlib import suppress
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess, parent_process
+from types import TracebackType
+
+from pipeline.engine.process_setup import available_cores, limit_garbage_collection
+
+
+class KernelPreparation:
+    """A process that compiles the kernels of a run, as a context manager; it ends with the `with` block."""
+
+    def __init__(self, with_shots: bool) -> None:
+        """Note what to compile.
+
+        Args:
+            with_shots: Whether whole shots are simulated, not only the paths between contacts fitted.
+        """
+        self._with_shots = with_shots
+        self._process: BaseProcess | None = None
+        self._is_checked = False
+
+    def __enter__(self) -> KernelPreparation:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join()
+
+    def start(self, done: Collection[str]) -> bool:
+        """Start the process if kernels are missing and this process may use a second core; only the first call acts.
+
+        Args:
+            done: Names of the stages whose results exist; the fit uses the kernels.
+
+        Returns:
+            Whether the process runs.
+        """
+        if not self._is_checked and "fit" not in done:
+            self._is_checked = True
+            self._start_where_missing()
+        return self._process is not None and self._process.is_alive()
+
+    def _start_where_missing(self) -> None:
+        """Start the process if kernels are missing and this process may use a second core."""
+        if available_cores() > 1 and not _has_kernels(self._with_shots):
+            process = get_context("spawn").Process(target=_prepare_kernels, args=(self._with_shots,), daemon=True)
+            with suppress(OSError):  # no process can be started: this one compiles everything
+                process.start()
+                self._process = process
+
+
+def _has_kernels(with_shots: bool) -> bool:
+    """Return whether the last kernels to be compiled are on disk."""
+    from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
+    from models.numerics.jit import is_compiled
+
+    if not with_shots:
+        return is_compiled(evaluate_prior_rows)
+    from models.physics.billiards.simulation.event_engine import simulate_events
+    from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
+
+    return all(is_compiled(kernel) for kernel in (evaluate_prior_rows, simulate_events, differentiate_shot))
+
+
+def _prepare_kernels(with_shots: bool) -> None:
+    """Compile the kernels of a run, those first that the run itself needs last."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides what an interrupt ends
+    limit_garbage_collection()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    if with_shots:
+        prepare_shot_kernels()
+    prepare_fit_kernels()
+
+
+def _exit_with_parent() -> None:
+    """End this process when the process that started it ends, even if that was killed."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
+
+
+def prepare_fit_kernels() -> None:
+    """Compile the kernels of the joint fit, those of its priors first."""
+    import numpy as np
+
+    from models.estimation.joint_fit.fit_arrays import FitParameters, build_graph_arrays
+    from models.estimation.joint_fit.fit_solution import SHARED_COUNT, Observations
+    from models.estimation.joint_fit.joint_refinement import refine_graph
+    from models.estimation.joint_fit.prior_residuals import evaluate_priors
+    from models.estimation.segmentation.contact_graph import ContactGraph
+    from models.physics.billiards.tables import TABLE_PRESETS
+
+    table, graph = TABLE_PRESETS["pool-9ft"], ContactGraph((), ())
+    parameters = FitParameters(np.zeros((0, 8)), np.zeros(0), np.ones(SHARED_COUNT))
+    evaluate_priors(build_graph_arrays(graph), parameters, parameters, table)
+    nothing = Observations(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    refine_graph(graph, nothing, table)
+
+
+def prepare_shot_kernels() -> None:
+    """Compile the kernels of simulated shots, those of derivatives first."""
+    import numpy as np
+
+    from models.estimation.whole_shot.window_simulation import (
+        ObservedStates,
+        WindowRun,
+        differentiate_observations,
+        observe_run,
+        simulate_window_run,
+    )
+    from models.physics.billiards.cushion_geometry import build_rails
+    from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+    from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_WIDTH
+    from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS, build_balls
+    from models.physics.billiards.tables import TABLE_PRESETS
+
+    table, start, moving = TABLE_PRESETS["pool-9ft"], np.full(2, 0.5), np.zeros(1, bool)
+    values, number, once = NEUTRAL_SHOT_PARAMETERS, np.zeros(1, np.int64), np.zeros(1)
+    balls, models = build_balls(start, moving, table, values), (0, 0)
+    still = WindowRun(
+        balls.state, balls.radius, balls.mass, values[: len(PARAMETER_NAMES)], models, build_rails(table, np.zeros(4)),
+        1.0, np.zeros((0, EVENT_WIDTH)), np.zeros((1, SEGMENT_WIDTH)), False,
+    )  # fmt: skip
+    nowhere, never = np.zeros((1, 2)), np.full(1, np.inf)
+    observed = ObservedStates(nowhere, nowhere, once, number, nowhere, np.zeros((0, 1, 7)), never)
+    differentiate_observations(still, observed, number, moving, table, values, number, np.inf)
+    run = simulate_window_run(start, moving, table, values, models, 1.0)
+    if run is not None:
+        observe_run(run, once, number, number, np.inf, nowhere, np.zeros((1, 2, 2)))

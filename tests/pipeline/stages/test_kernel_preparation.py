@@ -1,0 +1,80 @@
+"""What a second process compiles ahead of a run is what the run needs, and nothing is started once it is there."""
+
+from __future__ import annotations
+
+import multiprocessing
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.estimation.joint_fit.fit_solution import Observations
+from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
+from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
+from models.numerics.jit import is_compiled
+from models.physics.billiards.simulation.event_engine import simulate_events
+from models.physics.billiards.simulation.parametrised_shot import (
+    NEUTRAL_SHOT_PARAMETERS,
+    ContactModels,
+    build_directions,
+    simulate_start,
+)
+from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
+from models.physics.billiards.simulation.simulated_shot import fill_states
+from models.physics.billiards.tables import TABLE_PRESETS
+from pipeline.engine.process_setup import available_cores
+from pipeline.stages import kernel_preparation
+from pipeline.stages.kernel_preparation import KernelPreparation, prepare_fit_kernels, prepare_shot_kernels
+
+TABLE = TABLE_PRESETS["pool-9ft"]
+
+
+def list_signatures(kernels: tuple[Any, ...]) -> list[set[Any]]:
+    return [set(kernel.signatures) for kernel in kernels]
+
+
+def test_the_kernels_of_a_fit_are_prepared() -> None:
+    prepare_fit_kernels()
+    prepared = list_signatures((evaluate_prior_rows,))
+    still, moving = np.array([0.3, 0.3, *np.zeros(6)]), np.array([0.3, 0.3, 1.0, 0.2, 1.0, 0.2, 0.0, 0.0])
+    segments = Segment(0, True, None, 0, 0.0, still), Segment(0, False, 0, None, 0.5, moving)
+    t = np.arange(30) / 30
+    xy = np.where(t[:, None] < 0.5, still[:2], moving[:2] + moving[2:4] * (t[:, None] - 0.5))
+    seen_from_above = Observations(np.zeros(30, np.int64), t, xy, np.tile(1e3 * np.eye(2), (30, 1, 1)))
+    refine_graph(ContactGraph(segments, (Contact("strike", 0.5, (0,), (1,)),)), seen_from_above, TABLE)
+    assert list_signatures((evaluate_prior_rows,)) == prepared
+    assert is_compiled(evaluate_prior_rows)
+
+
+def test_the_kernels_of_whole_shots_are_prepared() -> None:
+    kernels = simulate_events, fill_states, differentiate_shot
+    prepare_shot_kernels()
+    prepared = list_signatures(kernels)
+    moving, values = np.array([True, False]), NEUTRAL_SHOT_PARAMETERS
+    start = np.array([0.5, 0.6, 1.0, 0.2, 0.0, 0.0, 0.0, 1.5, 0.6])
+    run = simulate_start(start, moving, TABLE, values, ContactModels("han_2005", "elastic"), 1.0)
+    directions = build_directions(run.balls, moving, TABLE, values, np.array([0, 1]))
+    run.directional_derivatives_until(np.linspace(0, 1, 5), np.arange(10).reshape(5, 2), directions, 2, 1.0)
+    run.states_at(np.linspace(0, 1, 5))
+    assert list_signatures(kernels) == prepared
+
+
+@pytest.mark.parametrize("with_shots", [False, True])
+def test_no_process_is_started_where_the_kernels_are_there_or_the_fit_is_done(
+    with_shots: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare_fit_kernels()
+    prepare_shot_kernels()
+    before = set(multiprocessing.active_children())
+    with KernelPreparation(with_shots) as kernels:
+        kernels.start(())
+        assert set(multiprocessing.active_children()) == before
+    monkeypatch.setattr(kernel_preparation, "_has_kernels", lambda with_shots: False)
+    with KernelPreparation(with_shots) as kernels:
+        kernels.start(("read", "fit"))
+        assert set(multiprocessing.active_children()) == before
+        kernels.start(("read",))
+        started = set(multiprocessing.active_children()) - before
+        assert len(started) == min(available_cores() - 1, 1)
+    assert set(multiprocessing.active_children()) == before
