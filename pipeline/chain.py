@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from models.core.by_hand.corrections import Corrections
 from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.errors import ClipError, OptionError
 from models.core.events import Events
@@ -30,7 +31,13 @@ from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from pipeline.run_options import RunOptions, apply_corrections, format_changed_settings
+from pipeline.run_options import (
+    RunOptions,
+    apply_corrections,
+    format_changed_settings,
+    list_changed_values,
+    list_overridden_flags,
+)
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
@@ -57,7 +64,7 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
 }
 """Files of a run folder by the stage that writes them; of two stages with the same file, the later one counts."""
 SOURCE_FILE = "source.json"
-"""File of a run folder that names the source clip."""
+"""File of a run folder that names the source clip and the settings of the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +134,13 @@ def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipS
     Raises:
         OptionError: The file cannot be used.
     """
+    return apply_corrections(options, _read_own_corrections(clip, digest, shot))
+
+
+def _read_own_corrections(clip: Path, digest: str, shot: ClipShot | None) -> Corrections:
+    """Read the corrections of a clip, or of one of its shots."""
     corrections = read_corrections(clip, digest).corrections
-    return apply_corrections(options, corrections if shot is None else corrections.extract_span(shot.first, shot.stop))
+    return corrections if shot is None else corrections.extract_span(shot.first, shot.stop)
 
 
 def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor) -> StageGraph:
@@ -207,7 +219,7 @@ def run_tables(
     require_clip_not_overwritten(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
     publish_files(entries, folder)
-    write_source(clip, folder, shot)
+    write_source(clip, folder, options, shot)
     return _load_fit(graph, entries, clip)
 
 
@@ -267,8 +279,9 @@ def run_clip(
     """
     require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
     digest = hash_clip(clip) if shot is None else shot.whole.digest
-    options = honour_corrections(clip, digest, options, shot)
-    graph = _build_graph(clip, digest, options, shot, executor)
+    corrections = _read_own_corrections(clip, digest, shot)
+    corrected = apply_corrections(options, corrections)
+    graph = _build_graph(clip, digest, corrected, shot, executor)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
@@ -280,8 +293,10 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
-    by_hand = len(format_corrections(options.corrections))
+    by_hand = len(format_corrections(corrected.corrections))
     notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
+    if overridden := list_overridden_flags(options, corrections):
+        notes += (f"{', '.join(overridden)} of this command was used instead of what {corrections_path(clip)} sets",)
     is_answered = False
 
     def publish_answer(before: Mapping[str, CacheEntry]) -> None:
@@ -290,14 +305,14 @@ def run_clip(
         if "report" not in before:
             return
         publish_files(before, folder)
-        write_source(clip, folder, shot)
+        write_source(clip, folder, options, shot)
         if answer_listener is not None and not is_answered:
             answer_listener(_summarize_run(folder, stages, before, notes))
         is_answered = True
 
     entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
-    write_source(clip, folder, shot)
+    write_source(clip, folder, options, shot)
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
@@ -424,15 +439,22 @@ def _is_published(source: Path, target: Path) -> bool:
         return False
 
 
-def write_source(clip: Path, folder: Path, shot: ClipShot | None = None) -> None:
-    """Write the path of the clip into the run folder; `trueroll call` needs its frames.
+def write_source(clip: Path, folder: Path, options: RunOptions, shot: ClipShot | None = None) -> None:
+    """Write the path of the clip and the settings of the run into its folder.
+
+    `trueroll call` needs the frames of the clip, and `trueroll edit` runs it again with the same settings.
 
     Args:
         clip: Path of the clip.
         folder: Folder of the results.
+        options: Options of the run without its corrections. That the video was left out is not noted.
         shot: The shot of the clip; None for the whole clip.
     """
-    part = {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
+    settings = list_changed_values(replace(options, render=replace(options.render, no_video=False)))
+    part: dict[str, Any] = (
+        {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
+    )
+    part |= {"settings": settings} if settings else {}
     text = json.dumps({"path": str(clip.absolute()), **part})
     with suppress(OSError):
         if (folder / SOURCE_FILE).read_text(encoding="utf-8") == text:

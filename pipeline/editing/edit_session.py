@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from models.core.by_hand.corrections import Corrections
@@ -23,7 +23,13 @@ from pipeline.io.by_hand.corrections_file import (
 )
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.run_options import RunOptions, apply_corrections
+from pipeline.run_options import (
+    CORRECTED_SETTINGS,
+    RunOptions,
+    apply_corrections,
+    reset_settings,
+    start_corrections,
+)
 from pipeline.stages.shot_stages import ClipShot
 
 CLOSE_WAIT_S = 3.0
@@ -65,10 +71,17 @@ class EditSession:
     """The corrections of one clip and its runs; safe to use from several threads."""
 
     def __init__(self, edited: EditedClip, options: RunOptions, cache: ResultCache) -> None:
+        """Start the session and its first run.
+
+        Args:
+            edited: Clip and run folder.
+            options: Options of the run; those that a person can correct are what the corrections start from.
+            cache: The cache.
+        """
         self.edited = edited
         self._options, self._cache = options, cache
         self._lock = threading.Condition()
-        self._file = read_corrections(edited.path, edited.digest)
+        self._file = self._start_from(read_corrections(edited.path, edited.digest))
         self._undo: list[Corrections] = []
         self._redo: list[Corrections] = []
         self._run: ClipRun | None = None
@@ -118,7 +131,7 @@ class EditSession:
             ConflictError: Somebody else has changed them since.
             OptionError: They cannot be used or written.
         """
-        apply_corrections(self._options, corrections)
+        apply_corrections(reset_settings(self._options), corrections)
         with self._lock:
             before = self._file.corrections
             self._write(corrections, revision)
@@ -178,7 +191,7 @@ class EditSession:
         """Write corrections if `revision` is still that of the file; the caller holds the lock."""
         saved = read_corrections(self.edited.path, self.edited.digest)
         if saved.revision != self._file.revision:
-            self._file = saved
+            self._file = self._start_from(saved)
             self._undo.clear()
             self._redo.clear()
             self._request()
@@ -190,7 +203,18 @@ class EditSession:
         content = CorrectionsFile(revision + 1, self.edited.digest, corrections)
         write_corrections(self.edited.path, content)
         self._file = content
+        self._options = reset_settings(self._options)
         self._request()
+
+    def _start_from(self, saved: CorrectionsFile) -> CorrectionsFile:
+        """Return the content of the corrections file, with the options of the run where it does not set them.
+
+        The file beats these options; the first correction writes them to it, so that every correction can change them.
+        """
+        corrections = start_corrections(self._options, saved.corrections)
+        corrected = [name for name in CORRECTED_SETTINGS if getattr(saved.corrections, name) is not None]
+        self._options = reset_settings(self._options, corrected)
+        return replace(saved, corrections=corrections)
 
     def _request(self) -> None:
         """Ask the worker for a run of the present corrections."""

@@ -17,12 +17,14 @@ from urllib.parse import urlsplit
 from support import synthetic_run as shot
 
 import pipeline.editing.edit_session as edit_session
-from pipeline.chain import hash_clip
+from pipeline.chain import hash_clip, honour_corrections
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.edit_session import EditSession
 from pipeline.editing.edited_clip import EditedClip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.run_options import RunOptions
+
+DEFAULT_OPTIONS = RunOptions()
 
 
 @contextmanager
@@ -41,16 +43,24 @@ def serve(clip: Path, folder: Path, options: RunOptions, cache: Path) -> Iterato
 
 
 @contextmanager
-def serve_synthetic_run(folder: Path) -> Iterator[EditServer]:
-    """Serve the editor of a made-up run, which no correction changes."""
+def serve_synthetic_run(
+    folder: Path, options: RunOptions = DEFAULT_OPTIONS, honoured: list[RunOptions] | None = None
+) -> Iterator[EditServer]:
+    """Serve the editor of a made-up run, which no correction changes; list the options of every run."""
     clip = shot.write_clip(folder / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
     fit = shot.make_unsure_fit(tracks.t)
     run = (replace(clip, path=folder / "shot.mp4"), scene, tracks, fit)
+
+    def run_tables(clip: Path, _: Path, own: RunOptions, *__: object) -> tuple[object, ...]:
+        if honoured is not None:
+            honoured.append(honour_corrections(clip, "", own))
+        return run
+
     with (
-        patch.object(edit_session, "run_tables", lambda *_: run),
-        serve(folder / "shot.mp4", folder / "out", RunOptions(), folder / "cache") as server,
+        patch.object(edit_session, "run_tables", run_tables),
+        serve(folder / "shot.mp4", folder / "out", options, folder / "cache") as server,
     ):
         ask(server, "GET", "status")
         wait_for_result(server)

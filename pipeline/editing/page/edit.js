@@ -112,6 +112,7 @@ function showMessage(sentence) {
 // ---------------------------------------------------------------- frames and places
 
 const run = () => page.state?.run;
+const isUpToDate = () => page.state.result === page.state.revision;
 const frames = () => run()?.frames.distinct ?? [];
 const frame = () => frames()[page.row] ?? 0;
 
@@ -151,7 +152,7 @@ function placeOf(id, number = frame()) { // how corrections name a ball
 
 const imageScale = () => run().image[0] / Math.max($("overlay").clientWidth, 1); // px of the frame per px of the screen
 const showsCorners = () => !run().moves || page.row === 0; // of a moving camera they belong to its first frame
-const corners = () => page.corners ?? page.state.corrections.corners ?? run().corners;
+const corners = () => page.corners ?? (isUpToDate() ? run().corners : page.state.corrections.corners ?? run().corners);
 const add = (list, name, entry) => { list[name] = [...(list[name] ?? []), entry]; };
 
 // ---------------------------------------------------------------- drawing
