@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import filecmp
+import hashlib
 import json
 import os
 import shutil
@@ -196,9 +197,15 @@ def _load_fit(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) 
 
 
 def run_tables(
-    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, shot: ClipShot | None = None
-) -> tuple[Clip, Scene, Tracks, Fit]:
-    """Run the stages up to the tables, and publish these alone: video, recording and report take longer.
+    clip: Path,
+    folder: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    shot: ClipShot | None = None,
+    publishes: bool = True,
+) -> tuple[Clip, Scene, Tracks, Fit, str]:
+    """Run the stages up to the tables, and publish these alone: video, recording and report take longer, and stay.
 
     Args:
         clip: Path of the clip.
@@ -207,9 +214,10 @@ def run_tables(
         cache: The cache.
         watcher: Follows the run.
         shot: The shot of the clip to run; None for the whole clip.
+        publishes: Whether to write to the folder at all.
 
     Returns:
-        Clip, scene, tracks and fit.
+        Clip, scene, tracks, fit, and the digest of the tables.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
@@ -218,9 +226,11 @@ def run_tables(
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
-    publish_files(entries, folder)
-    write_source(clip, folder, options, shot)
-    return _load_fit(graph, entries, clip)
+    if publishes:
+        report_tables = find_report_tables(folder)
+        publish_files(entries, folder, keeps_older=True)
+        write_source(clip, folder, options, shot, report_tables)
+    return *_load_fit(graph, entries, clip), hash_tables(entries["export"].folder)
 
 
 def hash_clip(path: Path) -> str:
@@ -305,14 +315,14 @@ def run_clip(
         if "report" not in before:
             return
         publish_files(before, folder)
-        write_source(clip, folder, options, shot)
+        write_source(clip, folder, options, shot, hash_tables(folder))
         if answer_listener is not None and not is_answered:
             answer_listener(_summarize_run(folder, stages, before, notes))
         is_answered = True
 
     entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
-    write_source(clip, folder, options, shot)
+    write_source(clip, folder, options, shot, hash_tables(folder))
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
@@ -409,20 +419,22 @@ def require_clip_not_overwritten(clip: Path, folder: Path) -> None:
                 raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
 
 
-def publish_files(entries: Mapping[str, CacheEntry], folder: Path) -> None:
+def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: bool = False) -> None:
     """Copy the files of a run from the cache to a folder, each atomically.
 
-    Where a table changes, files of later stages that are not there yet are removed: they show another result.
+    Files of later stages that are not there yet are removed where they were made of other tables.
 
     Args:
         entries: Cache entries of the finished stages by name.
         folder: Folder of the results.
+        keeps_older: Whether such files stay.
     """
+    is_older = "export" in entries and find_report_tables(folder) != hash_tables(entries["export"].folder)
     folder.mkdir(parents=True, exist_ok=True)
     sources = {name: entries[stage].folder / name for stage, names in STAGE_FILES.items() if stage in entries
                for name in names}  # fmt: skip
     changed = [name for name, source in sources.items() if not _is_published(source, folder / name)]
-    if not set(changed).isdisjoint(STAGE_FILES["export"]):
+    if is_older and not keeps_older:
         for names in STAGE_FILES.values():
             for name in set(names) - sources.keys():
                 (folder / name).unlink(missing_ok=True)
@@ -439,7 +451,42 @@ def _is_published(source: Path, target: Path) -> bool:
         return False
 
 
-def write_source(clip: Path, folder: Path, options: RunOptions, shot: ClipShot | None = None) -> None:
+def hash_tables(folder: Path) -> str:
+    """Hash the tables of a run.
+
+    Args:
+        folder: Folder with the tables.
+
+    Returns:
+        SHA-256 as hexadecimal digits; empty where a table is missing.
+    """
+    digest = hashlib.sha256()
+    try:
+        for name in STAGE_FILES["export"]:
+            with (folder / name).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+def find_report_tables(folder: Path) -> str:
+    """Find the tables that video, report and recording of a run folder were made of.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        Digest of these tables; of those in the folder where it notes none.
+    """
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return str(json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))["report_tables"])
+    return hash_tables(folder)
+
+
+def write_source(
+    clip: Path, folder: Path, options: RunOptions, shot: ClipShot | None = None, report_tables: str = ""
+) -> None:
     """Write the path of the clip and the settings of the run into its folder.
 
     `trueroll call` needs the frames of the clip, and `trueroll edit` runs it again with the same settings.
@@ -449,12 +496,14 @@ def write_source(clip: Path, folder: Path, options: RunOptions, shot: ClipShot |
         folder: Folder of the results.
         options: Options of the run without its corrections. That the video was left out is not noted.
         shot: The shot of the clip; None for the whole clip.
+        report_tables: Digest of the tables that video, report and recording in the folder were made of; empty for none.
     """
     settings = list_changed_values(replace(options, render=replace(options.render, no_video=False)))
     part: dict[str, Any] = (
         {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
     )
     part |= {"settings": settings} if settings else {}
+    part |= {"report_tables": report_tables} if report_tables else {}
     text = json.dumps({"path": str(clip.absolute()), **part})
     with suppress(OSError):
         if (folder / SOURCE_FILE).read_text(encoding="utf-8") == text:

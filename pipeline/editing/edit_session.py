@@ -10,7 +10,7 @@ from typing import Any, Literal
 from models.core.by_hand.corrections import Corrections
 from models.core.progress import Progress
 from pipeline.batch.long_clip import read_recording_shot
-from pipeline.chain import run_clip, run_tables
+from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.editing.training_export import export_training_data
@@ -21,7 +21,7 @@ from pipeline.io.by_hand.corrections_file import (
     read_corrections,
     write_corrections,
 )
-from pipeline.reporting.text.correction_sentences import format_corrections
+from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import (
     CORRECTED_SETTINGS,
@@ -61,8 +61,8 @@ class EditStatus:
     """Finished share of it, 0 to 1."""
     error: str
     """Why the run of the present corrections failed; empty if it did not."""
-    note: str
-    """What was finished last, as a sentence."""
+    outputs: str
+    """Whether video, report and recording in the folder are of the shown events: current, older or missing."""
     can_undo: bool
     can_redo: bool
 
@@ -86,7 +86,9 @@ class EditSession:
         self._redo: list[Corrections] = []
         self._run: ClipRun | None = None
         self._view: dict[str, Any] | None = None
-        self._result, self._stage, self._share, self._error, self._note = -1, "", 0.0, "", ""
+        self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
+        self._outputs, self._notice = "missing", ""
+        self._first_revision = self._file.revision
         self._wanted: Literal["", "tables", "all"] = "tables"
         self._is_closed = False
         self._frames: FrameImages | None = None
@@ -98,7 +100,7 @@ class EditSession:
         """What the page asks for again and again."""
         with self._lock:
             return EditStatus(
-                self._file.revision, self._result, self._stage, self._share, self._error, self._note,
+                self._file.revision, self._result, self._stage, self._share, self._error, self._outputs,
                 bool(self._undo), bool(self._redo),
             )  # fmt: skip
 
@@ -111,6 +113,7 @@ class EditSession:
                 "result": self._result,
                 "corrections": describe_corrections(self._file.corrections),
                 "set_by_hand": format_corrections(self._file.corrections),
+                "notice": self._notice,
                 "run": self._view,
             }
 
@@ -161,7 +164,7 @@ class EditSession:
     def finish(self) -> None:
         """Write all files of the run, with video and report."""
         with self._lock:
-            self._wanted, self._note = "all", ""
+            self._wanted = "all"
             self._lock.notify_all()
 
     def export(self) -> str:
@@ -218,7 +221,7 @@ class EditSession:
 
     def _request(self) -> None:
         """Ask the worker for a run of the present corrections."""
-        self._wanted, self._error, self._note = "tables", "", ""
+        self._wanted, self._error = "tables", ""
         self._lock.notify_all()
 
     def _work(self) -> None:
@@ -230,29 +233,41 @@ class EditSession:
                 if self._is_closed:
                     return
                 wanted, self._wanted = self._wanted, ""
-                revision, before = self._file.revision, self._run
+                revision, before, options = self._file.revision, self._run, self._options
             watcher = _SessionWatcher(self._note_progress)
             try:
                 if wanted == "all":
                     shot = self._read_shot(watcher)
-                    run_clip(self.edited.path, self.edited.folder, self._options, self._cache, watcher, shot=shot)
-                    self._show(None, revision, "Video, report and recording are up to date.")
+                    run_clip(self.edited.path, self.edited.folder, options, self._cache, watcher, shot=shot)
+                    self._show(None, revision)
                 else:
-                    self._show(self._run_tables(watcher, before), revision, "")
+                    self._show(self._run_tables(watcher, options, before, revision), revision)
             except SupersededError:
                 continue
             except Exception as error:  # no error of a run may end the session
                 self._fail(format_error(error), revision)
 
-    def _run_tables(self, watcher: _SessionWatcher, before: ClipRun | None) -> tuple[ClipRun, dict[str, Any]]:
-        """Run the stages up to the tables and describe the result."""
+    def _run_tables(
+        self, watcher: _SessionWatcher, options: RunOptions, before: ClipRun | None, revision: int
+    ) -> tuple[ClipRun, dict[str, Any]]:
+        """Run the stages up to the tables and describe the result; before the first correction the folder stays."""
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
-        run = ClipRun(*run_tables(path, folder, self._options, self._cache, watcher, shot))
+        tables = hash_tables(folder)
+        publishes = not tables or revision != self._first_revision
+        run = ClipRun(*run_tables(path, folder, options, self._cache, watcher, shot, publishes))
+        if not publishes and run.tables != tables:
+            self._notice = format_recomputed(str(folder), watcher.ran)
         if self._frames is None:
             frames = FrameImages(run.clip)
             with self._lock:
                 self._frames = frames
         return run, describe_run(run, self.edited.first or 0, before)
+
+    def _assess_outputs(self, run: ClipRun) -> str:
+        """Assess whether video, report and recording in the folder are of a run: current, older or missing."""
+        if not all((self.edited.folder / name).exists() for name in (*STAGE_FILES["report"], *STAGE_FILES["record"])):
+            return "missing"
+        return "current" if find_report_tables(self.edited.folder) == run.tables else "older"
 
     def _read_shot(self, watcher: _SessionWatcher) -> ClipShot | None:
         """Read the shot of a recording; None for a whole clip."""
@@ -262,9 +277,11 @@ class EditSession:
         number = int("".join(filter(str.isdigit, self.edited.folder.name)) or 1) - 1
         return read_recording_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
 
-    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int, note: str) -> None:
+    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int) -> None:
+        run = self._run if result is None else result[0]
+        outputs = "missing" if run is None else self._assess_outputs(run)
         with self._lock:
-            self._stage, self._share, self._note = "", 0.0, note
+            self._stage, self._share, self._outputs = "", 0.0, outputs
             if result is not None:
                 (self._run, self._view), self._result = result, revision
 
@@ -288,6 +305,8 @@ class _SessionWatcher:
 
     def __init__(self, note: Callable[[str, float], None]) -> None:
         self._note = note
+        self.ran: list[str] = []
+        """Names of the stages whose result was not cached."""
 
     def start_stage(self, stage: str) -> Progress:
         """Note that a stage begins."""
@@ -297,3 +316,4 @@ class _SessionWatcher:
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
         """Note that a stage is done."""
         self._note(stage, 1.0)
+        self.ran += [] if cached else [stage]

@@ -42,6 +42,8 @@ class ClipRun:
     scene: Scene
     tracks: Tracks
     fit: Fit
+    tables: str = ""
+    """Digest of its tables."""
 
 
 def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str, Any]:

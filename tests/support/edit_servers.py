@@ -25,6 +25,8 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.run_options import RunOptions
 
 DEFAULT_OPTIONS = RunOptions()
+SHOWN_TABLES = "ab" * 32
+"""Digest of the tables of the made-up run."""
 
 
 @contextmanager
@@ -44,19 +46,22 @@ def serve(clip: Path, folder: Path, options: RunOptions, cache: Path) -> Iterato
 
 @contextmanager
 def serve_synthetic_run(
-    folder: Path, options: RunOptions = DEFAULT_OPTIONS, honoured: list[RunOptions] | None = None
+    folder: Path, options: RunOptions = DEFAULT_OPTIONS, runs: list[tuple[RunOptions, bool]] | None = None
 ) -> Iterator[EditServer]:
-    """Serve the editor of a made-up run, which no correction changes; list the options of every run."""
+    """Serve the editor of a made-up run, which no correction changes.
+
+    `runs` lists the options of every run, and whether it publishes its tables.
+    """
     clip = shot.write_clip(folder / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
     fit = shot.make_unsure_fit(tracks.t)
     run = (replace(clip, path=folder / "shot.mp4"), scene, tracks, fit)
 
-    def run_tables(clip: Path, _: Path, own: RunOptions, *__: object) -> tuple[object, ...]:
-        if honoured is not None:
-            honoured.append(honour_corrections(clip, "", own))
-        return run
+    def run_tables(clip: Path, _: Path, own: RunOptions, *rest: Any) -> tuple[object, ...]:
+        if runs is not None:
+            runs.append((honour_corrections(clip, "", own), rest[-1]))
+        return *run, SHOWN_TABLES
 
     with (
         patch.object(edit_session, "run_tables", run_tables),

@@ -69,6 +69,7 @@ async function load() {
   page.state = await answer.json();
   page.corners = null;
   render(before?.run == null && page.state.run != null);
+  if (page.state.notice && page.state.notice !== before?.notice) showMessage(page.state.notice);
 }
 
 async function poll() {
@@ -85,15 +86,16 @@ async function poll() {
 }
 
 function showStatus(status) {
-  page.firstRevision ??= status.revision;
   const words = { read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls",
-    place: "Measuring placed balls", track: "Tracking balls", fit: "Fitting the motion", export: "Writing the tables",
+    place: "Measuring placed balls", track: "Tracking balls", motion: "Fitting the motion", fit: "Fitting the whole shot", poster: "Drawing the poster",
+    page: "Writing the report", export: "Writing the tables",
     render: "Rendering the slow motion", record: "Writing the recording", report: "Writing the report",
     forecast: "Forecasting" };
+  const outputs = { current: "Events, video and report are up to date", older: "Events are up to date; video and report are older",
+    missing: "Events are up to date; there is no report yet" };
   const runs = status.stage || status.result !== status.revision && !status.error;
   $("progress-text").textContent = status.stage ? `${words[status.stage] ?? status.stage} …`
-    : runs ? "Starting …" : status.error ? "The run failed" : status.note
-    || (status.revision === page.firstRevision ? "Events are up to date" : "Events are up to date; video and report are older");
+    : runs ? "Starting …" : status.error ? "The run failed" : outputs[status.outputs];
   const bar = $("progress");
   if (runs && !status.share) bar.removeAttribute("value");
   else bar.value = runs ? status.share : 1;

@@ -60,6 +60,23 @@ def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
     return tuple(sentence for one in outcomes if (sentence := _format_outcome(one)))
 
 
+def format_recomputed(folder: str, stages: Sequence[str]) -> str:
+    """Format that the editor of a run starts with other events than its folder holds.
+
+    Args:
+        folder: The run folder.
+        stages: Stages that were not cached.
+
+    Returns:
+        Sentences.
+    """
+    how = f"Ran again: {', '.join(stages)}" if stages else "They come from the cache"
+    return (
+        f"These events differ from those in {folder}: its options, its corrections or the program have changed. {how}."
+        " The folder stays as it is until you correct something; video and report stay until you update them."
+    )
+
+
 def _format_track_edit(edit: TrackEdit) -> str:
     """Format an edit of tracks as a phrase."""
     ball, place = edit.ball.id or "a ball", _format_place(edit.ball)
