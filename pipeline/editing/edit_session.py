@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from models.core.by_hand.corrections import Corrections
 from models.core.progress import Progress
+from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.batch.long_clip import read_recording_shot
 from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
@@ -107,12 +108,14 @@ class EditSession:
     def describe(self) -> dict[str, Any]:
         """Describe corrections and run for the page."""
         with self._lock:
+            corrections, run = self._file.corrections, self._run
+            present = corrections if run is None else update_ball_names(corrections, run.tracks, self.edited.first or 0)
             return {
                 "name": self.edited.name,
                 "revision": self._file.revision,
                 "result": self._result,
-                "corrections": describe_corrections(self._file.corrections),
-                "set_by_hand": format_corrections(self._file.corrections),
+                "corrections": describe_corrections(corrections),
+                "set_by_hand": format_corrections(present),
                 "notice": self._notice,
                 "run": self._view,
             }
@@ -234,6 +237,7 @@ class EditSession:
                     return
                 wanted, self._wanted = self._wanted, ""
                 revision, before, options = self._file.revision, self._run, self._options
+                corrections = self._file.corrections
             watcher = _SessionWatcher(self._note_progress)
             try:
                 if wanted == "all":
@@ -241,16 +245,16 @@ class EditSession:
                     run_clip(self.edited.path, self.edited.folder, options, self._cache, watcher, shot=shot)
                     self._show(None, revision)
                 else:
-                    self._show(self._run_tables(watcher, options, before, revision), revision)
+                    run = self._run_tables(watcher, options, revision)
+                    view = describe_run(run, self.edited.first or 0, before, corrections)
+                    self._show((run, view), revision)
             except SupersededError:
                 continue
             except Exception as error:  # no error of a run may end the session
                 self._fail(format_error(error), revision)
 
-    def _run_tables(
-        self, watcher: _SessionWatcher, options: RunOptions, before: ClipRun | None, revision: int
-    ) -> tuple[ClipRun, dict[str, Any]]:
-        """Run the stages up to the tables and describe the result; before the first correction the folder stays."""
+    def _run_tables(self, watcher: _SessionWatcher, options: RunOptions, revision: int) -> ClipRun:
+        """Run the stages up to the tables; before the first correction the folder stays as it is."""
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
@@ -261,7 +265,7 @@ class EditSession:
             frames = FrameImages(run.clip)
             with self._lock:
                 self._frames = frames
-        return run, describe_run(run, self.edited.first or 0, before)
+        return run
 
     def _assess_outputs(self, run: ClipRun) -> str:
         """Assess whether video, report and recording in the folder are of a run: current, older or missing."""

@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 from support import synthetic_run as shot
 
 import pipeline.editing.edit_session as edit_session
+from models.core.shot_explanation import MarkOutcome
 from pipeline.chain import hash_clip, honour_corrections
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.edit_session import EditSession
@@ -46,16 +47,19 @@ def serve(clip: Path, folder: Path, options: RunOptions, cache: Path) -> Iterato
 
 @contextmanager
 def serve_synthetic_run(
-    folder: Path, options: RunOptions = DEFAULT_OPTIONS, runs: list[tuple[RunOptions, bool]] | None = None
+    folder: Path,
+    options: RunOptions = DEFAULT_OPTIONS,
+    runs: list[tuple[RunOptions, bool]] | None = None,
+    outcomes: tuple[MarkOutcome, ...] = (),
 ) -> Iterator[EditServer]:
     """Serve the editor of a made-up run, which no correction changes.
 
-    `runs` lists the options of every run, and whether it publishes its tables.
+    `runs` lists the options of every run, and whether it publishes its tables; `outcomes` are those of its marks.
     """
     clip = shot.write_clip(folder / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
-    fit = shot.make_unsure_fit(tracks.t)
+    fit = replace(shot.make_unsure_fit(tracks.t), mark_outcomes=outcomes)
     run = (replace(clip, path=folder / "shot.mp4"), scene, tracks, fit)
 
     def run_tables(clip: Path, _: Path, own: RunOptions, *rest: Any) -> tuple[object, ...]:

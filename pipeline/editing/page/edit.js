@@ -292,7 +292,7 @@ function render(isFirst) {
     return tick;
   }));
   fill($("changes"), [
-    ...shown.contradictions.map((text) => element("li", { className: "against", textContent: text })),
+    ...shown.contradictions.map(listContradiction),
     ...shown.changes.map((one) => element("li", { className: one.kind, textContent: one.text })),
   ], state.revision ? "The events and calls are the same as before." : "Nothing yet: correct something in the clip.");
   fill($("checks"), shown.checks.map((one, k) => entry([["when", `${one.t.toFixed(2)} s`], ["", one.reason]],
@@ -316,6 +316,14 @@ function render(isFirst) {
   show(page.row);
   renderSelection();
   if (!page.ask) hint("");
+}
+
+function listContradiction({ text, contact }) {
+  const line = element("li", { className: "against" });
+  line.append(element("span", { textContent: `${text} ` }));
+  const mark = page.state.corrections.contacts?.[contact];
+  if (isUpToDate() && mark) line.append(makeButton("Remove", `Remove the correction: ${text}`, () => change((c) => dropContact(c, mark))));
+  return line;
 }
 
 const isSameEvent = (one, two) => one.kind === two.kind && one.a === two.a && one.b === two.b && Math.abs(one.frame - two.frame) < NEAR_FRAMES;
@@ -464,20 +472,34 @@ const BALL_ACTIONS = {
   split: { key: "s", text: "Is another ball from here", run: (id) => change((c) => add(c, "tracks", { kind: "split", ball: placeOf(id), first: frame() })) },
   contact: { key: "c", text: "Touches … here", run: (id) => ask({ balls: true, cushions: true, text: `Click the ball or cushion that ${id} touches at frame ${frame()}`,
     done: ({ ball, cushion }) => { const at = frame(); const one = placeOf(id); const two = ball && placeOf(ball);
-      finishQuestion((c) => add(c, "contacts", ball ? { kind: "mark", cause: "ball", frame: at, ball: one, other: two }
+      finishQuestion((c) => markContact(c, ball ? { kind: "mark", cause: "ball", frame: at, ball: one, other: two }
         : { kind: "mark", cause: "cushion", frame: at, ball: one, cushion })); } }) },
-  strike: { key: "k", text: "Is struck here", run: (id) => change((c) => add(c, "contacts", { kind: "mark", cause: "strike", frame: frame(), ball: placeOf(id) })) },
+  strike: { key: "k", text: "Is struck here", run: (id) => change((c) => markContact(c, { kind: "mark", cause: "strike", frame: frame(), ball: placeOf(id) })) },
   none: { key: "Delete", text: "Is no ball", danger: true, run: (id) => { page.ball = null;
     change((c) => add(c, "balls", { kind: "false", ball: placeOf(id) })); renderSelection(); } },
 };
+
+function dropContact(c, mark) {
+  c.contacts = c.contacts.filter((one) => JSON.stringify(one) !== JSON.stringify(mark));
+}
+
+function isSameContact(one, two) {
+  const bodies = (mark) => [nameAt(mark.ball), mark.other ? nameAt(mark.other) : mark.cushion].sort().join(" ");
+  return one.cause === two.cause && Math.abs((one.to_frame ?? one.frame) - two.frame) < NEAR_FRAMES && bodies(one) === bodies(two);
+}
+
+function markContact(c, mark) { // it replaces what was set by hand for the same contact, such as its deletion
+  c.contacts = (c.contacts ?? []).filter((one) => !isSameContact(one, mark));
+  add(c, "contacts", mark);
+}
 
 function deleteEvent(event) {
   const byHand = handMark(event);
   page.event = null;
   renderSelection();
   change((c) => {
-    if (byHand) c.contacts = c.contacts.filter((mark) => JSON.stringify(mark) !== JSON.stringify(byHand));
-    else add(c, "contacts", describeContact("delete", event));
+    if (byHand) dropContact(c, byHand);
+    if (byHand?.kind !== "mark") add(c, "contacts", byHand ? { ...byHand, kind: "delete", to_frame: undefined } : describeContact("delete", event));
   });
 }
 

@@ -8,19 +8,22 @@ from dataclasses import replace
 from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
+from models.core.tracks import Tracks
+from models.estimation.hand_marks.resolved_marks import update_ball_names
 
 
-def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
-    """Add notes on what was set by hand to a scene.
+def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> Scene:
+    """Add notes on what was set by hand to a scene, with the present names of the balls.
 
     Args:
         scene: Table and camera.
         corrections: What a person corrected.
+        tracks: Tracks of the balls.
 
     Returns:
         The scene with one more note per correction.
     """
-    notes = (f"set by hand: {phrase}" for phrase in format_corrections(corrections))
+    notes = (f"set by hand: {phrase}" for phrase in format_corrections(update_ball_names(corrections, tracks)))
     return replace(scene, notes=(*scene.notes, *notes))
 
 
