@@ -121,8 +121,8 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
         after: The later run.
 
     Returns:
-        Per difference its `kind`, added, removed, changed or call, and a `text`. A ball that is only called otherwise is
-        one difference.
+        Per difference its `kind`, added, removed, changed or call, and a `text`. A ball that is only called otherwise
+        is one difference.
     """
     changes = []
     old, new = before.scene.table, after.scene.table
@@ -135,9 +135,8 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
     events = before.fit.events
     a, b = (tuple(names.get(one, one) for one in column) for column in (events.a, events.b))
     calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}
-    return [
-        *changes, *compare_events(replace(events, a=a, b=b), after.fit.events), *compare_calls(calls, list_calls(after)),
-    ]  # fmt: skip
+    changes += compare_events(replace(events, a=a, b=b), after.fit.events)
+    return changes + compare_calls(calls, list_calls(after))
 
 
 def match_names(before: Tracks, after: Tracks) -> dict[str, str]:

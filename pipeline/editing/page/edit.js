@@ -283,7 +283,8 @@ function render(isFirst) {
   if (page.ball && !page.paths.has(page.ball)) page.ball = null;
   if (page.event) page.event = shown.events.find((one) => isSameEvent(one, page.event)) ?? null;
   $("trust-dot").className = `dot ${shown.trust.level}`;
-  $("trust-text").textContent = $("trust").title = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
+  $("trust-text").textContent = `trust ${shown.trust.level}`;
+  fill($("reasons"), shown.trust.reasons.map((text) => element("li", { textContent: text })), "There is no reason.");
   $("slider").max = frames().length - 1;
   const span = Math.max(frames().at(-1) - frames()[0], 1);
   $("ticks").replaceChildren(...shown.events.filter((one) => one.kind !== "rest").map((one) => {
