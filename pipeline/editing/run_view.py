@@ -130,8 +130,11 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
         changes.append(
             {"kind": "changed", "text": f"The table is {_format_table(new)} instead of {_format_table(old)}"}
         )
-    names = match_names(before.tracks, after.tracks)
+    matched = match_names(before.tracks, after.tracks)
+    names = {one: two for one, two in matched.items() if one != two}
     changes += [{"kind": "changed", "text": f"{one} is now called {two}"} for one, two in names.items()]
+    changes += [{"kind": "added", "text": f"a ball: {one}"} for one in after.tracks.ids if one not in matched.values()]
+    changes += [{"kind": "removed", "text": f"a ball: {one}"} for one in before.tracks.ids if one not in matched]
     events = before.fit.events
     a, b = (tuple(names.get(one, one) for one in column) for column in (events.a, events.b))
     calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}
@@ -140,21 +143,20 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
 
 
 def match_names(before: Tracks, after: Tracks) -> dict[str, str]:
-    """Match the balls of two runs of a clip that have different ids, by their places.
+    """Match the balls of two runs of a clip by their places.
 
     Args:
         before: Tracks of the earlier run.
         after: Tracks of the later run.
 
     Returns:
-        New id by old id, of the balls whose id differs.
+        Id in the later run by id in the earlier one, of the balls that both have.
     """
     _, one, two = np.intersect1d(before.frame, after.frame, return_indices=True)
     gap = np.linalg.norm(before.px[one][:, :, None] - after.px[two][:, None, :], axis=-1)
     is_same = gap < np.nan_to_num(before.radius_px[one])[:, :, None]
     rows, columns = linear_sum_assignment(is_same.sum(axis=0), maximize=True)
-    pairs = [(before.ids[i], after.ids[j]) for i, j in zip(rows, columns, strict=True) if is_same[:, i, j].any()]
-    return {old: new for old, new in pairs if old != new}
+    return {before.ids[i]: after.ids[j] for i, j in zip(rows, columns, strict=True) if is_same[:, i, j].any()}
 
 
 def _rename_words(text: str, names: dict[str, str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import synthetic_run as shot
 
@@ -49,6 +50,13 @@ def test_an_event_that_is_gone_is_named_as_the_ball_is_called_now(run: ClipRun) 
     changes = compare_runs(run, after)
     assert [one["kind"] for one in changes[:2]] == ["changed", "removed"]
     assert changes[1]["text"].startswith("0.500 s: cue hits the right cushion")
+
+
+def test_a_ball_that_is_no_longer_tracked_is_named(run: ClipRun) -> None:
+    gone = replace(run, tracks=replace(run.tracks, px=run.tracks.px + np.array([[0.0, 0.0], [60.0, 0.0]])))
+    assert [(one["kind"], one["text"]) for one in compare_runs(run, gone)][:2] == [
+        ("added", "a ball: red"), ("removed", "a ball: red"),
+    ]  # fmt: skip
 
 
 def test_the_same_run_has_no_changes(run: ClipRun) -> None:
