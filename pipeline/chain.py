@@ -304,7 +304,7 @@ def run_clip(
             if stages[name].output is not None
         }
     by_hand = len(format_corrections(corrected.corrections))
-    notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
+    notes: tuple[str, ...] = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     if overridden := list_overridden_flags(options, corrections):
         notes += (f"{', '.join(overridden)} of this command was used instead of what {corrections_path(clip)} sets",)
     is_answered = False

@@ -185,7 +185,8 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
     typed = list_changed_values(options)
     for name, value in _list_corrected_values(corrections).items():
         if name in typed:
-            corrections = replace(corrections, **{name: None})
+            unset: dict[str, Any] = {name: None}
+            corrections = replace(corrections, **unset)
         elif value is not None:
             try:
                 options = _replace_setting(options, name, value)

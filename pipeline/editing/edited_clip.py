@@ -66,7 +66,7 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
     try:
         noted = json.loads((target / SOURCE_FILE).read_text(encoding="utf-8"))
         path = Path(noted["path"])
-        span = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
+        first, stop = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
         settings = dict(noted.get("settings", {}))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"{target / SOURCE_FILE} does not name the clip of the run; run it again") from error
@@ -76,7 +76,7 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
     expected = (read_scene_document(target / "scene.json").get("clip") or {}).get("sha256", digest)
     if expected != digest:
         raise OptionError(f"{path} has changed since {target} was computed; run it again")
-    return EditedClip(path, target, digest, *span, settings)
+    return EditedClip(path, target, digest, first, stop, settings)
 
 
 def continue_run_options(edited: EditedClip, options: RunOptions) -> RunOptions:
