@@ -173,7 +173,7 @@ def _format_table(table: Table) -> str:
 def _list_contradictions(run: ClipRun, offset: int, corrections: Corrections) -> list[dict[str, Any]]:
     """List where the motion contradicts a contact that was set by hand: a `text`, and its number in the corrections."""
     contacts = update_ball_names(corrections, run.tracks, offset).contacts
-    listed = []
+    rows = []
     for outcome in run.fit.mark_outcomes:
         distances = []
         for number, mark in enumerate(contacts):
@@ -182,8 +182,8 @@ def _list_contradictions(run: ClipRun, offset: int, corrections: Corrections) ->
             if (mark.kind, mark.cushion) == (outcome.kind, outcome.cushion):
                 distances.append((names != set(outcome.balls), abs(t - outcome.t), number))
         contact = min(distances)[2] if distances else None
-        listed += [{"text": text, "contact": contact} for text in format_outcomes([outcome])]
-    return listed
+        rows += [{"text": text, "contact": contact} for text in format_outcomes([outcome])]
+    return rows
 
 
 def compare_events(before: Events, after: Events) -> list[dict[str, str]]:

@@ -469,8 +469,8 @@ def _identify_table(
         if options.table is None and prior is not None:
             notes, nominal = ("table and ball size are those of the profile",), prior.ball_size
     else:
-        seen = location.automatic or location
-        classification = classify_table(sizes, _find_pockets(seen, background), has_snooker_d(background, seen.corners))
+        own = location.automatic or location
+        classification = classify_table(sizes, _find_pockets(own, background), has_snooker_d(background, own.corners))
         table, warnings = classification.table, classification.warnings
         notes, nominal = (classification.note,), classification.estimate_ball_size()
     if options.ball_radius is not None:
