@@ -243,6 +243,7 @@ class EditSession:
                 if wanted == "all":
                     shot = self._read_shot(watcher)
                     run_clip(self.edited.path, self.edited.folder, options, self._cache, watcher, shot=shot)
+                    self._notice = ""
                     self._show(None, revision)
                 else:
                     run = self._run_tables(watcher, options, revision)
@@ -259,8 +260,8 @@ class EditSession:
         tables = hash_tables(folder)
         publishes = not tables or revision != self._first_revision
         run = ClipRun(*run_tables(path, folder, options, self._cache, watcher, shot, publishes))
-        if not publishes and run.tables != tables:
-            self._notice = format_recomputed(str(folder), watcher.ran)
+        differs = not publishes and run.tables != tables
+        self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""
         if self._frames is None:
             frames = FrameImages(run.clip)
             with self._lock:

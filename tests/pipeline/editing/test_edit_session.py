@@ -77,7 +77,7 @@ def test_a_start_with_other_events_says_so_and_writes_nothing(tmp_path: Path) ->
         )
         assert ask(server, "GET", "status")[1]["outputs"] == "older"
         ask(server, "PUT", "corrections", {"fps": "25"}, If_Match='"0"')
-        wait_for_result(server)
+        assert wait_for_result(server)["notice"] == ""
     assert [publishes for _, publishes in runs] == [False, True]
 
 
