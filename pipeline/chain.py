@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import filecmp
+import hashlib
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from models.core.by_hand.corrections import Corrections
 from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.errors import ClipError, OptionError
 from models.core.events import Events
@@ -30,7 +32,13 @@ from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from pipeline.run_options import RunOptions, apply_corrections, format_changed_settings
+from pipeline.run_options import (
+    RunOptions,
+    apply_corrections,
+    format_changed_settings,
+    list_changed_values,
+    list_overridden_flags,
+)
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
@@ -57,7 +65,7 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
 }
 """Files of a run folder by the stage that writes them; of two stages with the same file, the later one counts."""
 SOURCE_FILE = "source.json"
-"""File of a run folder that names the source clip."""
+"""File of a run folder that names the source clip and the settings of the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +135,13 @@ def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipS
     Raises:
         OptionError: The file cannot be used.
     """
+    return apply_corrections(options, _read_own_corrections(clip, digest, shot))
+
+
+def _read_own_corrections(clip: Path, digest: str, shot: ClipShot | None) -> Corrections:
+    """Read the corrections of a clip, or of one of its shots."""
     corrections = read_corrections(clip, digest).corrections
-    return apply_corrections(options, corrections if shot is None else corrections.extract_span(shot.first, shot.stop))
+    return corrections if shot is None else corrections.extract_span(shot.first, shot.stop)
 
 
 def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor) -> StageGraph:
@@ -184,9 +197,15 @@ def _load_fit(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) 
 
 
 def run_tables(
-    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, shot: ClipShot | None = None
-) -> tuple[Clip, Scene, Tracks, Fit]:
-    """Run the stages up to the tables, and publish these alone: video, recording and report take longer.
+    clip: Path,
+    folder: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    shot: ClipShot | None = None,
+    publishes: bool = True,
+) -> tuple[Clip, Scene, Tracks, Fit, str]:
+    """Run the stages up to the tables, and publish these alone: video, recording and report take longer, and stay.
 
     Args:
         clip: Path of the clip.
@@ -195,9 +214,10 @@ def run_tables(
         cache: The cache.
         watcher: Follows the run.
         shot: The shot of the clip to run; None for the whole clip.
+        publishes: Whether to write to the folder at all.
 
     Returns:
-        Clip, scene, tracks and fit.
+        Clip, scene, tracks, fit, and the digest of the tables.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
@@ -206,9 +226,11 @@ def run_tables(
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
-    publish_files(entries, folder)
-    write_source(clip, folder, shot)
-    return _load_fit(graph, entries, clip)
+    if publishes:
+        report_tables = find_report_tables(folder)
+        publish_files(entries, folder, keeps_older=True)
+        write_source(clip, folder, options, shot, report_tables)
+    return *_load_fit(graph, entries, clip), hash_tables(entries["export"].folder)
 
 
 def hash_clip(path: Path) -> str:
@@ -269,8 +291,9 @@ def run_clip(
     """
     require_unchanged = make_change_check(clip) if shot is None else shot.require_unchanged
     digest = hash_clip(clip) if shot is None else shot.whole.digest
-    options = honour_corrections(clip, digest, options, shot)
-    graph = _build_graph(clip, digest, options, shot, executor)
+    corrections = _read_own_corrections(clip, digest, shot)
+    corrected = apply_corrections(options, corrections)
+    graph = _build_graph(clip, digest, corrected, shot, executor)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
@@ -282,8 +305,10 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
-    by_hand = len(format_corrections(options.corrections))
-    notes = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
+    by_hand = len(format_corrections(corrected.corrections))
+    notes: tuple[str, ...] = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
+    if overridden := list_overridden_flags(options, corrections):
+        notes += (f"{', '.join(overridden)} of this command was used instead of what {corrections_path(clip)} sets",)
     is_answered = False
 
     def publish_answer(before: Mapping[str, CacheEntry]) -> None:
@@ -294,14 +319,14 @@ def run_clip(
         if "report" not in before:
             return
         publish_files(before, folder)
-        write_source(clip, folder, shot)
+        write_source(clip, folder, options, shot, hash_tables(folder))
         if answer_listener is not None and not is_answered:
             answer_listener(_summarize_run(folder, stages, before, notes))
         is_answered = True
 
     entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
-    write_source(clip, folder, shot)
+    write_source(clip, folder, options, shot, hash_tables(folder))
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
@@ -398,20 +423,22 @@ def require_clip_not_overwritten(clip: Path, folder: Path) -> None:
                 raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
 
 
-def publish_files(entries: Mapping[str, CacheEntry], folder: Path) -> None:
+def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: bool = False) -> None:
     """Copy the files of a run from the cache to a folder, each atomically.
 
-    Where a table changes, files of later stages that are not there yet are removed: they show another result.
+    Files of later stages that are not there yet are removed where they were made of other tables.
 
     Args:
         entries: Cache entries of the finished stages by name.
         folder: Folder of the results.
+        keeps_older: Whether such files stay.
     """
+    is_older = "export" in entries and find_report_tables(folder) != hash_tables(entries["export"].folder)
     folder.mkdir(parents=True, exist_ok=True)
     sources = {name: entries[stage].folder / name for stage, names in STAGE_FILES.items() if stage in entries
                for name in names}  # fmt: skip
     changed = [name for name, source in sources.items() if not _is_published(source, folder / name)]
-    if not set(changed).isdisjoint(STAGE_FILES["export"]):
+    if is_older and not keeps_older:
         for names in STAGE_FILES.values():
             for name in set(names) - sources.keys():
                 (folder / name).unlink(missing_ok=True)
@@ -428,15 +455,59 @@ def _is_published(source: Path, target: Path) -> bool:
         return False
 
 
-def write_source(clip: Path, folder: Path, shot: ClipShot | None = None) -> None:
-    """Write the path of the clip into the run folder; `trueroll call` needs its frames.
+def hash_tables(folder: Path) -> str:
+    """Hash the tables of a run.
+
+    Args:
+        folder: Folder with the tables.
+
+    Returns:
+        SHA-256 as hexadecimal digits; empty where a table is missing.
+    """
+    digest = hashlib.sha256()
+    try:
+        for name in STAGE_FILES["export"]:
+            with (folder / name).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+def find_report_tables(folder: Path) -> str:
+    """Find the tables that video, report and recording of a run folder were made of.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        Digest of these tables; of those in the folder where it notes none.
+    """
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return str(json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))["report_tables"])
+    return hash_tables(folder)
+
+
+def write_source(
+    clip: Path, folder: Path, options: RunOptions, shot: ClipShot | None = None, report_tables: str = ""
+) -> None:
+    """Write the path of the clip and the settings of the run into its folder.
+
+    `trueroll call` needs the frames of the clip, and `trueroll edit` runs it again with the same settings.
 
     Args:
         clip: Path of the clip.
         folder: Folder of the results.
+        options: Options of the run without its corrections. That the video was left out is not noted.
         shot: The shot of the clip; None for the whole clip.
+        report_tables: Digest of the tables that video, report and recording in the folder were made of; empty for none.
     """
-    part = {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
+    settings = list_changed_values(replace(options, render=replace(options.render, no_video=False)))
+    part: dict[str, Any] = (
+        {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
+    )
+    part |= {"settings": settings} if settings else {}
+    part |= {"report_tables": report_tables} if report_tables else {}
     text = json.dumps({"path": str(clip.absolute()), **part})
     with suppress(OSError):
         if (folder / SOURCE_FILE).read_text(encoding="utf-8") == text:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +23,8 @@ OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render", "forec
 """Stages with options, in the order of the help."""
 EXPERT_STAGES = ("track", "fit", "forecast")
 """Stages whose options are for researchers: the help shows them in a separate panel."""
+CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
+"""Settings that a person can correct; fields of `Corrections` have the same names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,13 +137,36 @@ def build_options(values: dict[str, Any]) -> RunOptions:
             continue
         value = _read_file_content(name, values[name])
         _require_in_range(setting, value)
-        for stage in setting.stages:
-            try:
-                changed = replace(getattr(options, stage), **{name: value})
-            except ValueError as error:
-                raise OptionError(f"{setting.flag} {value} cannot be used: {error}") from error
-            options = replace(options, **{stage: changed})
+        try:
+            options = _replace_setting(options, name, value)
+        except ValueError as error:
+            raise OptionError(f"{setting.flag} {value} cannot be used: {error}") from error
     return options
+
+
+def list_setting_values(options: RunOptions) -> dict[str, Any]:
+    """List the values of all settings as JSON values.
+
+    Args:
+        options: Options of all stages.
+
+    Returns:
+        Values by the name of the setting.
+    """
+    return {name: getattr(getattr(options, one.stages[0]), name) for name, one in list_settings().items()}
+
+
+def list_changed_values(options: RunOptions) -> dict[str, Any]:
+    """List the values of the settings that differ from their defaults.
+
+    Args:
+        options: Options of all stages.
+
+    Returns:
+        JSON values by the name of the setting.
+    """
+    settings = list_settings()
+    return {name: value for name, value in list_setting_values(options).items() if value != settings[name].default}
 
 
 def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptions:
@@ -151,30 +177,93 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
         corrections: What a person corrected.
 
     Returns:
-        The options with the corrections.
+        The options with the corrections that count.
 
     Raises:
         OptionError: A correction cannot be used.
     """
-    corners = corrections.corners
-    values = {
-        "corners": None if corners is None else ",".join(f"{value:g}" for corner in corners for value in corner),
-        "table": corrections.table,
-        "ball_radius": corrections.ball_radius,
-        "fps": corrections.fps,
-    }
-    for name, setting in list_settings().items():
-        if values.get(name) is None or any(
-            getattr(getattr(options, stage), name) != setting.default for stage in setting.stages
-        ):
-            continue
-        for stage in setting.stages:
+    typed = list_changed_values(options)
+    for name, value in _list_corrected_values(corrections).items():
+        if name in typed:
+            unset: dict[str, Any] = {name: None}
+            corrections = replace(corrections, **unset)
+        elif value is not None:
             try:
-                changed = replace(getattr(options, stage), **{name: values[name]})
+                options = _replace_setting(options, name, value)
             except ValueError as error:
-                raise OptionError(f"The corrections of the clip set {name} to {values[name]}: {error}") from error
-            options = replace(options, **{stage: changed})
+                raise OptionError(f"The corrections of the clip set {name} to {value}: {error}") from error
     return replace(options, corrections=corrections)
+
+
+def list_overridden_flags(options: RunOptions, corrections: Corrections) -> tuple[str, ...]:
+    """List the options of the command line that differ from corrections of the same setting.
+
+    Args:
+        options: Options of the command line.
+        corrections: What a person corrected.
+
+    Returns:
+        Flags such as `--corners`.
+    """
+    typed = _list_typed_corrections(options)
+    differs = {name: getattr(corrections, name) not in (None, value) for name, value in typed.items()}
+    return tuple(list_settings()[name].flag for name in typed if differs[name])
+
+
+def reset_settings(options: RunOptions, names: Collection[str] = CORRECTED_SETTINGS) -> RunOptions:
+    """Set settings to their defaults.
+
+    Args:
+        options: Options of all stages.
+        names: Names of the settings; by default those that a person can correct.
+
+    Returns:
+        The other options.
+    """
+    for name in names:
+        options = _replace_setting(options, name, list_settings()[name].default)
+    return options
+
+
+def start_corrections(options: RunOptions, corrections: Corrections) -> Corrections:
+    """Add the options that a person can correct to the corrections, where these do not set them.
+
+    Args:
+        options: Options with which a run or an editor started.
+        corrections: What a person corrected.
+
+    Returns:
+        The corrections to start from.
+    """
+    typed = _list_typed_corrections(options)
+    return replace(corrections, **{name: typed[name] for name in typed if getattr(corrections, name) is None})
+
+
+def _list_typed_corrections(options: RunOptions) -> dict[str, Any]:
+    """List the options that a person can correct as fields of `Corrections`; malformed corners are left to the run."""
+    typed = list_changed_values(options)
+    values = {name: typed[name] for name in CORRECTED_SETTINGS if name in typed}
+    if "corners" in values:
+        text = values.pop("corners")
+        with suppress(ValueError):
+            numbers = [float(number) for number in text.replace(";", ",").replace(" ", ",").split(",") if number]
+            corners = tuple(zip(numbers[::2], numbers[1::2], strict=True))
+            values["corners"] = Corrections(corners=corners).corners
+    return values
+
+
+def _list_corrected_values(corrections: Corrections) -> dict[str, Any]:
+    """List the values of `CORRECTED_SETTINGS` as settings; None where they were not corrected."""
+    corners = corrections.corners
+    text = None if corners is None else ",".join(f"{value:g}" for corner in corners for value in corner)
+    return {name: text if name == "corners" else getattr(corrections, name) for name in CORRECTED_SETTINGS}
+
+
+def _replace_setting(options: RunOptions, name: str, value: Any) -> RunOptions:
+    """Replace the value of a setting in all its stages."""
+    for stage in list_settings()[name].stages:
+        options = replace(options, **{stage: replace(getattr(options, stage), **{name: value})})
+    return options
 
 
 def use_growing_profile(options: RunOptions, path: Path) -> RunOptions:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.run_options import RunOptions, build_options, list_settings
+from pipeline.run_options import RunOptions, build_options
 
 MAX_TRIES = 3
 """Attempts for a clip whose process dies unexpectedly. Three deaths in a row are taken as a fault of the clip."""
@@ -61,18 +61,6 @@ class ClipJob:
         """Parse a job that `to_json` formatted."""
         parts = json.loads(text)
         return cls(**{**parts, "limits": ClipLimits(**parts["limits"])})
-
-
-def list_setting_values(options: RunOptions) -> dict[str, Any]:
-    """List the values of all settings as JSON values.
-
-    Args:
-        options: Options of all stages.
-
-    Returns:
-        Values by the name of the setting.
-    """
-    return {name: getattr(getattr(options, one.stages[0]), name) for name, one in list_settings().items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -161,11 +161,11 @@ def run_shots(
             ran.append(ShotOutcome(shot, None, format_error(error)))
     good = [one for one in ran if one.run is not None]
     if good:
-        _merge_tables(clip, good, folder)
+        _merge_tables(clip, good, folder, options)
     return ran
 
 
-def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path) -> None:
+def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path, options: RunOptions) -> None:
     """Write the merged tables, with frames and times of the recording, and a scene.json that lists the shots."""
     for name, offset in TIME_COLUMNS.items():
         with replace_file(folder / name) as path, path.open("w", encoding="utf-8", newline="") as file:
@@ -183,7 +183,7 @@ def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path) -> None:
     ]  # fmt: skip
     with replace_file(folder / "scene.json") as path:
         path.write_text(json.dumps(scene, indent=1, allow_nan=False), encoding="utf-8")
-    write_source(clip, folder)
+    write_source(clip, folder, options)
 
 
 def _read_shifted_lines(

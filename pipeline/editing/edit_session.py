@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from models.core.by_hand.corrections import Corrections
 from models.core.progress import Progress
+from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.batch.long_clip import read_recording_shot
-from pipeline.chain import run_clip, run_tables
+from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.editing.training_export import export_training_data
@@ -21,9 +22,15 @@ from pipeline.io.by_hand.corrections_file import (
     read_corrections,
     write_corrections,
 )
-from pipeline.reporting.text.correction_sentences import format_corrections
+from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.run_options import RunOptions, apply_corrections
+from pipeline.run_options import (
+    CORRECTED_SETTINGS,
+    RunOptions,
+    apply_corrections,
+    reset_settings,
+    start_corrections,
+)
 from pipeline.stages.shot_stages import ClipShot
 
 CLOSE_WAIT_S = 3.0
@@ -55,8 +62,8 @@ class EditStatus:
     """Finished share of it, 0 to 1."""
     error: str
     """Why the run of the present corrections failed; empty if it did not."""
-    note: str
-    """What was finished last, as a sentence."""
+    outputs: str
+    """Whether video, report and recording in the folder are of the shown events: current, older or missing."""
     can_undo: bool
     can_redo: bool
 
@@ -65,15 +72,24 @@ class EditSession:
     """The corrections of one clip and its runs; safe to use from several threads."""
 
     def __init__(self, edited: EditedClip, options: RunOptions, cache: ResultCache) -> None:
+        """Start the session and its first run.
+
+        Args:
+            edited: Clip and run folder.
+            options: Options of the run; those that a person can correct are what the corrections start from.
+            cache: The cache.
+        """
         self.edited = edited
         self._options, self._cache = options, cache
         self._lock = threading.Condition()
-        self._file = read_corrections(edited.path, edited.digest)
+        self._file = self._start_from(read_corrections(edited.path, edited.digest))
         self._undo: list[Corrections] = []
         self._redo: list[Corrections] = []
         self._run: ClipRun | None = None
         self._view: dict[str, Any] | None = None
-        self._result, self._stage, self._share, self._error, self._note = -1, "", 0.0, "", ""
+        self._result, self._stage, self._share, self._error = -1, "", 0.0, ""
+        self._outputs, self._notice = "missing", ""
+        self._first_revision = self._file.revision
         self._wanted: Literal["", "tables", "all"] = "tables"
         self._is_closed = False
         self._frames: FrameImages | None = None
@@ -85,19 +101,22 @@ class EditSession:
         """What the page asks for again and again."""
         with self._lock:
             return EditStatus(
-                self._file.revision, self._result, self._stage, self._share, self._error, self._note,
+                self._file.revision, self._result, self._stage, self._share, self._error, self._outputs,
                 bool(self._undo), bool(self._redo),
             )  # fmt: skip
 
     def describe(self) -> dict[str, Any]:
         """Describe corrections and run for the page."""
         with self._lock:
+            corrections, run = self._file.corrections, self._run
+            present = corrections if run is None else update_ball_names(corrections, run.tracks, self.edited.first or 0)
             return {
                 "name": self.edited.name,
                 "revision": self._file.revision,
                 "result": self._result,
-                "corrections": describe_corrections(self._file.corrections),
-                "set_by_hand": format_corrections(self._file.corrections),
+                "corrections": describe_corrections(corrections),
+                "set_by_hand": format_corrections(present),
+                "notice": self._notice,
                 "run": self._view,
             }
 
@@ -118,7 +137,7 @@ class EditSession:
             ConflictError: Somebody else has changed them since.
             OptionError: They cannot be used or written.
         """
-        apply_corrections(self._options, corrections)
+        apply_corrections(reset_settings(self._options), corrections)
         with self._lock:
             before = self._file.corrections
             self._write(corrections, revision)
@@ -148,7 +167,7 @@ class EditSession:
     def finish(self) -> None:
         """Write all files of the run, with video and report."""
         with self._lock:
-            self._wanted, self._note = "all", ""
+            self._wanted = "all"
             self._lock.notify_all()
 
     def export(self) -> str:
@@ -178,7 +197,7 @@ class EditSession:
         """Write corrections if `revision` is still that of the file; the caller holds the lock."""
         saved = read_corrections(self.edited.path, self.edited.digest)
         if saved.revision != self._file.revision:
-            self._file = saved
+            self._file = self._start_from(saved)
             self._undo.clear()
             self._redo.clear()
             self._request()
@@ -190,11 +209,22 @@ class EditSession:
         content = CorrectionsFile(revision + 1, self.edited.digest, corrections)
         write_corrections(self.edited.path, content)
         self._file = content
+        self._options = reset_settings(self._options)
         self._request()
+
+    def _start_from(self, saved: CorrectionsFile) -> CorrectionsFile:
+        """Return the content of the corrections file, with the options of the run where it does not set them.
+
+        The file beats these options; the first correction writes them to it, so that every correction can change them.
+        """
+        corrections = start_corrections(self._options, saved.corrections)
+        corrected = [name for name in CORRECTED_SETTINGS if getattr(saved.corrections, name) is not None]
+        self._options = reset_settings(self._options, corrected)
+        return replace(saved, corrections=corrections)
 
     def _request(self) -> None:
         """Ask the worker for a run of the present corrections."""
-        self._wanted, self._error, self._note = "tables", "", ""
+        self._wanted, self._error = "tables", ""
         self._lock.notify_all()
 
     def _work(self) -> None:
@@ -206,29 +236,43 @@ class EditSession:
                 if self._is_closed:
                     return
                 wanted, self._wanted = self._wanted, ""
-                revision, before = self._file.revision, self._run
+                revision, before, options = self._file.revision, self._run, self._options
+                corrections = self._file.corrections
             watcher = _SessionWatcher(self._note_progress)
             try:
                 if wanted == "all":
                     shot = self._read_shot(watcher)
-                    run_clip(self.edited.path, self.edited.folder, self._options, self._cache, watcher, shot=shot)
-                    self._show(None, revision, "Video, report and recording are up to date.")
+                    run_clip(self.edited.path, self.edited.folder, options, self._cache, watcher, shot=shot)
+                    self._notice = ""
+                    self._show(None, revision)
                 else:
-                    self._show(self._run_tables(watcher, before), revision, "")
+                    run = self._run_tables(watcher, options, revision)
+                    view = describe_run(run, self.edited.first or 0, before, corrections)
+                    self._show((run, view), revision)
             except SupersededError:
                 continue
             except Exception as error:  # no error of a run may end the session
                 self._fail(format_error(error), revision)
 
-    def _run_tables(self, watcher: _SessionWatcher, before: ClipRun | None) -> tuple[ClipRun, dict[str, Any]]:
-        """Run the stages up to the tables and describe the result."""
+    def _run_tables(self, watcher: _SessionWatcher, options: RunOptions, revision: int) -> ClipRun:
+        """Run the stages up to the tables; before the first correction the folder stays as it is."""
         path, folder, shot = self.edited.path, self.edited.folder, self._read_shot(watcher)
-        run = ClipRun(*run_tables(path, folder, self._options, self._cache, watcher, shot))
+        tables = hash_tables(folder)
+        publishes = not tables or revision != self._first_revision
+        run = ClipRun(*run_tables(path, folder, options, self._cache, watcher, shot, publishes))
+        differs = not publishes and run.tables != tables
+        self._notice = format_recomputed(str(folder), watcher.ran) if differs else ""
         if self._frames is None:
             frames = FrameImages(run.clip)
             with self._lock:
                 self._frames = frames
-        return run, describe_run(run, self.edited.first or 0, before)
+        return run
+
+    def _assess_outputs(self, run: ClipRun) -> str:
+        """Assess whether video, report and recording in the folder are of a run: current, older or missing."""
+        if not all((self.edited.folder / name).exists() for name in (*STAGE_FILES["report"], *STAGE_FILES["record"])):
+            return "missing"
+        return "current" if find_report_tables(self.edited.folder) == run.tables else "older"
 
     def _read_shot(self, watcher: _SessionWatcher) -> ClipShot | None:
         """Read the shot of a recording; None for a whole clip."""
@@ -238,9 +282,11 @@ class EditSession:
         number = int("".join(filter(str.isdigit, self.edited.folder.name)) or 1) - 1
         return read_recording_shot(self.edited.path, self._options, (first, stop), number, self._cache, watcher)
 
-    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int, note: str) -> None:
+    def _show(self, result: tuple[ClipRun, dict[str, Any]] | None, revision: int) -> None:
+        run = self._run if result is None else result[0]
+        outputs = "missing" if run is None else self._assess_outputs(run)
         with self._lock:
-            self._stage, self._share, self._note = "", 0.0, note
+            self._stage, self._share, self._outputs = "", 0.0, outputs
             if result is not None:
                 (self._run, self._view), self._result = result, revision
 
@@ -264,6 +310,8 @@ class _SessionWatcher:
 
     def __init__(self, note: Callable[[str, float], None]) -> None:
         self._note = note
+        self.ran: list[str] = []
+        """Names of the stages whose result was not cached."""
 
     def start_stage(self, stage: str) -> Progress:
         """Note that a stage begins."""
@@ -273,3 +321,4 @@ class _SessionWatcher:
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
         """Note that a stage is done."""
         self._note(stage, 1.0)
+        self.ran += [] if cached else [stage]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import threading
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ import numpy as np
 from models.core.errors import OptionError, TruerollError
 from pipeline.chain import SOURCE_FILE, default_run_folder, hash_clip
 from pipeline.io.run_folder import read_scene_document
+from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
 
 JPEG_QUALITY = 88
@@ -34,6 +37,8 @@ class EditedClip:
     """First frame of the shot in the recording; None for a whole clip."""
     stop: int | None = None
     """Frame after its last."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the run that differ from their defaults, by name; empty for a folder that does not note them."""
 
     @property
     def name(self) -> str:
@@ -61,7 +66,8 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
     try:
         noted = json.loads((target / SOURCE_FILE).read_text(encoding="utf-8"))
         path = Path(noted["path"])
-        span = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
+        first, stop = (int(noted["first"]), int(noted["stop"])) if "first" in noted else (None, None)
+        settings = dict(noted.get("settings", {}))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"{target / SOURCE_FILE} does not name the clip of the run; run it again") from error
     if not path.exists():
@@ -70,7 +76,26 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
     expected = (read_scene_document(target / "scene.json").get("clip") or {}).get("sha256", digest)
     if expected != digest:
         raise OptionError(f"{path} has changed since {target} was computed; run it again")
-    return EditedClip(path, target, digest, *span)
+    return EditedClip(path, target, digest, first, stop, settings)
+
+
+def continue_run_options(edited: EditedClip, options: RunOptions) -> RunOptions:
+    """Continue with the settings of a run, except those that the editor was started with.
+
+    Args:
+        edited: The clip and the settings of its run.
+        options: Options of the editor.
+
+    Returns:
+        The options to run with.
+
+    Raises:
+        OptionError: The run folder notes settings that cannot be used.
+    """
+    try:
+        return build_options({**edited.settings, **list_changed_values(options)})
+    except (OptionError, TypeError, AttributeError) as error:
+        raise OptionError(f"{edited.folder / SOURCE_FILE} notes settings that cannot be used: {error}") from error
 
 
 class FrameImages:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
+from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit
-from models.core.scene import Game, Scene
+from models.core.scene import Game, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.contact_test.shot_record import make_shot_record
+from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.reporting.pages.run_report import answer_calls
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
@@ -42,15 +46,20 @@ class ClipRun:
     scene: Scene
     tracks: Tracks
     fit: Fit
+    tables: str = ""
+    """Digest of its tables."""
 
 
-def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str, Any]:
+def describe_run(
+    run: ClipRun, offset: int, before: ClipRun | None, corrections: Corrections = NO_CORRECTIONS
+) -> dict[str, Any]:
     """Describe a run for the page.
 
     Args:
         run: The run.
         offset: Frame of the recording at which the clip begins; all frames count from the recording's first.
         before: The run before the last correction; None for the first one.
+        corrections: Corrections of the run, with frames of the recording.
 
     Returns:
         JSON values.
@@ -82,10 +91,9 @@ def describe_run(run: ClipRun, offset: int, before: ClipRun | None) -> dict[str,
             for place in select_check_places(tracks, fit, scene.table)
         ],
         "trust": {"level": trust.level, "reasons": list(trust.reasons)},
-        "contradictions": list(format_outcomes(fit.mark_outcomes)),
+        "contradictions": _list_contradictions(run, offset, corrections),
         "calls": calls,
-        "changes": [] if before is None else [*compare_events(before.fit.events, fit.events),
-                                              *compare_calls(list_calls(before), calls)],
+        "changes": [] if before is None else compare_runs(before, run),
     }  # fmt: skip
 
 
@@ -103,6 +111,79 @@ def list_calls(run: ClipRun) -> dict[str, str]:
         return {}
     record = make_shot_record(run.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
     return {row.question: row.call for row in answer_calls(record)}
+
+
+def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
+    """Compare two runs of a clip: table, names, events and calls.
+
+    Args:
+        before: The earlier run.
+        after: The later run.
+
+    Returns:
+        Per difference its `kind`, added, removed, changed or call, and a `text`. A ball that is only called otherwise
+        is one difference.
+    """
+    changes = []
+    old, new = before.scene.table, after.scene.table
+    if (old.name, old.length, old.width) != (new.name, new.length, new.width):
+        changes.append(
+            {"kind": "changed", "text": f"The table is {_format_table(new)} instead of {_format_table(old)}"}
+        )
+    matched = match_names(before.tracks, after.tracks)
+    names = {one: two for one, two in matched.items() if one != two}
+    changes += [{"kind": "changed", "text": f"{one} is now called {two}"} for one, two in names.items()]
+    changes += [{"kind": "added", "text": f"a ball: {one}"} for one in after.tracks.ids if one not in matched.values()]
+    changes += [{"kind": "removed", "text": f"a ball: {one}"} for one in before.tracks.ids if one not in matched]
+    events = before.fit.events
+    a, b = (tuple(names.get(one, one) for one in column) for column in (events.a, events.b))
+    calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}
+    changes += compare_events(replace(events, a=a, b=b), after.fit.events)
+    return changes + compare_calls(calls, list_calls(after))
+
+
+def match_names(before: Tracks, after: Tracks) -> dict[str, str]:
+    """Match the balls of two runs of a clip by their places.
+
+    Args:
+        before: Tracks of the earlier run.
+        after: Tracks of the later run.
+
+    Returns:
+        Id in the later run by id in the earlier one, of the balls that both have.
+    """
+    _, one, two = np.intersect1d(before.frame, after.frame, return_indices=True)
+    gap = np.linalg.norm(before.px[one][:, :, None] - after.px[two][:, None, :], axis=-1)
+    is_same = gap < np.nan_to_num(before.radius_px[one])[:, :, None]
+    rows, columns = linear_sum_assignment(is_same.sum(axis=0), maximize=True)
+    return {before.ids[i]: after.ids[j] for i, j in zip(rows, columns, strict=True) if is_same[:, i, j].any()}
+
+
+def _rename_words(text: str, names: dict[str, str]) -> str:
+    """Replace names of balls in a text, all at once."""
+    if not names:
+        return text
+    return re.sub(rf"(?<![\w.-])({'|'.join(map(re.escape, names))})(?![\w-])", lambda word: names[word[0]], text)
+
+
+def _format_table(table: Table) -> str:
+    return f"{table.name}, {table.length:g} x {table.width:g} m"
+
+
+def _list_contradictions(run: ClipRun, offset: int, corrections: Corrections) -> list[dict[str, Any]]:
+    """List where the motion contradicts a contact that was set by hand: a `text`, and its number in the corrections."""
+    contacts = update_ball_names(corrections, run.tracks, offset).contacts
+    rows = []
+    for outcome in run.fit.mark_outcomes:
+        distances = []
+        for number, mark in enumerate(contacts):
+            names = {place.id for place in (mark.ball, mark.other) if place is not None}
+            t = float(np.interp(mark.at - offset, run.tracks.frame, run.tracks.t))
+            if (mark.kind, mark.cushion) == (outcome.kind, outcome.cushion):
+                distances.append((names != set(outcome.balls), abs(t - outcome.t), number))
+        contact = min(distances)[2] if distances else None
+        rows += [{"text": text, "contact": contact} for text in format_outcomes([outcome])]
+    return rows
 
 
 def compare_events(before: Events, after: Events) -> list[dict[str, str]]:

@@ -144,7 +144,7 @@ def write_scene(
         path: File to write.
         corrections: What a person corrected.
     """
-    table, trust, scene = scene.table, assess_run_trust(clip, fit), note_corrections(scene, corrections)
+    table, trust, scene = scene.table, assess_run_trust(clip, fit), note_corrections(scene, corrections, tracks)
     document = {
         "scene": "billiards",
         "units": "m",

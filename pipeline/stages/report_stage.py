@@ -77,6 +77,6 @@ def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress
     start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))
     files = ReportFiles(SLOW_FILE, drawn / "poster.png", options.slow, start)
     clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
-    scene = note_corrections(note_selection(scene, options.detect), options.corrections)
+    scene = note_corrections(note_selection(scene, options.detect), options.corrections, tracks)
     write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html",
                  inputs["forecast"].errors)  # fmt: skip

@@ -20,8 +20,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.chain import STAGE_FILES, publish_files
+from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, publish_files, write_source
 from pipeline.engine.result_cache import CacheEntry
+from pipeline.run_options import RunOptions
 from pipeline.terminal.search_display import COMPILING_NOTE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -229,6 +230,23 @@ def test_a_slow_motion_of_other_tables_is_removed_before_the_new_one_is_made(
     publish_files({"export": CacheEntry(made, "key", "export", "content", 0.0, 0, 0.0)}, folder)
     assert (folder / "slow.mp4").exists() == stays
     assert (folder / "events.csv").read_text() == events
+
+
+def test_corrected_tables_leave_the_slow_motion_until_the_next_whole_run(tmp_path: Path) -> None:
+    made, folder = tmp_path / "made", tmp_path / "run"
+    for place, text in ((made, "new"), (folder, "old")):
+        place.mkdir()
+        for name in STAGE_FILES["export"]:
+            (place / name).write_text(text)
+    (folder / "slow.mp4").write_text("of the old tables")
+    entries = {"export": CacheEntry(made, "key", "export", "content", 0.0, 0, 0.0)}
+    report_tables = find_report_tables(folder)
+    publish_files(entries, folder, keeps_older=True)
+    write_source(tmp_path / "clip.mp4", folder, RunOptions(), None, report_tables)
+    assert (folder / "slow.mp4").exists()
+    assert find_report_tables(folder) != hash_tables(folder) == hash_tables(made)
+    publish_files(entries, folder)
+    assert not (folder / "slow.mp4").exists()
 
 
 def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> None:

@@ -28,13 +28,13 @@ from support.planted_mistakes import (
 from support.sample_clips import SAMPLES
 
 from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
-from pipeline.batch.clip_job import ClipJob, list_setting_values
+from pipeline.batch.clip_job import ClipJob
 from pipeline.batch.clip_run import run_job
 from pipeline.chain import build_fit_graph, honour_corrections
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
-from pipeline.run_options import build_options
+from pipeline.run_options import apply_corrections, build_options, list_overridden_flags, list_setting_values
 
 
 def place(run: ClipRun, ball: str, frame: int) -> BallPlace:
@@ -98,6 +98,14 @@ def test_the_command_line_beats_the_file_and_the_file_beats_the_defaults(tmp_pat
     honoured = honour_corrections(clip, "ab", typed)
     assert (honoured.read.fps, honoured.calibrate.table, honoured.calibrate.ball_radius) == ("50", "pool-8ft", 0.0286)
     assert honour_corrections(tmp_path / "other.mp4", "ab", typed) == typed
+
+
+def test_what_the_command_line_beats_is_named_and_is_no_correction_of_the_run(tmp_path: Path) -> None:
+    corners = ((10.0, 10.0), (200.0, 10.0), (200.0, 100.0), (10.0, 100.0))
+    by_hand = Corrections(fps="25", table="pool-8ft", corners=corners)
+    typed = build_options({"table": "pool-9ft", "corners": "10,10, 200,10.0, 200,100, 10,100", "ball_radius": 0.03})
+    assert list_overridden_flags(typed, by_hand) == ("--table",)
+    assert apply_corrections(typed, by_hand).corrections == Corrections(fps="25")
 
 
 PLACE = BallPlace(3, 100.0, 50.0)

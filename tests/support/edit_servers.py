@@ -17,12 +17,17 @@ from urllib.parse import urlsplit
 from support import synthetic_run as shot
 
 import pipeline.editing.edit_session as edit_session
-from pipeline.chain import hash_clip
+from models.core.shot_explanation import MarkOutcome
+from pipeline.chain import hash_clip, honour_corrections
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.edit_session import EditSession
 from pipeline.editing.edited_clip import EditedClip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.run_options import RunOptions
+
+DEFAULT_OPTIONS = RunOptions()
+SHOWN_TABLES = "ab" * 32
+"""Digest of the tables of the made-up run."""
 
 
 @contextmanager
@@ -41,16 +46,30 @@ def serve(clip: Path, folder: Path, options: RunOptions, cache: Path) -> Iterato
 
 
 @contextmanager
-def serve_synthetic_run(folder: Path) -> Iterator[EditServer]:
-    """Serve the editor of a made-up run, which no correction changes."""
+def serve_synthetic_run(
+    folder: Path,
+    options: RunOptions = DEFAULT_OPTIONS,
+    runs: list[tuple[RunOptions, bool]] | None = None,
+    outcomes: tuple[MarkOutcome, ...] = (),
+) -> Iterator[EditServer]:
+    """Serve the editor of a made-up run, which no correction changes.
+
+    `runs` lists the options of every run, and whether it publishes its tables; `outcomes` are those of its marks.
+    """
     clip = shot.write_clip(folder / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
-    fit = shot.make_unsure_fit(tracks.t)
+    fit = replace(shot.make_unsure_fit(tracks.t), mark_outcomes=outcomes)
     run = (replace(clip, path=folder / "shot.mp4"), scene, tracks, fit)
+
+    def run_tables(clip: Path, _: Path, own: RunOptions, *rest: Any) -> tuple[object, ...]:
+        if runs is not None:
+            runs.append((honour_corrections(clip, "", own), rest[-1]))
+        return *run, SHOWN_TABLES
+
     with (
-        patch.object(edit_session, "run_tables", lambda *_: run),
-        serve(folder / "shot.mp4", folder / "out", RunOptions(), folder / "cache") as server,
+        patch.object(edit_session, "run_tables", run_tables),
+        serve(folder / "shot.mp4", folder / "out", options, folder / "cache") as server,
     ):
         ask(server, "GET", "status")
         wait_for_result(server)

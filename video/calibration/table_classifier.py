@@ -35,7 +35,7 @@ SURE_PROBABILITY = 0.9
 """Probability of a preset below which the alternatives are reported to the user."""
 MIN_ALTERNATIVE_PROBABILITY = 0.05
 """Smallest probability of a reported alternative."""
-ALTERNATIVES_PREFIX = "The table could also be "
+ALTERNATIVES_PREFIX = "The table size is a guess: it could also be "
 """First words of the warning about alternative tables."""
 D_TRUE_POSITIVE_RATE, D_FALSE_POSITIVE_RATE = 0.7, 0.02
 """Probability that a D is detected on a snooker table, and on another. Misses: no D on the cloth, lines too thin for a
@@ -77,12 +77,12 @@ def _ball_ratio(table: Table) -> float:
     return table.ball_radius / table.length
 
 
-def classify_table(sizes: BallSizes, pockets: bool, has_d: bool) -> TableClassification:
+def classify_table(sizes: BallSizes, pockets: bool | None, has_d: bool) -> TableClassification:
     """Classify a table by the size of its balls, its pockets and its marks (Bayes' rule over the presets).
 
     Args:
         sizes: measured ball radius relative to the length of the table.
-        pockets: whether the table has pockets.
+        pockets: whether the table has pockets; None where that could not be measured.
         has_d: whether its cloth shows the D of a snooker table.
 
     Returns:
@@ -97,9 +97,10 @@ def classify_table(sizes: BallSizes, pockets: bool, has_d: bool) -> TableClassif
     )
 
 
-def _explain_choice(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> str:
+def _explain_choice(table: Table, sizes: BallSizes, pockets: bool | None, has_d: bool) -> str:
     """Format the reasons for a preset as a sentence."""
-    reasons = ["it has pockets" if pockets else "it has no pockets"]
+    has_pockets = {True: "it has pockets", False: "it has no pockets", None: "its pockets could not be measured"}
+    reasons = [has_pockets[pockets]]
     if has_d:
         reasons.append("its cloth has a D")
     if sizes.count:
@@ -131,9 +132,9 @@ def _describe_difference(other: Table, table: Table) -> str:
     return f"every length and speed {abs(change)} % {'larger' if change > 0 else 'smaller'}"
 
 
-def _posterior_weight(table: Table, sizes: BallSizes, pockets: bool, has_d: bool) -> float:
+def _posterior_weight(table: Table, sizes: BallSizes, pockets: bool | None, has_d: bool) -> float:
     """Return prior times likelihood of a preset, not normalised."""
-    if table.pockets != pockets:
+    if pockets is not None and table.pockets != pockets:
         return 0.0
     detection_rate = D_TRUE_POSITIVE_RATE if table.game == "snooker" else D_FALSE_POSITIVE_RATE
     weight = TABLE_PRIOR[table.name] * (detection_rate if has_d else 1 - detection_rate)

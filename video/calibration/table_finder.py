@@ -41,6 +41,8 @@ GOOD_MISFIT = 8.0
 """Misfit below which other regions need not be examined."""
 UNSUPPORTED_COST = 20.0
 """Cost of a cloth without straight sides, in squared standard deviations."""
+MIN_POCKET_SHARE = 0.3
+"""Smallest share of the six pocket positions that differ from the cloth on a table with pockets."""
 MAX_LOST_SHARE = 0.1
 """Largest share of frames that may fail to register when the camera moves."""
 MIN_EXPECTED_NOSES = 3
@@ -48,6 +50,12 @@ MIN_EXPECTED_NOSES = 3
 parallel noses leave no room for another place, a single pair does."""
 USER_CORNER_SIGMA_PX = 2.0
 """px, standard deviation of corners given by the user."""
+SAME_TABLE_OVERLAP = 0.8
+"""Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the
+length leaves 0.9, and tables that stand side by side do not overlap."""
+CORNER_CONTRADICTION_SIGMAS = 6.0
+"""Standardized distance between a given and a measured corner above which they contradict: twice the usual three,
+because the errors of either are not normal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +68,13 @@ class TableLocation:
     cloth_colour: FloatArray
     outer_corners: FloatArray | None
     notes: tuple[str, ...]
+    visible_count: int = 0
+    """Number of noses that were detected; the others are inferred from them, or were given."""
     is_from_user: bool = False
     """Whether the user gave the corners."""
+    automatic: TableLocation | None = None
+    """The same table as located without the corners of the user, who says where it is, not which one; None where it is
+    not located, or the corners are those of another table."""
 
 
 def calibrate_clip(
@@ -306,6 +319,7 @@ def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:
         region.colour,
         _align_outer_corners(outer, corners),
         _edge_notes(noses),
+        sum(noses.is_visible),
     )
 
 
@@ -349,7 +363,46 @@ def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
         measure_median_colour(background, corners),
         None,
         ("corners were given by the user",),
-        True,
+        is_from_user=True,
+        automatic=_locate_same_table(background, corners),
+    )
+
+
+def _locate_same_table(image: ImageArray, corners: FloatArray) -> TableLocation | None:
+    """Locate the table of given corners (4, 2) without them; None where that fails or finds another table."""
+    try:
+        location = locate_table(image)
+    except TableNotFound:
+        return None
+    given, measured = (np.asarray(one, np.float32) for one in (corners, location.corners))
+    common, _ = cv2.intersectConvexConvex(given, measured)
+    united = cv2.contourArea(given) + cv2.contourArea(measured) - common
+    return location if common > SAME_TABLE_OVERLAP * united else None
+
+
+def _warn_of_corners(location: TableLocation, image: ImageArray) -> tuple[str, ...]:
+    """Warn where corners of the user contradict noses that are visible on all sides; empty where they do not.
+
+    A clear line near each given side speaks for the user: the noses may be another line beside it.
+    """
+    automatic = location.automatic
+    if automatic is None or automatic.visible_count < 4:
+        return ()
+    nearest = np.argmin(np.linalg.norm(location.corners[:, None] - automatic.corners, axis=2), axis=1)
+    difference = location.corners - automatic.corners[nearest]
+    order = (2 * nearest[:, None] + np.arange(2)).ravel()
+    covariance = location.covariance + automatic.covariance[np.ix_(order, order)]
+    blocks = np.stack([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(4)])
+    sigmas = np.sqrt(np.einsum("ki,kij,kj->k", difference, np.linalg.inv(blocks), difference))
+    near = find_noses_near(image, location.corners, location.covariance)
+    if sigmas.max() <= CORNER_CONTRADICTION_SIGMAS or (near is not None and all(near.is_visible)):
+        return ()
+    k = int(np.argmax(sigmas))
+    x, y = location.corners[k]
+    shift = float(np.linalg.norm(difference[k]))
+    return (
+        f"The given corner at {x:.0f}, {y:.0f} px is {shift:.0f} px from where the visible cushion noses meet:"
+        " check the corners of the table.",
     )
 
 
@@ -416,11 +469,8 @@ def _identify_table(
         if options.table is None and prior is not None:
             notes, nominal = ("table and ball size are those of the profile",), prior.ball_size
     else:
-        pockets = (
-            location.outer_corners is None
-            or measure_pocket_share(background, location.outer_corners, location.corners, location.cloth_colour) > 0.3
-        )
-        classification = classify_table(sizes, pockets, has_snooker_d(background, location.corners))
+        own = location.automatic or location
+        classification = classify_table(sizes, _find_pockets(own, background), has_snooker_d(background, own.corners))
         table, warnings = classification.table, classification.warnings
         notes, nominal = (classification.note,), classification.estimate_ball_size()
     if options.ball_radius is not None:
@@ -428,11 +478,20 @@ def _identify_table(
         nominal = estimate_typed_ball_size(options.ball_radius)
     apparent = sizes.estimate_ball_size(table)
     estimates = (nominal,) if apparent is None else (nominal, apparent)
+    warnings += _warn_of_corners(location, background)
     warnings += tuple(format_contradiction(*pair, table.name) for pair in find_contradictions(estimates))
     radius = combine_ball_sizes(estimates).radius
     if radius != table.ball_radius:
         table = replace_ball_radius(table, radius)
     return table, estimates, (*notes, *warnings), warnings
+
+
+def _find_pockets(location: TableLocation, background: ImageArray) -> bool | None:
+    """Find out whether a table has pockets; None where the outer edge of its cloth is not located."""
+    outer = location.outer_corners
+    if outer is None:
+        return None
+    return measure_pocket_share(background, outer, location.corners, location.cloth_colour) > MIN_POCKET_SHARE
 
 
 def _build_table_camera(location: TableLocation, background: ImageArray, table: Table) -> Camera:

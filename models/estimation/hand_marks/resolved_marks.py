@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from models.core.by_hand.corrections import PLACE_RADII, BallPlace, ContactCorrection
+from models.core.by_hand.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 
@@ -15,6 +16,7 @@ TIME_FRAMES = 2.5
 """Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
 fit may place it one further."""
 NO_BALL = -1
+Named = TypeVar("Named", ContactCorrection, TrackEdit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,31 @@ def find_tracked_ball(tracks: Tracks, place: BallPlace) -> int | None:
         if distance < best:
             best, number = distance, ball
     return number
+
+
+def update_ball_names(corrections: Corrections, tracks: Tracks, first: int = 0) -> Corrections:
+    """Replace the ids in corrections by those that the balls have now, where a correction names balls that exist.
+
+    A renamed, joined or split ball keeps the id that it had: the correction is about that id.
+
+    Args:
+        corrections: What a person corrected, with frames of the recording.
+        tracks: Tracks of N balls over T frames.
+        first: Frame of the recording at which the tracks begin.
+
+    Returns:
+        The corrections with ids of `tracks`.
+    """
+
+    def update(place: BallPlace) -> BallPlace:
+        ball = find_tracked_ball(tracks, replace(place, frame=place.frame - first)) if place.frame >= first else None
+        return place if ball is None else replace(place, id=tracks.ids[ball])
+
+    def update_both(one: Named) -> Named:
+        return replace(one, ball=update(one.ball), other=None if one.other is None else update(one.other))
+
+    edits = tuple(update_both(one) if one.kind in ("class", "swap") else one for one in corrections.tracks)
+    return replace(corrections, tracks=edits, contacts=tuple(update_both(one) for one in corrections.contacts))
 
 
 def describe_outcome(

@@ -19,7 +19,7 @@ from pipeline.chain import require_writable_folder
 from pipeline.engine.atomic_write import remove_leftovers
 from pipeline.engine.process_setup import available_cores
 from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, list_setting_values
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -78,7 +78,7 @@ def batch(
     """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
     from pipeline.batch.batch_display import BatchDisplay
     from pipeline.batch.clip_discovery import find_clips, order_largest_first
-    from pipeline.batch.clip_job import ClipLimits, list_setting_values
+    from pipeline.batch.clip_job import ClipLimits
     from pipeline.batch.folder_watch import watch_folder
     from pipeline.batch.run_batch import Batch, run_batch
 

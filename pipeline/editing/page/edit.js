@@ -69,6 +69,7 @@ async function load() {
   page.state = await answer.json();
   page.corners = null;
   render(before?.run == null && page.state.run != null);
+  if (page.state.notice && page.state.notice !== before?.notice) showMessage(page.state.notice);
 }
 
 async function poll() {
@@ -85,15 +86,16 @@ async function poll() {
 }
 
 function showStatus(status) {
-  page.firstRevision ??= status.revision;
   const words = { read: "Reading the clip", calibrate: "Locating the table", detect: "Detecting balls",
-    place: "Measuring placed balls", track: "Tracking balls", fit: "Fitting the motion", export: "Writing the tables",
+    place: "Measuring placed balls", track: "Tracking balls", motion: "Fitting the motion", fit: "Fitting the whole shot", poster: "Drawing the poster",
+    page: "Writing the report", export: "Writing the tables",
     render: "Rendering the slow motion", record: "Writing the recording", report: "Writing the report",
     forecast: "Forecasting" };
+  const outputs = { current: "Events, video and report are up to date", older: "Events are up to date; video and report are older",
+    missing: "Events are up to date; there is no report yet" };
   const runs = status.stage || status.result !== status.revision && !status.error;
   $("progress-text").textContent = status.stage ? `${words[status.stage] ?? status.stage} …`
-    : runs ? "Starting …" : status.error ? "The run failed" : status.note
-    || (status.revision === page.firstRevision ? "Events are up to date" : "Events are up to date; video and report are older");
+    : runs ? "Starting …" : status.error ? "The run failed" : outputs[status.outputs];
   const bar = $("progress");
   if (runs && !status.share) bar.removeAttribute("value");
   else bar.value = runs ? status.share : 1;
@@ -112,6 +114,7 @@ function showMessage(sentence) {
 // ---------------------------------------------------------------- frames and places
 
 const run = () => page.state?.run;
+const isUpToDate = () => page.state.result === page.state.revision;
 const frames = () => run()?.frames.distinct ?? [];
 const frame = () => frames()[page.row] ?? 0;
 
@@ -151,7 +154,7 @@ function placeOf(id, number = frame()) { // how corrections name a ball
 
 const imageScale = () => run().image[0] / Math.max($("overlay").clientWidth, 1); // px of the frame per px of the screen
 const showsCorners = () => !run().moves || page.row === 0; // of a moving camera they belong to its first frame
-const corners = () => page.corners ?? page.state.corrections.corners ?? run().corners;
+const corners = () => page.corners ?? (isUpToDate() ? run().corners : page.state.corrections.corners ?? run().corners);
 const add = (list, name, entry) => { list[name] = [...(list[name] ?? []), entry]; };
 
 // ---------------------------------------------------------------- drawing
@@ -280,7 +283,8 @@ function render(isFirst) {
   if (page.ball && !page.paths.has(page.ball)) page.ball = null;
   if (page.event) page.event = shown.events.find((one) => isSameEvent(one, page.event)) ?? null;
   $("trust-dot").className = `dot ${shown.trust.level}`;
-  $("trust-text").textContent = $("trust").title = `trust ${shown.trust.level}: ${shown.trust.reasons.join(" ")}`;
+  $("trust-text").textContent = `trust ${shown.trust.level}`;
+  fill($("reasons"), shown.trust.reasons.map((text) => element("li", { textContent: text })), "There is no reason.");
   $("slider").max = frames().length - 1;
   const span = Math.max(frames().at(-1) - frames()[0], 1);
   $("ticks").replaceChildren(...shown.events.filter((one) => one.kind !== "rest").map((one) => {
@@ -289,7 +293,7 @@ function render(isFirst) {
     return tick;
   }));
   fill($("changes"), [
-    ...shown.contradictions.map((text) => element("li", { className: "against", textContent: text })),
+    ...shown.contradictions.map(listContradiction),
     ...shown.changes.map((one) => element("li", { className: one.kind, textContent: one.text })),
   ], state.revision ? "The events and calls are the same as before." : "Nothing yet: correct something in the clip.");
   fill($("checks"), shown.checks.map((one, k) => entry([["when", `${one.t.toFixed(2)} s`], ["", one.reason]],
@@ -313,6 +317,14 @@ function render(isFirst) {
   show(page.row);
   renderSelection();
   if (!page.ask) hint("");
+}
+
+function listContradiction({ text, contact }) {
+  const line = element("li", { className: "against" });
+  line.append(element("span", { textContent: `${text} ` }));
+  const mark = page.state.corrections.contacts?.[contact];
+  if (isUpToDate() && mark) line.append(makeButton("Remove", `Remove the correction: ${text}`, () => change((c) => dropContact(c, mark))));
+  return line;
 }
 
 const isSameEvent = (one, two) => one.kind === two.kind && one.a === two.a && one.b === two.b && Math.abs(one.frame - two.frame) < NEAR_FRAMES;
@@ -461,20 +473,34 @@ const BALL_ACTIONS = {
   split: { key: "s", text: "Is another ball from here", run: (id) => change((c) => add(c, "tracks", { kind: "split", ball: placeOf(id), first: frame() })) },
   contact: { key: "c", text: "Touches … here", run: (id) => ask({ balls: true, cushions: true, text: `Click the ball or cushion that ${id} touches at frame ${frame()}`,
     done: ({ ball, cushion }) => { const at = frame(); const one = placeOf(id); const two = ball && placeOf(ball);
-      finishQuestion((c) => add(c, "contacts", ball ? { kind: "mark", cause: "ball", frame: at, ball: one, other: two }
+      finishQuestion((c) => markContact(c, ball ? { kind: "mark", cause: "ball", frame: at, ball: one, other: two }
         : { kind: "mark", cause: "cushion", frame: at, ball: one, cushion })); } }) },
-  strike: { key: "k", text: "Is struck here", run: (id) => change((c) => add(c, "contacts", { kind: "mark", cause: "strike", frame: frame(), ball: placeOf(id) })) },
+  strike: { key: "k", text: "Is struck here", run: (id) => change((c) => markContact(c, { kind: "mark", cause: "strike", frame: frame(), ball: placeOf(id) })) },
   none: { key: "Delete", text: "Is no ball", danger: true, run: (id) => { page.ball = null;
     change((c) => add(c, "balls", { kind: "false", ball: placeOf(id) })); renderSelection(); } },
 };
+
+function dropContact(c, mark) {
+  c.contacts = c.contacts.filter((one) => JSON.stringify(one) !== JSON.stringify(mark));
+}
+
+function isSameContact(one, two) {
+  const bodies = (mark) => [nameAt(mark.ball), mark.other ? nameAt(mark.other) : mark.cushion].sort().join(" ");
+  return one.cause === two.cause && Math.abs((one.to_frame ?? one.frame) - two.frame) < NEAR_FRAMES && bodies(one) === bodies(two);
+}
+
+function markContact(c, mark) { // it replaces what was set by hand for the same contact, such as its deletion
+  c.contacts = (c.contacts ?? []).filter((one) => !isSameContact(one, mark));
+  add(c, "contacts", mark);
+}
 
 function deleteEvent(event) {
   const byHand = handMark(event);
   page.event = null;
   renderSelection();
   change((c) => {
-    if (byHand) c.contacts = c.contacts.filter((mark) => JSON.stringify(mark) !== JSON.stringify(byHand));
-    else add(c, "contacts", describeContact("delete", event));
+    if (byHand) dropContact(c, byHand);
+    if (byHand?.kind !== "mark") add(c, "contacts", byHand ? { ...byHand, kind: "delete", to_frame: undefined } : describeContact("delete", event));
   });
 }
 

@@ -8,19 +8,22 @@ from dataclasses import replace
 from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
+from models.core.tracks import Tracks
+from models.estimation.hand_marks.resolved_marks import update_ball_names
 
 
-def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
-    """Add notes on what was set by hand to a scene.
+def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> Scene:
+    """Add notes on what was set by hand to a scene, with the present names of the balls.
 
     Args:
         scene: Table and camera.
         corrections: What a person corrected.
+        tracks: Tracks of the balls.
 
     Returns:
         The scene with one more note per correction.
     """
-    notes = (f"set by hand: {phrase}" for phrase in format_corrections(corrections))
+    notes = (f"set by hand: {phrase}" for phrase in format_corrections(update_ball_names(corrections, tracks)))
     return replace(scene, notes=(*scene.notes, *notes))
 
 
@@ -58,6 +61,23 @@ def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
         One sentence per contradiction.
     """
     return tuple(sentence for one in outcomes if (sentence := _format_outcome(one)))
+
+
+def format_recomputed(folder: str, stages: Sequence[str]) -> str:
+    """Format that the editor of a run starts with other events than its folder holds.
+
+    Args:
+        folder: The run folder.
+        stages: Stages that were not cached.
+
+    Returns:
+        Sentences.
+    """
+    how = f"Ran again: {', '.join(stages)}" if stages else "They come from the cache"
+    return (
+        f"These events differ from those in {folder}: its options, its corrections or the program have changed. {how}."
+        " The folder stays as it is until you correct something; video and report stay until you update them."
+    )
 
 
 def _format_track_edit(edit: TrackEdit) -> str:

@@ -33,7 +33,7 @@ from pipeline.batch import clip_processes, clip_runner
 from pipeline.batch.batch_display import BatchDisplay
 from pipeline.batch.batch_summary import format_csv, render_summary_page, write_summary
 from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
-from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult, list_setting_values
+from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import require_usable_answer, start_local_client
 from pipeline.batch.dask_worker import hash_code
 from pipeline.batch.folder_watch import watch_folder
@@ -42,7 +42,7 @@ from pipeline.chain import default_run_folder, make_change_check
 from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import CacheMissing, ResultCache
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, list_setting_values
 from video.io.clip import compute_clip_digest, open_clip, read_frames
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -26,6 +26,7 @@ from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
 from pipeline.chain import write_source
 from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.run_options import RunOptions
 from video.io.clip import open_clip
 from video.io.video_writer import VideoWriter
 from video.rendering.pinhole_camera import look_at
@@ -88,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_events(events, place / "events.csv")
     write_scene(clip, scene, tracks, fit, place / "scene.json")
     write_trajectory(motion, place / "trajectory.csv")
-    write_source(place / "clip.mp4", place)
+    write_source(place / "clip.mp4", place, RunOptions())
     return place
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,10 @@ from selenium.webdriver.support.ui import WebDriverWait
 from support.browser import accessibility_violations, console_messages, open_chromium
 from support.edit_servers import serve_synthetic_run, wait_for_result
 
+from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections
+from models.core.shot_explanation import MarkOutcome
 from pipeline.editing.edit_server import EditServer
-from pipeline.io.by_hand.corrections_file import read_corrections
+from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections
 
 WIDTHS = (1280, 390)
 
@@ -101,6 +104,51 @@ def test_a_ball_is_touched_and_renamed(browser: webdriver.Chrome, server: EditSe
     wait_for_result(server)
     WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
     assert read_corrections(tmp_path / "shot.mp4").corrections.tracks[0].name == "object"
+
+
+WHITE = BallPlace(15, 90.0, 70.0, "white")
+DELETED = ContactCorrection("delete", "cushion", 15.0, WHITE, cushion="right")
+
+
+def test_a_mark_replaces_the_deletion_of_the_same_contact(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    other = replace(DELETED, cushion="left")
+    write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(contacts=(DELETED, other))))
+    with serve_synthetic_run(tmp_path) as server:
+        open_editor(browser, server)
+        browser.execute_script(
+            "const s = document.getElementById('slider'); s.value = 14; s.dispatchEvent(new Event('input'))"
+        )
+        press(browser, "1", "c")
+        browser.find_element(By.XPATH, "//section[@id='selection']//button[text()='right cushion']").click()
+        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+    kept, mark = read_corrections(tmp_path / "shot.mp4").corrections.contacts
+    assert (kept, mark.kind, mark.frame, mark.cushion) == (other, "mark", 14, "right")
+
+
+def test_a_contradicted_correction_is_removed_where_the_contradiction_is_shown(
+    browser: webdriver.Chrome, tmp_path: Path
+) -> None:
+    other = replace(DELETED, frame=5.0)
+    outcome = MarkOutcome("delete", "change_remains", ("white",), "right", 0.5)
+    write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(contacts=(other, DELETED))))
+    with serve_synthetic_run(tmp_path, outcomes=(outcome,)) as server:
+        open_editor(browser, server)
+        line = browser.find_element(By.CSS_SELECTOR, "#changes .against")
+        assert line.text.startswith("The contact of white with the right cushion at 0.50 s was deleted by hand")
+        line.find_element(By.TAG_NAME, "button").click()
+        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+    assert read_corrections(tmp_path / "shot.mp4").corrections.contacts == (other,)
+
+
+def test_a_deleted_contact_that_was_moved_before_stays_deleted(browser: webdriver.Chrome, tmp_path: Path) -> None:
+    moved = replace(DELETED, kind="move", frame=11.0, to_frame=15.0)
+    write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(contacts=(moved,))))
+    with serve_synthetic_run(tmp_path) as server:
+        open_editor(browser, server)
+        browser.find_elements(By.CSS_SELECTOR, "#events button")[1].click()
+        press(browser, Keys.DELETE)
+        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+    assert read_corrections(tmp_path / "shot.mp4").corrections.contacts == (replace(DELETED, frame=11.0),)
 
 
 def test_a_second_tab_shows_what_the_first_one_changed_and_a_late_change_is_refused(

@@ -75,6 +75,18 @@ def test_a_correction_is_saved_beside_the_clip_under_the_next_revision(server: E
     assert state["set_by_hand"] == ["the name object of red, at 170, 50 px in frame 3"]
 
 
+def test_what_is_set_by_hand_names_balls_as_the_page_does(server: EditServer) -> None:
+    mark = {"kind": "delete", "cause": "ball", "frame": 3, "ball": {**RED, "id": "yellow"},
+            "other": {"frame": 3, "x_px": 50.0, "y_px": 70.0, "id": "cue"}}  # fmt: skip
+    far = {"kind": "delete", "cause": "strike", "frame": 3, "ball": {"frame": 3, "x_px": 5.0, "y_px": 5.0, "id": "old"}}
+    ask(server, "PUT", "corrections", {"contacts": [mark, far], **RENAME}, If_Match='"0"')
+    assert wait_for_result(server)["set_by_hand"] == [
+        "the name object of red, at 170, 50 px in frame 3",
+        "no contact of red and white at frame 3.0",
+        "no strike of old at frame 3.0",
+    ]
+
+
 def test_two_tabs_do_not_overwrite_each_other(server: EditServer, tmp_path: Path) -> None:
     assert ask(server, "PUT", "corrections", RENAME, If_Match='"0"')[0] == 200
     status, content, _ = ask(server, "PUT", "corrections", {"fps": "25"}, If_Match='"0"')

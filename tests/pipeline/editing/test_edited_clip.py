@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from models.core.errors import ClipError, OptionError
-from pipeline.chain import hash_clip
-from pipeline.editing.edited_clip import EditedClip, find_edited_clip
+from pipeline.chain import hash_clip, write_source
+from pipeline.editing.edited_clip import EditedClip, continue_run_options, find_edited_clip
+from pipeline.run_options import RunOptions, build_options
 
 
 @pytest.fixture
@@ -33,6 +34,24 @@ def test_a_run_folder_names_its_clip(clip: Path, tmp_path: Path) -> None:
     assert find_edited_clip(folder, None) == EditedClip(clip, folder, digest)
 
 
+def test_the_settings_of_the_run_need_not_be_given_again(clip: Path, tmp_path: Path) -> None:
+    ran = build_options({"corners": "1,2,30,4,30,20,3,19", "detector": "hough", "slow": 4, "no_video": True})
+    (tmp_path / "out").mkdir()
+    write_source(clip, tmp_path / "out", ran)
+    (tmp_path / "out" / "scene.json").write_text(json.dumps({"scene": "billiards"}))
+    edited = find_edited_clip(tmp_path / "out", None)
+    assert dict(edited.settings) == {"corners": "1,2,30,4,30,20,3,19", "detector": "hough", "slow": 4}
+    options = continue_run_options(edited, build_options({"detector": "onnx"}))
+    assert (options.detect.detector, options.calibrate.corners) == ("onnx", "1,2,30,4,30,20,3,19")
+
+
+@pytest.mark.parametrize("settings", [{"slow": 0.1}, {"fps": [3]}, {"slow": "fast"}])
+def test_settings_that_cannot_be_used_get_a_sentence(settings: object, clip: Path, tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path / "out", {"path": str(clip), "settings": settings})
+    with pytest.raises(OptionError, match=r"source\.json notes settings that cannot be used: "):
+        continue_run_options(find_edited_clip(folder, None), RunOptions())
+
+
 def test_a_clip_gets_the_folder_of_a_run(clip: Path, tmp_path: Path) -> None:
     assert find_edited_clip(clip, None).folder == Path("out/shot")
     assert find_edited_clip(clip, tmp_path / "other").folder == tmp_path / "other"
@@ -53,7 +72,9 @@ def test_a_clip_that_was_moved_or_changed_gets_a_sentence(clip: Path, tmp_path: 
         find_edited_clip(folder, None)
 
 
-@pytest.mark.parametrize("source", ["no object", {}, {"path": 3}, {"path": "x", "first": "soon", "stop": 2}])
+@pytest.mark.parametrize(
+    "source", ["no object", {}, {"path": 3}, {"path": "x", "settings": 3}, {"path": "x", "first": "soon", "stop": 2}]
+)
 def test_a_malformed_source_gets_a_sentence(source: object, tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "out", source)
     with pytest.raises(OptionError, match=r"source\.json does not name the clip of the run; run it again"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from support.planted_mistakes import (
     FALSE_PLACE,
     LOST_FRAME,
     MISTAKES,
+    ONE_CORNER,
     OPTIONS,
     SPLIT_FRAME,
     CleanRun,
@@ -32,6 +34,7 @@ from support.planted_mistakes import (
 from models.core.typing import FloatArray
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.run_view import ClipRun
+from pipeline.run_options import build_options
 
 pytestmark = pytest.mark.slow
 
@@ -196,6 +199,25 @@ def test_a_mistake_is_repaired_in_three_clicks(
     assert list_differences(corrected, clean.run) == []
     assert editor.count <= 3
     assert messages == []
+
+
+def test_a_dragged_corner_beats_the_corners_that_the_editor_was_started_with(
+    clean: CleanRun, browser: webdriver.Chrome, tmp_path: Path
+) -> None:
+    shutil.copytree(clean.detected, tmp_path / "cache")
+    clip = Path(shutil.copy(clean.clip, tmp_path))
+    right = clean.run.scene.camera.corners_px
+    wrong = ",".join(f"{value:.1f}" for value in (right + ONE_CORNER).ravel())
+    with serve(clip, tmp_path / "out", build_options({"laws": False, "corners": wrong}), tmp_path / "cache") as server:
+        wait_for_result(server, 300)
+        browser.get(server.url)
+        WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        Editor(browser, server).drag(right[0] + ONE_CORNER[0], right[0])
+        WebDriverWait(browser, 60).until(lambda _: _read_revision(server) == 1)
+        shown = wait_for_result(server, 300)["run"]["corners"]
+        browser.get("about:blank")
+    assert np.abs(np.array(shown) - right).max() < 1.0
+    assert list_differences(run_clip_tables(clip, tmp_path / "out", tmp_path / "cache"), clean.run) == []
 
 
 def _read_revision(server: EditServer) -> int:

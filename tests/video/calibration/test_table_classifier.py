@@ -53,6 +53,14 @@ def test_without_balls_the_most_common_table_is_chosen_with_a_warning() -> None:
     assert guess.warnings
 
 
+def test_without_a_view_of_the_pockets_the_size_of_the_table_is_a_guess() -> None:
+    guess = classify_table(_make_sizes("carom-match"), pockets=None, has_d=False)
+    (doubt,) = guess.warnings
+    assert doubt.startswith("The table size is a guess: it could also be ")
+    assert "its pockets could not be measured" in guess.note
+    assert {"pool-9ft", "carom-match"} <= {name for name, share in guess.probabilities.items() if share > 0.05}
+
+
 def test_a_d_on_the_cloth_decides_between_a_small_snooker_and_a_pool_table() -> None:
     sizes = _make_sizes("snooker-6ft", sigma=0.05)
     assert classify_table(sizes, pockets=True, has_d=True).table.name == "snooker-6ft"

@@ -20,7 +20,7 @@ from support.table_images import (
 )
 
 from models.core.errors import OptionError, TableNotFound
-from models.core.scene import Camera, Scene, apply_homography
+from models.core.scene import Camera, Scene, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.camera_model import orient_corners
@@ -143,6 +143,35 @@ def test_corners_and_sizes_from_the_user_are_used(tmp_path: Path) -> None:
     scene = calibrate_clip(clip, CalibrateOptions(corners=text, table="2.24x1.12", ball_radius=0.026))
     assert corner_error(scene.camera.corners_px, camera.corners_px) < 0.01
     assert (scene.table.length, scene.table.width, scene.table.ball_radius) == (2.24, 1.12, 0.026)
+
+
+def _calibrate_with_corners(path: Path, table: Table, shift: FloatArray) -> Scene:
+    """Calibrate a drawn clip of a table with its corners moved by `shift` (4, 2) px."""
+    rng = np.random.default_rng(9)
+    camera = look_at_table(table, 600.0, SIZE, CENTRE + np.array([0.0, 0.3, 2.6]), CENTRE, 0.02)
+    image = draw_table(table, camera, LOOKS["blue"], 1.1 * _random_balls(rng), rng)
+    clip = open_clip(write_clip(path, [image] * 6))
+    text = ",".join(f"{value:.1f}" for value in (camera.corners_px + shift).ravel())
+    return calibrate_clip(clip, CalibrateOptions(corners=text))
+
+
+@pytest.mark.parametrize(("name", "game"), [("carom-match", "carom"), ("pool-9ft", "pool")])
+def test_corners_from_the_user_leave_table_and_game_to_the_image(name: str, game: str, tmp_path: Path) -> None:
+    scene = _calibrate_with_corners(tmp_path / "given.mp4", TABLE_PRESETS[name], np.zeros((4, 2)))
+    assert (scene.table.name, scene.table.game) == (name, game)
+    assert scene.notes[0] == "corners were given by the user"
+    assert not any("corner" in warning for warning in scene.warnings)
+
+
+def test_a_given_corner_that_the_visible_noses_contradict_is_named(tmp_path: Path) -> None:
+    shift = np.array([[0.0, 0.0], [-30.0, 26.0], [0.0, 0.0], [0.0, 0.0]])
+    scene = _calibrate_with_corners(tmp_path / "given.mp4", TABLE_PRESETS["carom-match"], shift)
+    x, y = scene.camera.corners_px[1]
+    assert scene.table.game == "carom"
+    assert scene.warnings[-1] == (
+        f"The given corner at {x:.0f}, {y:.0f} px is 40 px from where the visible cushion noses meet: check the corners"
+        " of the table."
+    )
 
 
 @pytest.mark.parametrize(

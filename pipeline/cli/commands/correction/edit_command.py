@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, list_overridden_flags
 from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, add_settings, app, console, open_cache
 
 
@@ -24,12 +24,21 @@ def edit(
     cache: CacheOption = None,
     debug: DebugOption = False,
 ) -> None:
-    """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections."""
+    """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections.
+
+    The options of the run need not be given again; corrections beat the options that are given.
+    """
     from pipeline.editing.edit_server import EditServer  # slow to import
     from pipeline.editing.edit_session import EditSession
-    from pipeline.editing.edited_clip import find_edited_clip
+    from pipeline.editing.edited_clip import continue_run_options, find_edited_clip
+    from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
 
-    session = EditSession(find_edited_clip(target, out), options, open_cache(cache))
+    edited = find_edited_clip(target, out)
+    if overridden := list_overridden_flags(options, read_corrections(edited.path, edited.digest).corrections):
+        path = corrections_path(edited.path)
+        note = f"Note: {', '.join(overridden)} is not used, because {path} sets it; correct it on the page"
+        console.print(note, markup=False, soft_wrap=True)
+    session = EditSession(edited, continue_run_options(edited, options), open_cache(cache))
     try:
         server = EditServer(session, port)
         console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
