@@ -6,7 +6,7 @@ previous one is white (Prais and Winsten 1954). Jacobians are transformed alike,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
@@ -33,16 +33,11 @@ class NoiseChain:
     """(K,) index of the previous observation of the same body; the own index where there is none."""
     correlation: FloatArray
     """(K,) correlation with the previous observation, 0 where there is none."""
-    scale: FloatArray = field(init=False, repr=False)
-    """(K,) factor on the part of the noise that the previous observation does not predict."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "scale", 1 / np.sqrt(1 - self.correlation**2))
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Whiten values (K, ...) whose errors have unit variance."""
         table = values.reshape(len(values), prod(values.shape[1:]))
-        rows = whiten_series(table, self.previous, self.correlation, self.scale)
+        rows = whiten_series(table, self.previous, self.correlation, 1 / np.sqrt(1 - self.correlation**2))
         return np.asarray(rows.reshape(values.shape))
 
 

@@ -57,6 +57,8 @@ def compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch,
             its_fit = fit_body_strengths(problem, swapped.fitted, differing)
             if its_fit is not None:
                 fits[other] = swapped, its_fit
+    if not fits:
+        return BodyChoice(best, body_fit)
     noise = min(own.lack_of_fit for _, own in fits.values())
     evidence = {
         name: -0.5 * own.cost / noise - 0.5 * own.parameter_count * float(np.log(one.fitted.value_count))
