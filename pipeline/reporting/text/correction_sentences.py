@@ -9,6 +9,9 @@ from models.core.by_hand.corrections import BallPlace, ContactCorrection, Correc
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
 
+HAND_PREFIX = "set by hand: "
+"""Beginning of a note on what a person corrected."""
+
 
 def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
     """Add notes on what was set by hand to a scene.
@@ -20,7 +23,7 @@ def note_corrections(scene: Scene, corrections: Corrections) -> Scene:
     Returns:
         The scene with one more note per correction.
     """
-    notes = (f"set by hand: {phrase}" for phrase in format_corrections(corrections))
+    notes = (HAND_PREFIX + phrase for phrase in format_corrections(corrections))
     return replace(scene, notes=(*scene.notes, *notes))
 
 

@@ -5,6 +5,13 @@ from __future__ import annotations
 from math import isfinite
 
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
+from pipeline.reporting.text.number_format import (
+    format_measured,
+    format_probability,
+    format_value,
+    format_with_sigma,
+)
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
@@ -35,7 +42,9 @@ SIDES = {
 }  # fmt: skip
 """Words for positive and negative values."""
 DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
-"""Decimals by unit."""
+"""Most decimals by unit that a player can use."""
+UNSURE_CUSHIONS = 0.1
+"""Deviation from a whole number, and standard deviation, of a number of cushions from which it has a decimal."""
 NOT_OBSERVABLE = "not observable"
 
 
@@ -51,13 +60,13 @@ def format_number(one: ShotNumber) -> str:
     if not one.observable:
         return NOT_OBSERVABLE
     if one.name == "cushions":
-        return f"{one.value:.1f}" if one.sigma > 0.1 else f"{one.value:.0f}"
-    decimals = DECIMALS[one.unit]
+        return _format_cushions(one.value, one.sigma)
     sides = SIDES.get(one.name)
     value = one.value if sides is None else abs(one.value)
     unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
-    side = "" if sides is None or round(value, decimals) == 0 else f" {sides[one.value < 0]}"
-    return f"{value:.{decimals}f} ± {max(one.sigma, 10.0**-decimals / 2):.{decimals}f}{unit}{side}"
+    shown = format_with_sigma(value, one.sigma, DECIMALS[one.unit])
+    side = "" if sides is None or shown.startswith("0 ") else f" {sides[one.value < 0]}"
+    return f"{shown}{unit}{side}"
 
 
 def format_shot_line(shot: ShotNumbers) -> str:
@@ -106,7 +115,7 @@ def list_number_rows(shot: ShotNumbers) -> list[tuple[str, str, str, bool]]:
 def _format_state(shot: ShotNumbers) -> str:
     if shot.spin_state == "unknown" or not shot.spin_state_probabilities:
         return NOT_OBSERVABLE
-    return f"{STATE_WORDS[shot.spin_state]} ({max(shot.spin_state_probabilities):.0%})"
+    return f"{STATE_WORDS[shot.spin_state]} ({format_probability(max(shot.spin_state_probabilities))})"
 
 
 def name_number(name: str) -> str:
@@ -117,14 +126,37 @@ def name_number(name: str) -> str:
     return f"{words} of the object ball"
 
 
-def format_trend(slope: float, low: float, high: float) -> str:
-    """Format the slope of a number over the shots with its interval; empty where there are too few shots."""
-    return f"{slope:+.2g} ({low:+.2g} to {high:+.2g})" if isfinite(slope) else ""
+def format_level(one: SeriesSummary) -> str:
+    """Format the median of a number over the shots with the digits that its measurement justifies."""
+    if one.name.endswith("cushions"):
+        return _format_cushions(one.median)
+    return format_measured(one.median, one.measurement, DECIMALS[one.unit])[0]
+
+
+def format_trend(one: SeriesSummary) -> str:
+    """Format the slope of a number over the shots with its interval; how many shots it needs where there are fewer."""
+    if not isfinite(one.slope):
+        return f"needs {MIN_TREND_SHOTS} shots"
+    half = (one.slope_high - one.slope_low) / 2
+    slope, low, high = (format_measured(value, half)[0] for value in (one.slope, one.slope_low, one.slope_high))
+    return f"{slope} ({low} to {high})"
 
 
 def format_spread(spread: float) -> str:
     """Format a spread over the shots; empty where it is NaN: below two shots there is none."""
-    return f"{spread:.2g}" if isfinite(spread) else ""
+    return format_value(spread, 2)
+
+
+def format_own_spread(one: SeriesSummary) -> str:
+    """Format the spread without the measurement errors; where these explain it, only their size as a limit."""
+    if one.own_spread > 0:
+        return format_value(one.own_spread, 2)
+    return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""
+
+
+def _format_cushions(count: float, sigma: float = 0.0) -> str:
+    """Format a number of cushions: a whole one, unless single contacts are undecided."""
+    return f"{count:.1f}" if sigma > UNSURE_CUSHIONS or abs(count - round(count)) > UNSURE_CUSHIONS else f"{count:.0f}"
 
 
 def format_shot_cell(name: str, value: float, sigma: float) -> str:
@@ -141,6 +173,5 @@ def format_shot_cell(name: str, value: float, sigma: float) -> str:
     if not isfinite(value):
         return ""
     if name.endswith("cushions"):
-        return f"{value:.0f}"
-    decimals = 1 if abs(value) >= 10 else 2
-    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}"
+        return _format_cushions(value, sigma)
+    return format_with_sigma(value, sigma, 1 if abs(value) >= 10 else 2)

@@ -182,7 +182,7 @@ def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
     row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
     assert "would reveal 47 rad/s² or more" in row
     assert "15" not in row
-    assert "<td>0.2</td><td>0.01</td>" in page
+    assert "<td>0.200</td><td>0.010</td>" in page
 
 
 def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_shots_miss() -> None:
