@@ -12,7 +12,7 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
 from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import (
+from pipeline.reporting.text.session_sentences import (
     format_level,
     format_own_spread,
     format_shot_cell,

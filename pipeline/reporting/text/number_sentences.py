@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from math import isfinite
-
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
-from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
 from pipeline.reporting.text.number_format import (
-    format_measured,
     format_probability,
-    format_value,
     format_with_sigma,
 )
 
@@ -60,7 +55,7 @@ def format_number(one: ShotNumber) -> str:
     if not one.observable:
         return NOT_OBSERVABLE
     if one.name == "cushions":
-        return _format_cushions(one.value, one.sigma)
+        return format_cushions(one.value, one.sigma)
     sides = SIDES.get(one.name)
     value = one.value if sides is None else abs(one.value)
     unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
@@ -118,60 +113,6 @@ def _format_state(shot: ShotNumbers) -> str:
     return f"{STATE_WORDS[shot.spin_state]} ({format_probability(max(shot.spin_state_probabilities))})"
 
 
-def name_number(name: str) -> str:
-    """Return the words for a number of a session, such as `object_length`."""
-    if name in NUMBER_NAMES:
-        return NUMBER_NAMES[name]
-    words = NUMBER_NAMES[name.removeprefix("object_")]
-    return f"{words} of the object ball"
-
-
-def format_level(one: SeriesSummary) -> str:
-    """Format the median of a number over the shots with the digits that its measurement justifies."""
-    if one.name.endswith("cushions"):
-        return _format_cushions(one.median)
-    return format_measured(one.median, one.measurement, DECIMALS[one.unit])[0]
-
-
-def format_trend(one: SeriesSummary) -> str:
-    """Format the slope of a number over the shots with its interval; how many shots it needs where there are fewer."""
-    if not isfinite(one.slope):
-        return f"needs {MIN_TREND_SHOTS} shots"
-    half = (one.slope_high - one.slope_low) / 2
-    slope, low, high = (format_measured(value, half)[0] for value in (one.slope, one.slope_low, one.slope_high))
-    return f"{slope} ({low} to {high})"
-
-
-def format_spread(spread: float) -> str:
-    """Format a spread over the shots; empty where it is NaN: below two shots there is none."""
-    return format_value(spread, 2)
-
-
-def format_own_spread(one: SeriesSummary) -> str:
-    """Format the spread without the measurement errors; where these explain it, only their size as a limit."""
-    if one.own_spread > 0:
-        return format_value(one.own_spread, 2)
-    return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""
-
-
-def _format_cushions(count: float, sigma: float = 0.0) -> str:
+def format_cushions(count: float, sigma: float = 0.0) -> str:
     """Format a number of cushions: a whole one, unless single contacts are undecided."""
     return f"{count:.1f}" if sigma > UNSURE_CUSHIONS or abs(count - round(count)) > UNSURE_CUSHIONS else f"{count:.0f}"
-
-
-def format_shot_cell(name: str, value: float, sigma: float) -> str:
-    """Format a number in a table of shots.
-
-    Args:
-        name: Name of the number.
-        value: Value; NaN where it is not observable.
-        sigma: Standard deviation.
-
-    Returns:
-        Value and standard deviation with the sign of the number; empty where it is not observable.
-    """
-    if not isfinite(value):
-        return ""
-    if name.endswith("cushions"):
-        return _format_cushions(value, sigma)
-    return format_with_sigma(value, sigma, 1 if abs(value) >= 10 else 2)

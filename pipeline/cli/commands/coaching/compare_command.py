@@ -19,7 +19,7 @@ from pipeline.actions.compare_session import (
 from pipeline.chain import require_writable_folder
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS
-from pipeline.reporting.text.number_sentences import format_level, format_own_spread, format_trend, name_number
+from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_trend, name_number
 from pipeline.reporting.text.text_formatting import name_folders
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
 
