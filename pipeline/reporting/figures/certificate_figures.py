@@ -20,7 +20,7 @@ MAX_ARROW = 0.45
 """Longest arrow, share of the table's width."""
 LEVEL_SIGMAS = 2.5
 """Standard deviations of a slope up to which a table counts as level: two equal slopes exceed them in one of forty."""
-ARROW_MARKER = {"symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828"}
+ARROW_MARKER = {"symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828", "opacity": 1}
 """Marks of the ends of an arrow; plotly's own arrows lose their shaft where they are shorter than the head."""
 MIDDLE_MARKER = {"symbol": "circle", "size": 6, "color": "#c62828"}
 _SLOPES = ("slope_x", "slope_y")
@@ -63,7 +63,7 @@ def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table:
         figure.add_scatter(
             x=end[0] + 2 * sigma[0] * np.cos(angle), y=end[1] + 2 * sigma[1] * np.sin(angle), mode="lines",
             fill="toself", line={"color": "#c62828", "width": 1}, fillcolor="rgba(198,40,40,0.18)",
-            name="end of the arrow, two standard deviations",
+            name="the fall, two standard deviations",
         )  # fmt: skip
         level = is_level(numbers)
         figure.add_scatter(
