@@ -19,8 +19,11 @@ SLOPE_LENGTH = 0.35
 MAX_ARROW = 0.45
 """Longest arrow, share of the table's width."""
 LEVEL_SIGMAS = 2.5
-"""Standard deviations of a slope up to which a table counts as level: two equal slopes exceed them in one of forty."""
-ARROW_MARKER = {"symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828", "opacity": 1}
+"""Standard deviations of a slope up to which a table counts as level: of the two slopes of a level table one exceeds
+them in one of forty cases."""
+ARROW_MARKER = {
+    "symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828", "opacity": 1,
+}  # fmt: skip
 """Marks of the ends of an arrow; plotly's own arrows lose their shaft where they are shorter than the head."""
 MIDDLE_MARKER = {"symbol": "circle", "size": 6, "color": "#c62828"}
 _SLOPES = ("slope_x", "slope_y")
