@@ -61,7 +61,9 @@ def test_two_runs_of_one_clip_count_once(tmp_path: Path) -> None:
 
 
 def test_a_copy_of_a_track_folder_counts_once(tmp_path: Path) -> None:
-    shots = write_shots(tmp_path / "shots", 1)
+    shots = tmp_path / "shots"
+    shots.mkdir()
+    (shots / "tracks.csv").write_text("frame,t,id,x,y\n0,0,white,1,0.5\n")
     copy = Path(shutil.copytree(shots, tmp_path / "copy"))
     assert find_repeated_clips([shots, shots / "tracks.csv", copy]) == {shots / "tracks.csv": shots, copy: shots}
 

@@ -150,7 +150,7 @@ def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason(monkeypatch:
     monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: [("first white", answer), ("", sure)])
     undecided, decided = run_report.answer_calls(None)  # type: ignore[arg-type]
     assert (undecided.call, undecided.sentence) == ("cannot be decided", "Inconclusive.")
-    assert (undecided.probability, decided.probability) == ("red: 60 %", "99.0 %")
+    assert (undecided.probability, decided.probability) == ("red: 60 %", "99 %")
     assert (decided.call, decided.sentence) == ("red", "White touched red.")
 
 
