@@ -79,9 +79,9 @@ def _format_change(document: dict[str, Any]) -> str:
     if abs(change["angle"]) > MIN_CHANGE:
         side = "right" if change["angle"] > 0 else "left"
         parts.append(f"the direction turned by {abs(change['angle']):g} degrees to the {side}")
-    for name, words in (("side", ("right", "left")), ("top", ("top", "back"))):
+    for name, sides in (("side", ("right", "left")), ("top", ("top", "back"))):
         if abs(changed[name] - real[name]) > MIN_CHANGE:
-            texts = [f"{abs(one[name]):.2f} {words[one[name] < 0]}" for one in (changed, real)]
+            texts = [f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real)]
             parts.append(f"{name} spin {texts[0]} instead of {texts[1]}")
     return f"Played with {'; '.join(parts)}." if parts else "Played as it was struck: nothing is changed."
 
