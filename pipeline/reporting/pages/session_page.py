@@ -12,6 +12,7 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
 from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.number_format import format_value
 from pipeline.reporting.text.session_sentences import (
     format_level,
     format_own_spread,
@@ -82,8 +83,8 @@ def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
     """Describe a summary as a table row."""
     return {
         "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": format_level(one),
-        "spread": format_spread(one.spread), "own": format_own_spread(one),
-        "measurement": format_spread(one.measurement), "has_trend": one.has_trend,
+        "spread": format_spread(one), "own": format_own_spread(one),
+        "measurement": format_value(one.measurement, 2), "has_trend": one.has_trend,
         "trend": format_trend(one),
     }  # fmt: skip
 

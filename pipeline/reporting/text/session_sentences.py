@@ -33,15 +33,15 @@ def format_trend(one: SeriesSummary) -> str:
     return f"{slope} ({low} to {high})"
 
 
-def format_spread(spread: float) -> str:
-    """Format a spread over the shots; empty where it is NaN: below two shots there is none."""
-    return format_value(spread, 2)
+def format_spread(one: SeriesSummary) -> str:
+    """Format the spread over the shots with the digits of the measurement; empty below two shots."""
+    return format_measured(one.spread, one.measurement)[0] if isfinite(one.spread) else ""
 
 
 def format_own_spread(one: SeriesSummary) -> str:
     """Format the spread without the measurement errors; where these explain it, only their size as a limit."""
     if one.own_spread > 0:
-        return format_value(one.own_spread, 2)
+        return format_measured(one.own_spread, one.measurement)[0]
     return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""
 
 

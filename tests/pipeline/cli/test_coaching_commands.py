@@ -18,7 +18,7 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary, sum
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
-from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_trend
+from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
 
@@ -83,6 +83,7 @@ def make_summary(name: str, unit: str, values: list[float], sigma: float) -> Ser
 def test_a_session_is_printed_with_the_digits_of_its_errors() -> None:
     few = make_summary("cue_speed", "m/s", [2.8813, 2.8814], 0.0025)
     assert (format_level(few), format_own_spread(few), format_trend(few)) == ("2.88", "below 0.003", "needs 4 shots")
+    assert format_spread(make_summary("cushions", "", [2.99, 2.99 + 4e-6], 0.09)) == "0"
     spin = make_summary("top_spin_share", "", [0.10, 0.20, 0.31, 0.40, 0.52], 0.01)
     assert "e-" not in format_trend(spin)
     assert format_trend(spin).startswith("0.10")
