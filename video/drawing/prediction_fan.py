@@ -21,6 +21,8 @@ STROKE_PX = 4
 EDGE_RADII, EDGE_CONTRAST = 0.2, 3.0
 """Blur of the edge of an area, ball radii, and the factor by which it is sharpened again: the edge becomes rounder, not
 wider."""
+SPREAD_QUANTILE = 0.75
+"""Quantile of the distances of the samples from their median, over all times, that is the spread of a fan."""
 MIN_TRAVEL = 0.01
 """m; a ball that travels less in every sample has no fan."""
 
@@ -121,6 +123,10 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
     travel = float(np.ptp(positions, axis=1).max(initial=0.0)) if positions.size else 0.0
     if travel < MIN_TRAVEL:
         return
+    scale = float(np.linalg.norm(inset.table_to_canvas[:, 0]))
+    away = np.linalg.norm(positions - np.median(positions, axis=0), axis=2)
+    # Samples that agree leave no gaps; a wider disc would fill the corners of their path.
+    radius = min(inset.ball_radius, float(np.quantile(away, SPREAD_QUANTILE)) * scale)
     for share, strength in SHADED_SHARES:
         mask = np.zeros(inset.canvas.shape[:2], np.uint8)
         for sample in fan.samples[fan.outlyingness <= share]:
@@ -128,7 +134,7 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
             if len(line) > 1:
                 cv2.polylines(mask, [inset.to_fixed_point(line).reshape(-1, 1, 2)], False, 255, STROKE_PX * SUPERSAMPLE,
                               cv2.LINE_AA, SHIFT)  # fmt: skip
-        cover = _close_gaps(mask, inset.ball_radius)[..., None] * strength
+        cover = _close_gaps(mask, radius)[..., None] * strength
         ground = inset.canvas.astype(np.float32)
         inset.canvas[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
 
@@ -141,7 +147,7 @@ def _close_gaps(mask: ByteArray, radius: float) -> Float32Array:
 
     Args:
         mask: (h, w) 255 on a path.
-        radius: px, of a drawn ball.
+        radius: px, of the disc: that of a drawn ball, or less.
 
     Returns:
         (h, w) share of each pixel that belongs to the area.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import ceil
 from typing import Any
 
-from pipeline.reporting.text.number_format import format_probability
+from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
 
 MIN_PROBABILITY = 0.1
 """Least probability of an event that is mentioned."""
@@ -54,7 +54,7 @@ def format_what_if(document: dict[str, Any]) -> list[str]:
         f"The probabilities are shares of {document['draws']} plays, which differ by {scatter}.",
     ]
     events = [
-        f"{one['t']:.2f} s {EVENT_WORDS[one['kind']].format(**one)} ({format_probability(one['probability'])})"
+        f"{one['t']:.2f} s {EVENT_WORDS[one['kind']].format(**one)}{_format_doubt(one['probability'])}"
         for one in changed["events"]
         if one["probability"] >= MIN_PROBABILITY and one["kind"] in EVENT_WORDS
     ]
@@ -66,6 +66,11 @@ def format_what_if(document: dict[str, Any]) -> list[str]:
     if document["model"] == "segments":
         lines.append(SIDE_SPIN_WARNING)
     return lines
+
+
+def _format_doubt(probability: float) -> str:
+    """Format the probability of an event in brackets; empty where it is as good as certain."""
+    return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"
 
 
 def _format_change(document: dict[str, Any]) -> str:

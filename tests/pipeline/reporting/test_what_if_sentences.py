@@ -15,11 +15,12 @@ def make_document(
     same = {"speed_factor": 1.0, "speed": None, "angle": 0.0}
     play = {"probability": probability, "probability_sigma": sigma, "events": []}
     event = {"kind": "ball", "a": "white", "b": "yellow", "probability": 1.0, "t": 0.97}
+    unsure = {"kind": "cushion", "a": "yellow", "b": "left", "probability": 0.4, "t": 1.5}
     return {
         "draws": 400, "model": "whole_shot", "clip_end": 4.94, "play_end": 6.45, "change": {**same, **change},
         "stroke": {"real": {"speed": 2.88, "side": -0.5, "top": 0.2}, "changed": changed},
         "spread": {"speed": 0.0, "angle_deg": 0.0, "source": "none"}, "goal": {"game": "carom"},
-        "real": {**play, "scored": False}, "changed": {**play, "events": [event]},
+        "real": {**play, "scored": False}, "changed": {**play, "events": [event, unsure]},
     }  # fmt: skip
 
 
@@ -53,7 +54,7 @@ def test_a_probability_that_is_not_told_from_zero_is_a_limit(probability: float,
 
 def test_events_have_times_and_the_ends_of_the_paths_are_stated() -> None:
     lines = format_what_if(make_document(0.5, 0.02, {}, {"speed": 2.88, "side": -0.5, "top": 0.2}))
-    assert "Played so: 0.97 s white meets yellow (above 99.9 %)." in lines
+    assert "Played so: 0.97 s white meets yellow, 1.50 s yellow meets the left cushion (40 %)." in lines
     assert (
         "The real paths end with the clip, at 4.94 s; the others go on until the balls rest, at most to 6.45 s."
         in lines
