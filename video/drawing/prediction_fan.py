@@ -126,7 +126,7 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
     scale = float(np.linalg.norm(inset.table_to_canvas[:, 0]))
     away = np.linalg.norm(positions - np.median(positions, axis=0), axis=2)
     # Samples that agree leave no gaps; a wider disc would fill the corners of their path.
-    radius = min(inset.ball_radius, float(np.quantile(away, SPREAD_QUANTILE)) * scale)
+    radius = float(np.clip(np.quantile(away, SPREAD_QUANTILE) * scale, STROKE_PX, inset.ball_radius))
     for share, strength in SHADED_SHARES:
         mask = np.zeros(inset.canvas.shape[:2], np.uint8)
         for sample in fan.samples[fan.outlyingness <= share]:
