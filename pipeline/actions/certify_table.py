@@ -8,7 +8,7 @@ from pathlib import Path
 from models.core.errors import OptionError
 from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
 from models.numerics.executor import Executor
-from pipeline.actions.fit_table import drop_repeated_clips, fit_table_of_shots
+from pipeline.actions.fit_table import fit_table_of_shots
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.run_folder import list_files_beside, parse_camera, read_csv_columns, read_scene_document
 from pipeline.io.tables.certificate_files import CertifiedTable, describe_certificate
@@ -59,15 +59,15 @@ def certify_table(
         OptionError: No source can be read, or the tables differ.
         TrackError: The shots are too few.
     """
-    sources, repetitions = drop_repeated_clips(sources)
     fitted = fit_table_of_shots(sources, cache, executor, on_shot)
+    used = list(fitted.sources)
     measured = measure_table(fitted.lesson, list(fitted.fits), fitted.table)
     document = describe_certificate(
-        fitted.table, measured, _measure_shape(sources), fitted.shot_count, (*repetitions, *fitted.refusals),
-        _count_potted(sources),
+        fitted.table, measured, _measure_shape(used), fitted.shot_count, fitted.refusals,
+        _count_potted(used),
     )  # fmt: skip
     tracks = tuple(one for _, one in fitted.fits)
-    return CertifiedTable(document, tuple(sources), fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
+    return CertifiedTable(document, fitted.sources, fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
 
 
 def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:

@@ -44,6 +44,8 @@ class FittedTable:
     """Joint fit and tracks of every shot that was used."""
     names: tuple[str, ...] = ()
     """Folder and number of these shots."""
+    sources: tuple[Path, ...] = ()
+    """Their folders, each clip once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +86,11 @@ def fit_table_of_shots(
     on_shot(len(shots), len(shots))
     if not fits:
         raise TrackError(f"physics could be fitted to none of the shots; {refusals[0]}")
-    lesson = learn_table(fits, table, executor=executor)
-    return FittedTable(lesson, table, len(fits), tuple(refusals), tuple(fits), tuple(names))
+    try:
+        lesson = learn_table(fits, table, executor=executor)
+    except TrackError as error:
+        raise TrackError("; ".join([str(error), *repetitions])) from error
+    return FittedTable(lesson, table, len(fits), tuple(refusals), tuple(fits), tuple(names), tuple(sources))
 
 
 def drop_repeated_clips(sources: list[Path]) -> tuple[list[Path], list[str]]:

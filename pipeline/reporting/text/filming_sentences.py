@@ -60,7 +60,7 @@ WORDS = {
         "ms",
         1,
         "Shorten the exposure (1/500 s): set it by hand, and add light.",
-        "no ball moved by three radii between frames; film a firmer shot to measure it",
+        "no ball moved by three radii between the frames looked at; film a firmer shot",
     ),
     "frame_rate": FilmingWords(
         "distinct frames",
