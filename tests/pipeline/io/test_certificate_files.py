@@ -13,6 +13,7 @@ from models.core.errors import OptionError
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.io.tables.certificate_files import SCHEMA, compare_certificates, read_certificate
 from pipeline.reporting.figures.certificate_figures import build_slope_figure
+from pipeline.reporting.pages import certificate_page
 from pipeline.reporting.pages.certificate_page import (
     format_certificate,
     format_comparison,
@@ -75,6 +76,11 @@ def test_the_direction_of_a_slope_is_a_word() -> None:
     assert format_number("slope_x", {"value": -0.69, "sigma": 0.09, "unit": "mm/m"})[0] == "0.69 to the left"
     assert format_number("slope_y", {"value": 0.69, "sigma": 0.09, "unit": "mm/m"})[0] == "0.69 to the bottom"
     assert format_number("slope_y", {"value": -0.001, "sigma": 0.09, "unit": "mm/m"})[0] == "0"
+
+
+def test_a_scatter_has_no_direction() -> None:
+    row = certificate_page._format_scatter("slope_x", {"value": 0.12, "sigma": 0.05, "unit": "mm/m", "count": 1})
+    assert row == ("slope along the length", "0.12", "0.05", "mm/m", "1 shot")
 
 
 @pytest.mark.parametrize(("shots", "contacts", "warns"), [(1, 5, True), (6, 12, True), (6, 40, False)])
