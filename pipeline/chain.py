@@ -28,6 +28,7 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
@@ -64,8 +65,6 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "page": ("report.html",),
 }
 """Files of a run folder by the stage that writes them; of two stages with the same file, the later one counts."""
-SOURCE_FILE = "source.json"
-"""File of a run folder that names the source clip and the settings of the run."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -197,7 +197,7 @@ class BallSize:
 
     def __post_init__(self) -> None:
         if not (self.radius > 0 and self.sigma >= 0):
-            raise ValueError(f"a ball size needs a radius above 0 m and a sigma; got {self.radius} +- {self.sigma} m")
+            raise ValueError(f"a ball size needs a radius above 0 m and a sigma; got {self.radius} ± {self.sigma} m")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,8 @@ from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord
-from pipeline.chain import SOURCE_FILE
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.run_folder import read_scene_document
+from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from video.io.clip import Clip, compute_clip_digest, open_clip, read_frames
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
@@ -115,7 +114,7 @@ def write_call_images(
     ]
     nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
     paths = [target / f"{name}.png", target / f"{name}_strip.png"]
-    caption = f"{call.verdict}  {call.probability:.1%}"
+    caption = f"{call.verdict}  {100 * call.probability:.1f} %"
     for path, image in zip(
         paths,
         (draw_close_up(nearest, caption, _format_close_up_lines(call)), draw_frame_strip(scenery, call.t)),

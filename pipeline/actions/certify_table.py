@@ -60,12 +60,14 @@ def certify_table(
         TrackError: The shots are too few.
     """
     fitted = fit_table_of_shots(sources, cache, executor, on_shot)
+    used = list(fitted.sources)
     measured = measure_table(fitted.lesson, list(fitted.fits), fitted.table)
     document = describe_certificate(
-        fitted.table, measured, _measure_shape(sources), fitted.shot_count, fitted.refusals, _count_potted(sources)
-    )
+        fitted.table, measured, _measure_shape(used), fitted.shot_count, fitted.refusals,
+        _count_potted(used),
+    )  # fmt: skip
     tracks = tuple(one for _, one in fitted.fits)
-    return CertifiedTable(document, fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
+    return CertifiedTable(document, fitted.sources, fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
 
 
 def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:

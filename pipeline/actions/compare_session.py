@@ -14,7 +14,7 @@ from models.core.errors import OptionError
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.prediction_files import format_strict_json
-from pipeline.io.run_folder import read_scene_document
+from pipeline.io.run_folder import find_repeated_clips, read_scene_document
 from pipeline.io.run_tables import Columns
 from pipeline.io.scene_entries.shot_numbers_json import parse_shot_numbers
 from pipeline.io.session.session_files import SessionShot, tabulate_session, write_session_tables
@@ -35,6 +35,8 @@ class ComparedSession:
     """Summaries of all numbers by group; those of the whole session under the empty name."""
     refusals: tuple[str, ...]
     """Sentences on folders that could not be read."""
+    repetitions: tuple[str, ...]
+    """Sentences on folders that are runs of one clip, whose shots count several times."""
 
 
 def list_run_folders(source: Path) -> list[Path]:
@@ -132,7 +134,12 @@ def compare_session(sources: Sequence[Path], grouping: Grouping) -> ComparedSess
             )
             for name, unit in units.items()
         )
-    return ComparedSession(columns, summaries, refusals)
+    repeated = find_repeated_clips(folder for _, folder, _ in read)
+    repetitions = tuple(
+        f"{folder} is a run of the same clip as {first}: its shots count twice, so that spreads are too small"
+        for folder, first in repeated.items()
+    )
+    return ComparedSession(columns, summaries, refusals, repetitions)
 
 
 def write_session(session: ComparedSession, title: str, folder: Path) -> dict[str, Any]:
@@ -155,13 +162,14 @@ def write_session(session: ComparedSession, title: str, folder: Path) -> dict[st
             for name, rows in session.summaries.items()
         },
         "refused": list(session.refusals),
+        "repeated": list(session.repetitions),
     }
     with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
         write_session_tables(session.columns, table, parquet)
     with replace_file(folder / "session.json") as path:
         path.write_text(format_strict_json(document), encoding="utf-8")
     with replace_file(folder / "session.html") as path:
-        write_session_page(session.columns, session.summaries, session.refusals, title, path)
+        write_session_page(session.columns, session.summaries, (*session.repetitions, *session.refusals), title, path)
     return document
 
 

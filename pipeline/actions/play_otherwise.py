@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ def fit_struck_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[F
 
 def play_otherwise(
     source: Path, stroke: int, plan: StrokePlan, learned: LearnedTable | None, draws: int, seed: int, folder: Path,
-    cache: ResultCache,
+    cache: ResultCache, on_activity: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Play a shot otherwise, and write what_if.json, what_if.csv and what_if.png.
 
@@ -132,6 +133,7 @@ def play_otherwise(
         seed: Random seed.
         folder: Folder of the results.
         cache: Holds the fit.
+        on_activity: Called with what is done next.
 
     Returns:
         Content of what_if.json.
@@ -142,7 +144,9 @@ def play_otherwise(
     """
     tracks, scene, _ = read_observed_shot(source)
     _require_possible_goal(plan.goal, tracks, scene)
+    on_activity("fitting the shot, about half a minute unless it is cached")
     fit, solution = fit_struck_shot(tracks, scene, cache)
+    on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
     t = np.arange(0.0, SECONDS + 1e-9, STEP_S)
     real = play_changed_shot(ensemble, StrokeChange(), plan.spread, plan.goal, t, seed)
@@ -156,6 +160,7 @@ def play_otherwise(
         real,
         changed,
         _did_score(fit, ensemble, plan),
+        (float(tracks.t[-1]), SECONDS),
     )
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "what_if.csv") as path:
@@ -194,7 +199,7 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks) 
         real = tracks.xy[tracks.t >= ensemble.t - 1e-9, tracks.ids.index(name)]
         fans.append(PredictionFan(name, real, plays, ensemble_outlyingness(plays), np.empty((0, 2))))
     title = (
-        f"Played otherwise: scores with {changed.probability:.0%}; shaded: 50 and 90 % of {len(changed.members)} plays;"
-        " thin lines: the real shot"
+        f"Thick lines: the shot played otherwise, until the balls rest or {SECONDS:g} s after the strike;"
+        f" shaded: 50 and 90 % of {len(changed.members)} plays.\nThin lines: the real shot, until the clip ends."
     )
     return draw_changed_shot(ensemble.table, fans, title)

@@ -82,7 +82,7 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
     """
     first, last = float(record.shown[0]), float(record.shown[-1])
     if at is not None and not first <= at <= last:
-        raise OptionError(f"--at lies within the shot, {first:g} to {last:g} s; got {at:g}")
+        raise OptionError(f"--at lies within the shot, {first:.3f} to {last:.3f} s; got {at:g}")
     t = select_moment_before_strike(record) if at is None else at
     places = locate_balls(record, t)
     nearest = int(np.argmin(np.abs(record.shown - t)))

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.chain import SOURCE_FILE, STAGE_FILES
+from pipeline.chain import STAGE_FILES
+from pipeline.io.run_folder import SOURCE_FILE
 from video.io.image_sequence import is_image_sequence
 
 RESULT_NAMES = frozenset(name for names in STAGE_FILES.values() for name in names)

@@ -62,4 +62,17 @@ def _report_error(error: Exception, debug: bool) -> int:
 def _format_usage_error(error: Any) -> str:
     """Format a usage error of click as one line that names the help."""
     context = error.ctx.command_path if error.ctx else "trueroll"
-    return f"{' '.join(error.format_message().split()).rstrip('.')}; see {context} --help"
+    message = _format_validation_error(error) or " ".join(error.format_message().split()).rstrip(".")
+    return f"{message}; see {context} --help"
+
+
+def _format_validation_error(error: Any) -> str:
+    """Format a value that typer's validation (pydantic) refused, e.g. `--at is a number; got T`; else empty."""
+    list_errors = getattr(error.__cause__, "errors", None)
+    option = getattr(getattr(error, "param", None), "opts", None)
+    if list_errors is None or not option:
+        return ""
+    refused = list_errors()[0]
+    limit = refused["msg"].partition(",")[0].replace("Input should be", "is")
+    limit = limit.replace("valid integer", "whole number").replace("valid ", "")
+    return f"{option[-1]} {limit}; got {refused['input']}"

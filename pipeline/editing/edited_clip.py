@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from models.core.errors import OptionError, TruerollError
-from pipeline.chain import SOURCE_FILE, default_run_folder, hash_clip
-from pipeline.io.run_folder import read_scene_document
+from pipeline.chain import default_run_folder, hash_clip
+from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
 

@@ -159,7 +159,7 @@ def format_ball_sentence(prediction: ShotPrediction, k: int) -> str:
     if contacts:
         begin += f", {contacts}"
         left = 1 - sum(p for _, p in prediction.first_contacts[k])
-        begin += f", or touches nothing ({left:.0%})" if left >= MIN_REPORTED_PROBABILITY else ""
+        begin += f", or touches nothing ({100 * left:.0f} %)" if left >= MIN_REPORTED_PROBABILITY else ""
     potted = 1 - float(prediction.on_table[-1, k])
     if potted >= CERTAIN_PROBABILITY:
         return f"{begin}, and is potted."
@@ -168,7 +168,7 @@ def format_ball_sentence(prediction: ShotPrediction, k: int) -> str:
     if rest is not None and rest.probability >= 0.5:
         when = f"it comes to rest at {rest.t:.2f} s{_format_probability(rest.probability)} at"
     end = f"; {when} {_format_position(prediction.path[-1, k])} ± {1e3 * prediction.sigma[-1, k]:.0f} mm"
-    return begin + end + (f" unless it is potted ({potted:.0%})." if potted >= 0.02 else ".")
+    return begin + end + (f" unless it is potted ({100 * potted:.0f} %)." if potted >= 0.02 else ".")
 
 
 def _format_contact(what: EventKey) -> str:
@@ -181,7 +181,7 @@ def _format_contact(what: EventKey) -> str:
 
 
 def _format_probability(probability: float) -> str:
-    return "" if probability >= CERTAIN_PROBABILITY else f" ({probability:.0%})"
+    return "" if probability >= CERTAIN_PROBABILITY else f" ({100 * probability:.0f} %)"
 
 
 def _format_position(xy: FloatArray) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ from pipeline.io.explanation_json import parse_explanation
 Columns = dict[str, NDArray[Any]]
 
 TEXT_COLUMNS = ("id", "kind", "a", "b")
+SOURCE_FILE = "source.json"
+"""File of a run folder that names the source clip."""
 DEFAULT_SIGMA = 1e-3
 """m, standard deviation of positions without a sigma."""
 GRID_HZ = 1000.0
@@ -127,6 +131,46 @@ def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
         except ValueError as error:
             raise OptionError(f"{path}: column {name} has a value that is not a number: {error}") from error
     return columns
+
+
+def identify_clip(source: Path) -> str:
+    """Identify what a run folder or a track folder was made from.
+
+    Args:
+        source: Run folder, track folder, or its tracks.csv.
+
+    Returns:
+        Hash of the clip, with the first frame of a part of it; without a clip, hash of the tracks. Empty if neither can
+        be read.
+    """
+    folder = source if source.is_dir() else source.parent
+    part: dict[str, Any] = {}
+    with suppress(OSError, ValueError):
+        part = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        digest = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["clip"]["sha256"]
+        return f"{digest} {part.get('first', 0)}"
+    with suppress(OSError), (source / "tracks.csv" if source.is_dir() else source).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return ""
+
+
+def find_repeated_clips(sources: Iterable[Path]) -> dict[Path, Path]:
+    """Find the folders that are runs of a clip of which an earlier folder is a run too.
+
+    Args:
+        sources: Run folders, track folders, or their tracks.csv.
+
+    Returns:
+        The earlier folder by the repeated one.
+    """
+    first: dict[str, Path] = {}
+    repeated: dict[Path, Path] = {}
+    for source in dict.fromkeys(sources):
+        clip = identify_clip(source)
+        if clip and first.setdefault(clip, source) != source:
+            repeated[source] = first[clip]
+    return repeated
 
 
 def list_files_beside(sources: Iterable[Path], name: str) -> list[Path]:

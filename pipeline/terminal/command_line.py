@@ -64,6 +64,10 @@ OutOption = Annotated[
         help="Folder of the results. Default: out/<clip>.",
     ),
 ]
+OutBesideOption = Annotated[
+    Path | None,
+    typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."),
+]
 CacheOption = Annotated[
     Path | None, typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
 ]

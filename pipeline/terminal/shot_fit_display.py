@@ -1,4 +1,4 @@
-"""Shows how many shots of a table are fitted, on a terminal; elsewhere only a note while the physics is compiled."""
+"""Shows how many shots of a table are fitted, on a terminal; elsewhere one line per shot."""
 
 from __future__ import annotations
 
@@ -33,5 +33,7 @@ def show_shot_fits(console: Console, last: str) -> Iterator[Callable[[int, int],
         def update(done: int, count: int) -> None:
             text = last if done == count else "fitting shots"
             bars.update(task, completed=done, total=count, description=text)
+            if not console.is_terminal:
+                console.print(text if done == count else f"fitting shot {done + 1} of {count}", markup=False)
 
         yield update

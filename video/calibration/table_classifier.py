@@ -105,7 +105,7 @@ def _explain_choice(table: Table, sizes: BallSizes, pockets: bool | None, has_d:
         reasons.append("its cloth has a D")
     if sizes.count:
         reasons.append(
-            f"its balls have {100 * sizes.radius_ratio:.2f} +- {100 * sizes.sigma:.2f} % of its length as radius"
+            f"its balls have {100 * sizes.radius_ratio:.2f} ± {100 * sizes.sigma:.2f} % of its length as radius"
         )
     else:
         reasons.append("no ball could be measured")
@@ -120,7 +120,8 @@ def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple
     likely = [name for name in others if probabilities[name] > MIN_ALTERNATIVE_PROBABILITY] or others[:1]
     alternatives = " or ".join(f"{name} ({_describe_difference(TABLE_PRESETS[name], table)})" for name in likely)
     return (
-        f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {probabilities[table.name]:.0%} probable; give --table.",
+        f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {100 * probabilities[table.name]:.0f} % probable;"
+        " give --table.",
     )
 
 

@@ -503,7 +503,7 @@ def _height_note(camera: Camera, perspective: PerspectiveFit) -> str:
     source = (
         "from the perspective" if perspective.focal_sigma < 0.15 else "assumed, not identifiable from the perspective"
     )
-    return f"camera {camera.height:.2f} +- {camera.height_sigma:.2f} m above the table ({source})"
+    return f"camera {camera.height:.2f} ± {camera.height_sigma:.2f} m above the table ({source})"
 
 
 def _convert_rgb_to_lab(rgb: FloatArray) -> FloatArray:

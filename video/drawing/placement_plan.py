@@ -13,14 +13,12 @@ from models.estimation.ball_placement.ball_places import find_nearest_cushions
 from video.drawing.label_layout import Rect, overlap_share
 from video.drawing.palette import INK, WHITE, Colour, ensure_contrast, mix_colours
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset, build_empty_inset
-from video.drawing.table_plan import CLOTH_COLOUR, assign_ball_colours
+from video.drawing.table_plan import CLOTH_COLOUR, append_footer, assign_ball_colours
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
 PLAN_WIDTH_PX = 1680
 """px, width of the drawing."""
-FOOTER_PX = 34
-"""px, height of the line of text below the plan."""
-NUMBER_PX, NAME_PX, FOOTER_TEXT_PX = 16, 16, 17
+NUMBER_PX, NAME_PX = 16, 16
 """px, font sizes."""
 LINE_SHARES = (0.5, 0.35, 0.65, 0.22, 0.78)
 """Places of a number along its line, in order of preference, as shares of the way from the ball to the nose."""
@@ -56,11 +54,9 @@ def draw_placement_plan(
             size = round((radius + grow) * (1 << SHIFT))
             cv2.circle(inset.canvas, centre, size, ink, -1, cv2.LINE_AA, SHIFT)
     plan = cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA)
-    image = np.full((plan.shape[0] + FOOTER_PX, plan.shape[1], 3), INK, np.uint8)
-    image[: plan.shape[0]] = plan
+    image = np.asarray(plan, np.uint8)
     _draw_texts(image, inset, ids, xy, lines, colours, radius / SUPERSAMPLE)
-    draw_text(image, title, 16, plan.shape[0] + 6, FOOTER_TEXT_PX, WHITE)
-    return image
+    return append_footer(image, title)
 
 
 def _list_dimension_lines(place: FloatArray, distances: FloatArray) -> list[tuple[FloatArray, FloatArray, float]]:
@@ -115,7 +111,7 @@ def _draw_tag(
     rects = []
     for place in places:
         left = float(np.clip(place[0] - box[0] / 2, 0, image.shape[1] - box[0]))
-        top = float(np.clip(place[1] - box[1] / 2, 0, image.shape[0] - FOOTER_PX - box[1]))
+        top = float(np.clip(place[1] - box[1] / 2, 0, image.shape[0] - box[1]))
         rects.append((left, top, float(box[0]), float(box[1])))
     best = min(rects, key=lambda rect: round(overlap_share(rect, taken), 3))
     left_px, top_px = round(best[0]), round(best[1])

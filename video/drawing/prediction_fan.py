@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from models.core.scene import Table
-from models.core.typing import FloatArray, ImageArray
+from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
 from video.drawing.palette import INK, WHITE, Colour, mix_colours
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset
 from video.drawing.table_plan import draw_table_plan
@@ -18,6 +18,11 @@ SHADED_SHARES = ((0.9, 0.28), (0.5, 0.42))
 """Shares of the samples that are shaded together, and the opacity of each shade."""
 STROKE_PX = 4
 """Line width of a sample in px of the final image, wide enough to close the gaps between samples."""
+EDGE_RADII, EDGE_CONTRAST = 0.2, 3.0
+"""Blur of the edge of an area, ball radii, and the factor by which it is sharpened again: the edge becomes rounder, not
+wider."""
+SPREAD_QUANTILE = 0.75
+"""Quantile of the distances of the samples from their median, over all times, that is the spread of a fan."""
 MIN_TRAVEL = 0.01
 """m; a ball that travels less in every sample has no fan."""
 
@@ -47,7 +52,10 @@ class PredictionFan:
         is_potted = np.isnan(self.samples[..., 0])
         last_finite = np.maximum.accumulate(np.where(is_potted, 0, np.arange(is_potted.shape[1])), axis=1)
         positions = np.take_along_axis(self.samples, last_finite[..., None], axis=1)
-        distances = [float(np.nan_to_num(np.linalg.norm(positions - path, axis=2)).mean()) for path in positions]
+        points = positions[..., 0] + 1j * positions[..., 1]
+        distances = np.zeros(len(points))
+        for row in points.T:  # one moment at a time: all pairs at all moments take gigabytes
+            distances += np.nan_to_num(np.abs(row[:, None] - row)).sum(axis=1)
         medoid: FloatArray = self.samples[int(np.argmin(distances))]
         return medoid
 
@@ -115,6 +123,10 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
     travel = float(np.ptp(positions, axis=1).max(initial=0.0)) if positions.size else 0.0
     if travel < MIN_TRAVEL:
         return
+    scale = float(np.linalg.norm(inset.table_to_canvas[:, 0]))
+    away = np.linalg.norm(positions - np.median(positions, axis=0), axis=2)
+    # Samples that agree leave no gaps; a wider disc would fill the corners of their path.
+    radius = float(np.clip(np.quantile(away, SPREAD_QUANTILE) * scale, STROKE_PX, inset.ball_radius))
     for share, strength in SHADED_SHARES:
         mask = np.zeros(inset.canvas.shape[:2], np.uint8)
         for sample in fan.samples[fan.outlyingness <= share]:
@@ -122,10 +134,29 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
             if len(line) > 1:
                 cv2.polylines(mask, [inset.to_fixed_point(line).reshape(-1, 1, 2)], False, 255, STROKE_PX * SUPERSAMPLE,
                               cv2.LINE_AA, SHIFT)  # fmt: skip
-        closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-        cover = closed.astype(np.float32)[..., None] * (strength / 255)
+        cover = _close_gaps(mask, radius)[..., None] * strength
         ground = inset.canvas.astype(np.float32)
         inset.canvas[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
+
+
+def _close_gaps(mask: ByteArray, radius: float) -> Float32Array:
+    """Close the gaps between paths that are narrower than a ball, and smooth the edge.
+
+    A morphological closing with a disc of the size of a drawn ball: where no ball fits between two paths, neither the
+    gap nor the notch says anything about where it goes.
+
+    Args:
+        mask: (h, w) 255 on a path.
+        radius: px, of the disc: that of a drawn ball, or less.
+
+    Returns:
+        (h, w) share of each pixel that belongs to the area.
+    """
+    grown = cv2.distanceTransform((mask < 128).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
+    closed = cv2.distanceTransform(grown.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
+    area = np.where(closed | (mask >= 128), np.float32(1), np.float32(0))
+    smooth = cv2.GaussianBlur(area, (0, 0), EDGE_RADII * radius)
+    return np.asarray(np.clip(EDGE_CONTRAST * (smooth - 0.5) + 0.5, 0, 1), np.float32)
 
 
 def _draw_path_line(inset: TableInset, path: FloatArray, colour: Colour) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 from models.core.scene import Table
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.palette import INK, KIND_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.table_inset import SHIFT, SUPERSAMPLE, WOOD, TableInset, build_empty_inset
-from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
+from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset, build_empty_inset
+from video.drawing.text import draw_text, text_mask
 
 CLOTH_COLOUR: Colour = (34, 104, 96)
 """Cloth of a table without footage."""
@@ -22,8 +22,8 @@ SPARE_COLOURS: tuple[Colour, ...] = (
     (190, 140, 255),
 )  # fmt: skip
 """Colours, in order, of balls whose names contain no colour."""
-TITLE_SIZE = 18
-"""px, font size of the title."""
+FOOTER_TEXT_PX, FOOTER_LINE_PX = 17, 24
+"""px, font size and height of a line below the table."""
 START_FADE = 0.55
 """Share of the cloth colour in a ball that is drawn at its start."""
 
@@ -55,11 +55,11 @@ def draw_table_plan(
         ids: Names of the balls.
         paths: Path of each ball (n, 2), m; NaN makes a gap.
         contact_points: Positions of the contacts (m, 2), m.
-        title: Title on the lower rail.
+        title: Text below the table, one or several lines; empty for none.
         draw_background: Function that draws on the empty table first, in the colours of the balls.
 
     Returns:
-        Image (h, `PLAN_WIDTH`, 3).
+        Image (h, `PLAN_WIDTH`, 3), higher than the table by the text.
     """
     inset = build_empty_inset(table, CLOTH_COLOUR, False, PLAN_WIDTH)
     colours = assign_ball_colours(ids)
@@ -92,17 +92,26 @@ def draw_table_plan(
     for name, places in zip(ids, finite_paths, strict=True):
         if len(places):
             _draw_ball_name(image, inset, places[-1], name)
-    _draw_title(image, title)
-    return np.asarray(image, dtype=np.uint8)
+    return append_footer(np.asarray(image, dtype=np.uint8), title)
 
 
-def _draw_title(image: ImageArray, title: str) -> None:
-    """Draw the title on the lower rail, on a background that hides the diamonds behind it."""
-    height, width = text_mask(title, TITLE_SIZE).shape
-    left, top = 16, image.shape[0] - height - 6
-    if title:
-        blend_mask(image, round_corner_mask(width + 16, height, height // 4), left - 8, top, WOOD)
-    draw_text(image, title, left, top, TITLE_SIZE, WHITE)
+def append_footer(image: ImageArray, text: str) -> ImageArray:
+    """Append a strip with text below an image, so that it hides nothing.
+
+    Args:
+        image: Image (h, w, 3).
+        text: One or several lines; empty for none.
+
+    Returns:
+        Image (h + strip, w, 3).
+    """
+    lines = text.splitlines()
+    if not lines:
+        return image
+    strip = np.full((len(lines) * FOOTER_LINE_PX + 10, image.shape[1], 3), INK, np.uint8)
+    for k, line in enumerate(lines):
+        draw_text(strip, line, 16, 5 + k * FOOTER_LINE_PX, FOOTER_TEXT_PX, WHITE)
+    return np.vstack([image, strip])
 
 
 def _draw_path(inset: TableInset, path: FloatArray, colour: Colour) -> None:

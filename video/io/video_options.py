@@ -32,7 +32,9 @@ class RenderOptions:
     """Options of the slow-motion video."""
 
     slow: float = option(8.0, help="Slow-down factor relative to the clip.", unit="times", minimum=1, maximum=100)
-    quick: bool = option(False, help="Encode the slow motion faster, at lower quality.")
+    quick: bool = option(
+        False, help="Encode the slow motion faster, at lower quality; it is still made, last. --no-video leaves it out."
+    )
     no_video: bool = option(False, help="Leave out the slow motion, which takes most of the time.")
     trim_still: bool = option(
         False, help="Leave out everything more than half a second before the first and after the last motion."

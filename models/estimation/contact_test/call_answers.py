@@ -178,7 +178,7 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
         sentence = f"{_format_probability(probability)} {a} touched {name} first"
         return replace(_answer_without_moment(probability, sentence, a, reason), alternatives=ranked)
     others = ", ".join(
-        f"{'an unknown ball' if other == UNKNOWN else other} {p:.1%}"
+        f"{'an unknown ball' if other == UNKNOWN else other} {_format_share(p)}"
         for other, p in ranked[1:4]
         if p >= MIN_NAMED_PROBABILITY
     )
@@ -405,7 +405,7 @@ def _format_verdict(probability: float, statement: str, opposite: str) -> str:
         return f"Yes, with probability {_format_share(probability)}: {statement}"
     if probability < 1 - SURE_PROBABILITY:
         return f"No, with probability {_format_share(1 - probability)}: {opposite}"
-    return f"Inconclusive: the probability that {statement} is {probability:.0%}"
+    return f"Inconclusive: the probability that {statement} is {100 * probability:.0f} %"
 
 
 def _format_probability(probability: float) -> str:

@@ -105,7 +105,7 @@ def assess_trust(share: float, chi2: float, moving_seconds: float, warnings: lis
     """
     if moving_seconds == 0:
         return Trust("green", ("No ball moves.",)) if not warnings else Trust("amber", ("No ball moves.", *warnings))
-    reasons = [f"An accepted fit explains {share:.0%} of the time that balls move."]
+    reasons = [f"An accepted fit explains {100 * share:.0f} % of the time that balls move."]
     if np.isfinite(chi2) and chi2 > 2:
         reasons.append(f"Residuals exceed the stated errors: chi2 per degree of freedom is {chi2:.1f}.")
     colour: TrustLevel = "green"

@@ -46,6 +46,22 @@ class PlayerSpread:
         return np.column_stack([np.maximum(1.0 + drawn[:, 0], 0.05), drawn[:, 1]])
 
 
+def measure_stroke(state: FloatArray, radius: float) -> tuple[float, float, float]:
+    """Measure a stroke by the state of the struck ball.
+
+    Args:
+        state: (7,) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s) after the strike.
+        radius: m, of the ball.
+
+    Returns:
+        Speed in m/s, side spin (> 0 to the right) and top spin (1 rolls) as shares: R omega over the speed.
+    """
+    speed = max(float(np.hypot(*state[2:4])), MIN_SPEED)
+    along = state[2:4] / speed if np.any(state[2:4]) else np.array([1.0, 0.0])
+    top = radius * float(state[4:6] @ np.array([-along[1], along[0]])) / speed
+    return speed, -radius * float(state[6]) / speed, top
+
+
 def change_stroke(state: FloatArray, radius: float, change: StrokeChange, factor: float, turn: float) -> FloatArray:
     """Change the state of a struck ball; a change of speed or direction keeps the shares of spin.
 
@@ -59,7 +75,7 @@ def change_stroke(state: FloatArray, radius: float, change: StrokeChange, factor
     Returns:
         (7,) state.
     """
-    before = max(float(np.hypot(*state[2:4])), MIN_SPEED)
+    before, side, top = measure_stroke(state, radius)
     speed = before * change.speed_factor if change.speed is None else change.speed
     speed = max(speed * factor, MIN_SPEED)
     angle = np.radians(change.angle + turn)
@@ -67,8 +83,6 @@ def change_stroke(state: FloatArray, radius: float, change: StrokeChange, factor
     along = state[2:4] / before if np.any(state[2:4]) else np.array([1.0, 0.0])
     rolling_axis = np.array([-along[1], along[0]])
     spin = state[4:6] / before
-    top = radius * float(spin @ rolling_axis)
-    side = -radius * float(state[6]) / before
     wanted_top = top + change.top_added if change.top is None else change.top
     wanted_side = side + change.side_added if change.side is None else change.side
     changed = state.copy()

@@ -15,7 +15,7 @@ from pipeline.actions.answer_call import answer_question, write_call_images
 from pipeline.chain import require_writable_folder
 from pipeline.io.run_folder import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, parse_output_path
+from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app
 
 
 @app.command("call")
@@ -34,12 +34,7 @@ def call(
     clip: Annotated[
         Path | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the images. Default: DIR."
-        ),
-    ] = None,
+    out: OutBesideOption = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     profile: Annotated[
         Path | None,

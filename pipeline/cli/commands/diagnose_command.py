@@ -31,6 +31,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_verdict,
     list_causes,
 )
+from pipeline.reporting.text.number_format import format_probability
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
 from pipeline.terminal.search_display import show_search_progress
 
@@ -86,7 +87,7 @@ def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, s
     if report.candidates:
         grid = Grid("effect", "probability", "strength", box=None, pad_edge=False)
         for one in list_causes(report)[:_MAX_CAUSES]:
-            grid.add_row(one.name, f"{one.probability:.1%}", one.strength)
+            grid.add_row(one.name, format_probability(one.probability), one.strength)
         screen.print(grid)
     for sentence in (*format_body_differences(report), *format_unexplained(report)):
         screen.print(escape(sentence))

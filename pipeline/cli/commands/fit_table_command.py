@@ -17,6 +17,7 @@ from pipeline.engine.helper_executor import open_executor
 from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
 from pipeline.io.tables.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
+from pipeline.reporting.text.number_format import format_measured
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -71,7 +72,7 @@ def _print_table(fitted: FittedTable, path: Path, left_out: tuple[str, ...]) -> 
     grid = Grid("parameter", "value", "sigma", "unit", "", box=None, pad_edge=False)
     for one in lesson.parameters:
         note = "not identifiable: the prior" if one.prior_only else ""
-        grid.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit, note)
+        grid.add_row(one.name, *format_measured(one.value, one.sigma), one.unit, note)
     screen.print(grid)
     scatter = lesson.table.scatter
     screen.print(

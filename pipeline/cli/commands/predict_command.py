@@ -23,7 +23,7 @@ from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
 from pipeline.io.prediction_files import format_strict_json, summarize_prediction, write_prediction
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
+from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, make_output_console
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 STEP_S = 0.02
@@ -40,12 +40,7 @@ def predict(
         float | None,
         typer.Option("--at", metavar="T", help="Time to predict from, in s. Default: the last observation."),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."
-        ),
-    ] = None,
+    out: OutBesideOption = None,
     shot: Annotated[
         int | None, typer.Option("--shot", help="Number of the shot in the folder. Default: the first.")
     ] = None,
@@ -102,7 +97,7 @@ def _choose_start_time(tracks: Tracks, at: float | None) -> float:
     if at is None:
         return last
     if not first <= at <= last:
-        raise OptionError(f"--at lies within what was seen, {first:g} to {last:g} s; got {at:g}")
+        raise OptionError(f"--at lies within what was seen, {first:.3f} to {last:.3f} s; got {at:g}")
     return at
 
 
@@ -138,7 +133,7 @@ def _print_prediction(document: dict[str, Any], folder: Path) -> None:
     if document["compared"]:
         grid = Grid("observed later", "at", "error", "predicted sigma", "in 90 % region", box=None, pad_edge=False)
         for row in document["compared"]:
-            share = "-" if row["within_90"] is None else f"{row['within_90']:.0%}"
+            share = "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %"
             grid.add_row(
                 row["id"], f"{row['t']:.2f} s", f"{row['error_mm']:.1f} mm", f"{row['sigma_mm']:.1f} mm", share
             )

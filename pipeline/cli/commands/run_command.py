@@ -16,6 +16,7 @@ from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.reporting.text.number_format import format_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
@@ -179,4 +180,4 @@ def _print_answer(finished: FinishedRun) -> None:
 
 def _format_probability(probability: float) -> str:
     """Format the probability of an event, and whether it is undecided."""
-    return f"{probability:.0%}{' (undecided)' if is_undecided(probability) else ''}"
+    return f"{format_probability(probability)}{' (undecided)' if is_undecided(probability) else ''}"

@@ -11,7 +11,7 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.what_if.changed_shot import ChangedShot
 from models.estimation.what_if.shot_outcome import ShotGoal
-from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
+from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke, measure_stroke
 from models.estimation.what_if.struck_ensemble import StruckEnsemble
 from pipeline.io.run_tables import Columns, write_columns
 
@@ -21,7 +21,7 @@ QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 
 def summarize_changed_shot(
     ensemble: StruckEnsemble, change: StrokeChange, spread: PlayerSpread, spread_source: str, goal: ShotGoal,
-    real: ChangedShot, changed: ChangedShot, did_score: bool,
+    real: ChangedShot, changed: ChangedShot, did_score: bool, ends: tuple[float, float],
 ) -> dict[str, Any]:  # fmt: skip
     """Build the content of what_if.json.
 
@@ -34,6 +34,7 @@ def summarize_changed_shot(
         real: The shot as it was struck, played again.
         changed: The shot with the change.
         did_score: Whether the real shot scored.
+        ends: s of the clip at which it ends, and s after the strike at which the drawn plays end at the latest.
 
     Returns:
         A tree of JSON values with the schema `trueroll.what-if/1`.
@@ -45,6 +46,9 @@ def summarize_changed_shot(
         "draws": len(ensemble.members),
         "model": "whole_shot" if ensemble.is_whole_shot else "segments",
         "change": asdict(change),
+        "stroke": {"real": _describe_stroke(ensemble, StrokeChange()), "changed": _describe_stroke(ensemble, change)},
+        "clip_end": ends[0],
+        "play_end": ensemble.t + ends[1],
         "spread": {"speed": spread.speed, "angle_deg": spread.angle, "source": spread_source},
         "goal": asdict(goal),
         "real": {"scored": did_score, **_summarize_play(ensemble, real)},
@@ -75,6 +79,16 @@ def _compute_quantiles(places: FloatArray) -> FloatArray:
     gone = np.isnan(places).all(axis=0)
     filled = np.where(gone, 0.0, places)
     return np.asarray(np.nanquantile(filled, list(QUANTILES.values()), axis=0))
+
+
+def _describe_stroke(ensemble: StruckEnsemble, change: StrokeChange) -> dict[str, float]:
+    """Describe the median stroke of the ensemble with a change: speed (m/s), side spin and top spin as shares."""
+    strokes = []
+    for member in ensemble.members:
+        radius = float(member.balls.radius[ensemble.cue])
+        struck = change_stroke(member.balls.state[ensemble.cue], radius, change, 1.0, 0.0)
+        strokes.append(measure_stroke(struck, radius))
+    return dict(zip(("speed", "side", "top"), np.median(strokes, axis=0).tolist(), strict=True))
 
 
 def _summarize_play(ensemble: StruckEnsemble, shot: ChangedShot) -> dict[str, Any]:

@@ -18,10 +18,13 @@ from models.estimation.table_learning.table_measurements import MeasuredTable, T
 
 CERTIFICATE_FILE = "certificate.json"
 SCHEMA = "trueroll.certificate/1"
+ADVISED_SHOTS, ADVISED_CONTACTS = 6, 40
+"""Shots and cushion contacts from which every cushion has enough contacts, and the scatter between shots is known to a
+third of itself."""
 FALSE_ALARM = 0.01
 """Probability that any number of two equal tables is called different."""
 NAMES: Mapping[str, str] = {
-    "slope_x": "slope along the length (falls to the right)", "slope_y": "slope along the width (falls to the bottom)",
+    "slope_x": "slope along the length", "slope_y": "slope along the width",
     "restitution": "restitution, all cushions", "restitution_left": "restitution, left cushion",
     "restitution_right": "restitution, right cushion", "restitution_top": "restitution, top cushion",
     "restitution_bottom": "restitution, bottom cushion", "roll_out": "roll-out from 2 m/s",
@@ -38,6 +41,8 @@ class CertifiedTable:
 
     document: dict[str, Any]
     """Content of certificate.json."""
+    sources: tuple[Path, ...]
+    """Folders that were used, each clip once."""
     table: Table
     tracks: tuple[Tracks, ...]
     """Of every shot that was used."""

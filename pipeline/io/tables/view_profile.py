@@ -152,7 +152,7 @@ def list_profile_misfits(text: str, cloth_lab: FloatArray, parameters: Iterable[
         deviation = abs(one.value - value) / math.hypot(sigma, one.sigma)
         if deviation > MISFIT_SIGMAS:
             misfits.append(
-                f"{PROFILE_NOTE} {one.name} is {one.value:.4f} +- {one.sigma:.4f} in this clip and {value:.4f} in it,"
+                f"{PROFILE_NOTE} {one.name} is {one.value:.4f} ± {one.sigma:.4f} in this clip and {value:.4f} in it,"
                 f" {deviation:.1f} standard deviations away: the cloth has changed; its friction is not used"
             )
     return tuple(misfits)

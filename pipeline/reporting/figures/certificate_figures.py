@@ -18,7 +18,20 @@ SLOPE_LENGTH = 0.35
 """Length of the arrow of a slope of 1 mm/m, share of the table's width."""
 MAX_ARROW = 0.45
 """Longest arrow, share of the table's width."""
+LEVEL_SIGMAS = 2.5
+"""Standard deviations of a slope up to which a table counts as level: of the two slopes of a level table one exceeds
+them in one of forty cases."""
+ARROW_MARKER = {
+    "symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828", "opacity": 1,
+}  # fmt: skip
+"""Marks of the ends of an arrow; plotly's own arrows lose their shaft where they are shorter than the head."""
+MIDDLE_MARKER = {"symbol": "circle", "size": 6, "color": "#c62828"}
 _SLOPES = ("slope_x", "slope_y")
+
+
+def is_level(numbers: dict[str, Any]) -> bool:
+    """Return whether no slope of a certificate exceeds its errors."""
+    return all(abs(numbers[name]["value"]) < LEVEL_SIGMAS * numbers[name]["sigma"] for name in _SLOPES)
 
 
 def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table: Table) -> go.Figure:
@@ -53,14 +66,16 @@ def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table:
         figure.add_scatter(
             x=end[0] + 2 * sigma[0] * np.cos(angle), y=end[1] + 2 * sigma[1] * np.sin(angle), mode="lines",
             fill="toself", line={"color": "#c62828", "width": 1}, fillcolor="rgba(198,40,40,0.18)",
-            name="two standard deviations",
+            name="the fall, two standard deviations",
         )  # fmt: skip
-        figure.add_annotation(
-            x=end[0], y=end[1], ax=middle[0], ay=middle[1], xref="x", yref="y", axref="x", ayref="y", text="",
-            arrowhead=2, arrowwidth=3, arrowcolor="#c62828", showarrow=True,
+        level = is_level(numbers)
+        figure.add_scatter(
+            x=[middle[0], end[0]], y=[middle[1], end[1]], mode="lines+markers", showlegend=False, hoverinfo="skip",
+            line={"color": "#c62828", "width": 3}, marker=MIDDLE_MARKER if level else ARROW_MARKER,
         )  # fmt: skip
+        text = "level within its errors" if level else f"falls {size:.2f} mm/m"
         figure.add_annotation(
-            x=middle[0], y=middle[1], text=f"falls {size:.2f} mm/m", showarrow=False, yshift=18,
+            x=middle[0], y=min(middle[1], end[1]) - 2 * sigma[1], text=text, showarrow=False, yshift=14,
             bgcolor="rgba(255,255,255,0.85)", font={"color": "#c62828", "size": 14},
         )  # fmt: skip
     figure.update_xaxes(title="x (m)", constrain="domain", range=[-0.05, table.length + 0.05])

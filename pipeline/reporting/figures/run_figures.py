@@ -13,6 +13,7 @@ from models.core.scene import Scene
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
+from pipeline.reporting.text.number_format import format_with_sigma
 from pipeline.reporting.text.text_formatting import (
     find_textbook_range,
     format_event,
@@ -197,7 +198,7 @@ def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
             x=[p.value], y=[""], error_x={"type": "data", "array": [2 * p.sigma], "color": colour}, row=row, col=1,
             mode="markers", marker={"color": colour, "size": 10, "symbol": "circle-open" if p.prior_only else "circle"},
             showlegend=False, name=p.name,
-            hovertemplate=f"{p.value:.4g} ± {p.sigma:.2g}<extra>{format_parameter_name(p.name)}</extra>",
+            hovertemplate=f"{format_with_sigma(p.value, p.sigma)}<extra>{format_parameter_name(p.name)}</extra>",
         )  # fmt: skip
         ends = [p.value - 2 * p.sigma, p.value + 2 * p.sigma]
         usual = find_textbook_range(p.name)

@@ -32,10 +32,10 @@ from pipeline.reporting.text.gap_sentences import (
     format_undecided,
     format_unexplained,
     format_unidentified,
-    format_unit,
     format_verdict,
     list_causes,
 )
+from pipeline.reporting.text.number_format import format_measured, format_unit
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAX_CANDIDATES = 8
@@ -125,4 +125,5 @@ def _format_parameter(one: Strength) -> dict[str, str]:
     name, unit = format_parameter(one.name), format_unit(one.unit)
     if one.prior_only:
         return {"name": name, "unidentified": format_unidentified(one)}
-    return {"name": name, "unidentified": "", "value": f"{one.value:.4g}", "sigma": f"{one.sigma:.2g}", "unit": unit}
+    value, sigma = format_measured(one.value, one.sigma)
+    return {"name": name, "unidentified": "", "value": value, "sigma": sigma, "unit": unit}

@@ -11,6 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.io import templates, to_html
 from plotly.offline import get_plotlyjs
 
+from pipeline.reporting.text.number_format import format_probability
+
 
 def render_template(template: str, **values: object) -> str:
     """Render a template of `pipeline/reporting/pages/templates`.
@@ -29,6 +31,7 @@ def render_template(template: str, **values: object) -> str:
         trim_blocks=True,
     )
     environment.filters["keep_units"] = _keep_units
+    environment.filters["probability"] = format_probability
     return environment.get_template(template).render(**values)
 
 

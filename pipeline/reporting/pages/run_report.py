@@ -33,6 +33,8 @@ from pipeline.reporting.pages.page_embedding import build_data_uri
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
+from pipeline.reporting.text.correction_sentences import HAND_PREFIX
+from pipeline.reporting.text.number_format import format_measured, format_probability, format_unit, format_with_sigma
 from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.shot_summary import summarize_shots
@@ -51,6 +53,11 @@ LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
 MOMENT_TIME = 0.1
 """s between an event and the moment whose hypotheses it belongs to, at most."""
+MAX_MM_DECIMALS = 1
+"""Decimals of millimetres: no place is measured to a hundredth."""
+UNDECIDED_CALL = "cannot be decided"
+BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
+WHOLE_SHOT_HEADING = "One contact model fitted to the whole shot"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
 NEAR_MISS_GAP = 0.02
 """m, largest gap of two balls without contact for which the page answers whether they touched."""
@@ -80,6 +87,10 @@ class CallRow:
     question: str
     call: str
     answer: CallAnswer
+    probability: str
+    """Probability of the call; of its most probable answer where it cannot be decided."""
+    margin: str
+    """Margin in mm; empty where the question has none."""
     sentence: str
     """The answer without the reason why it cannot be decided."""
 
@@ -118,7 +129,7 @@ def write_report(
         errors: Comparison of the rest of the shot with its prediction, if there is one.
     """
     colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
-    parameters = [*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())]
+    by_hand = [note for note in scene.notes if note.startswith(HAND_PREFIX)]
     trust = assess_run_trust(clip, fit)
     fit = replace(fit, trust=trust)
     places = select_check_places(tracks, fit, scene.table)
@@ -147,12 +158,15 @@ def write_report(
         shot_numbers=[(shot.t, list_number_rows(shot)) for shot in fit.shot_numbers],
         plotly=read_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
-        parameters=[(p, format_parameter_name(p.name), format_textbook_range(p.name)) for p in parameters],
+        parameters=_list_parameters(fit),
         whole_shot=format_whole_shot(fit),
         forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True))),
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, tracks, fit),
-        notes=list(dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes])),
+        notes=[
+            note for note in dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes]) if note not in by_hand
+        ],
+        by_hand=[note.removeprefix(HAND_PREFIX) for note in by_hand],
         settings=list(settings),
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,
@@ -165,6 +179,20 @@ def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
     """List the balls with their CSS colours."""
     balls = zip(tracks.ids, tracks.kinds, tracks.colour, strict=True)
     return [(ball, "rgb({},{},{})".format(*ball_colour(kind, colour))) for ball, kind, colour in balls]
+
+
+def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str, str, str, str]]]]:
+    """List the fitted parameters as table rows, under one heading for each of the two fits."""
+    whole = () if fit.whole_shot is None else fit.whole_shot.parameters
+    groups = ((BY_SEGMENT_HEADING, fit.parameters), (WHOLE_SHOT_HEADING, whole))
+    return [
+        (heading, [
+            (p.name, format_parameter_name(p.name), *format_measured(p.value, p.sigma), format_unit(p.unit),
+             format_textbook_range(p.name), "prior only" if p.prior_only else "this clip")
+            for p in parameters
+        ])
+        for heading, parameters in groups if parameters
+    ]  # fmt: skip
 
 
 def _embed_parameter_plot(fit: Fit) -> str:
@@ -189,7 +217,7 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
     events = fit.events
     rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
-        gap = f"{1000 * events.gap[k]:+.1f} ± {1000 * events.gap_sigma[k]:.1f}" if np.isfinite(events.gap[k]) else ""
+        gap = format_with_sigma(1000 * events.gap[k], 1000 * events.gap_sigma[k], MAX_MM_DECIMALS)
         undecided = is_undecided(events.probability[k])
         moment = _find_moment(fit, k) if undecided else None
         rows.append(
@@ -201,7 +229,7 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "sentence": format_event(events, k),
                 "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
                 "gap": gap,
-                "probability": f"{events.probability[k]:.0%}",
+                "probability": format_probability(events.probability[k]),
                 "undecided": undecided,
                 "hypotheses": "" if moment is None else f"{moment.ball}: {format_hypotheses(moment)}",
             }
@@ -231,7 +259,14 @@ def _find_moment(fit: Fit, event: int) -> Moment | None:
 def answer_calls(record: ShotRecord) -> list[CallRow]:
     """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
     return [
-        CallRow(question, _format_call(answer), answer, answer.sentence.removesuffix(answer.reason).rstrip())
+        CallRow(
+            question,
+            _format_call(answer),
+            answer,
+            _format_call_probability(answer),
+            _format_margin(question, answer),
+            answer.sentence.removesuffix(answer.reason).rstrip(),
+        )
         for question, answer in _answer_standard_questions(record)
     ]
 
@@ -239,8 +274,24 @@ def answer_calls(record: ShotRecord) -> list[CallRow]:
 def _format_call(answer: CallAnswer) -> str:
     """Format an answer in one or two words."""
     if answer.reason or answer.verdict == "inconclusive":
-        return "cannot be decided"
+        return UNDECIDED_CALL
     return answer.alternatives[0][0] if answer.alternatives else answer.verdict
+
+
+def _format_call_probability(answer: CallAnswer) -> str:
+    """Format the probability that the call is right, or what is most probable where there is no call."""
+    is_no = not answer.alternatives and answer.probability < 0.5
+    text = format_probability(1 - answer.probability if is_no else answer.probability)
+    if _format_call(answer) != UNDECIDED_CALL:
+        return text
+    return f"{answer.alternatives[0][0] if answer.alternatives else 'no' if is_no else 'yes'}: {text}"
+
+
+def _format_margin(question: str, answer: CallAnswer) -> str:
+    """Format the margin of a call; the order of a contact and a cushion has none."""
+    if question.startswith("cushion-first") or not np.isfinite(answer.margin):
+        return ""
+    return format_with_sigma(1000 * answer.margin, 1000 * answer.margin_sigma, MAX_MM_DECIMALS)
 
 
 def _answer_standard_questions(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
@@ -286,7 +337,7 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
         np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_table_centre(scene), scene.table.ball_radius))))
     )
     frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {float(clip.fps):.3f} fps"
-    explained = f"{share:.0%} of their time" if moving else "no ball moves"
+    explained = f"{100 * share:.0f} % of their time" if moving else "no ball moves"
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
     return [
         QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),

@@ -12,7 +12,15 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.run_tables import Columns
 from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import format_shot_cell, format_spread, format_trend, name_number
+from pipeline.reporting.text.number_format import format_value
+from pipeline.reporting.text.session_sentences import (
+    format_level,
+    format_own_spread,
+    format_shot_cell,
+    format_spread,
+    format_trend,
+    name_number,
+)
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAIN_NUMBERS = (
@@ -27,7 +35,7 @@ _FIGURE_HEIGHT = 300
 def write_session_page(
     columns: Columns,
     summaries: Mapping[str, Sequence[SeriesSummary]],
-    refusals: Sequence[str],
+    notes: Sequence[str],
     title: str,
     path: Path,
 ) -> None:
@@ -36,7 +44,7 @@ def write_session_page(
     Args:
         columns: One row per shot.
         summaries: Summaries of all numbers by group; those of the whole session under the empty name.
-        refusals: Sentences on folders that could not be read.
+        notes: Sentences on folders that could not be read, or that count twice.
         title: Heading of the page.
         path: File to write.
     """
@@ -56,7 +64,7 @@ def write_session_page(
         shots=[_describe_shot(columns, row, [one.name for one in shown]) for row in range(len(columns["number"]))],
         figures=figures,
         tips=embed_figure(build_tip_figure(columns, groups), "tips", 420) if has_tips else "",
-        refusals=list(refusals),
+        notes=list(notes),
         plotly=read_plotly_source(),
     )  # fmt: skip
     path.write_text(html, encoding="utf-8")
@@ -74,10 +82,10 @@ def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Fi
 def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
     """Describe a summary as a table row."""
     return {
-        "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": f"{one.median:.3g}",
-        "spread": format_spread(one.spread), "own": format_spread(one.own_spread),
-        "measurement": f"{one.measurement:.2g}", "has_trend": one.has_trend,
-        "trend": format_trend(one.slope, one.slope_low, one.slope_high),
+        "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": format_level(one),
+        "spread": format_spread(one), "own": format_own_spread(one),
+        "measurement": format_value(one.measurement, 2), "has_trend": one.has_trend,
+        "trend": format_trend(one),
     }  # fmt: skip
 
 

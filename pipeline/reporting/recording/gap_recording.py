@@ -18,6 +18,7 @@ from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_folder import read_scene_document
 from pipeline.reporting.recording.recording_stream import VIDEO_TIME, finish_stream, open_stream
 from pipeline.reporting.text.gap_sentences import format_gap_closure, format_verdict, list_causes
+from pipeline.reporting.text.number_format import format_probability
 from video.drawing.palette import Colour, mix_colours
 
 BEFORE, AFTER = (230, 80, 70), (70, 190, 130)
@@ -143,7 +144,9 @@ def error_colour(share: float) -> Colour:
 def _log_summary(stream: rr.RecordingStream, report: DiagnosisReport) -> None:
     lines = [f"# {format_verdict(report)}", "", format_gap_closure(report), "", report.film_next, ""]
     lines += ["| effect | probability | strength |", "|---|---|---|"]
-    lines += [f"| {one.name} | {one.probability:.1%} | {one.strength} |" for one in list_causes(report)[:8]]
+    lines += [
+        f"| {one.name} | {format_probability(one.probability)} | {one.strength} |" for one in list_causes(report)[:8]
+    ]
     lines += [
         "",
         "Dots: hold-out observations; arrows: to their predictions. Red: before, green: after the effects were added.",

@@ -12,6 +12,7 @@ from models.core.tracks import Tracks
 from pipeline.reporting.recording.plan_layer import residual_magnification
 from pipeline.reporting.recording.recorded_shot import RecordedShot
 from pipeline.reporting.recording.recording_stream import build_time_columns
+from pipeline.reporting.text.number_format import format_measured, format_unit
 from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_textbook_range
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
@@ -53,7 +54,7 @@ def describe_tracks(tracks: Tracks) -> list[LogLine]:
     """Describe the share of frames in which each ball was observed."""
     shares = tracks.is_observed.mean(axis=0)
     return [
-        ("INFO", f"{ball} observed in {share:.0%} of the frames")
+        ("INFO", f"{ball} observed in {100 * share:.0f} % of the frames")
         for ball, share in zip(tracks.ids, shares, strict=True)
     ]
 
@@ -98,7 +99,6 @@ def format_about(shot: RecordedShot) -> str:
 
 
 def _format_parameter_row(p: Parameter) -> str:
-    sigma = f"{p.sigma:.2g}{' (prior)' if p.prior_only else ''}"
-    return (
-        f"| {p.name} | {p.value:.4g} | {sigma} | {p.unit if p.unit != '1' else ''} | {format_textbook_range(p.name)} |"
-    )
+    value, sigma = format_measured(p.value, p.sigma)
+    source = " (prior)" if p.prior_only else ""
+    return f"| {p.name} | {value} | {sigma}{source} | {format_unit(p.unit)} | {format_textbook_range(p.name)} |"

@@ -11,6 +11,9 @@ from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 
+HAND_PREFIX = "set by hand: "
+"""Beginning of a note on what a person corrected."""
+
 
 def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> Scene:
     """Add notes on what was set by hand to a scene, with the present names of the balls.
@@ -23,7 +26,7 @@ def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> 
     Returns:
         The scene with one more note per correction.
     """
-    notes = (f"set by hand: {phrase}" for phrase in format_corrections(update_ball_names(corrections, tracks)))
+    notes = (HAND_PREFIX + phrase for phrase in format_corrections(update_ball_names(corrections, tracks)))
     return replace(scene, notes=(*scene.notes, *notes))
 
 

@@ -60,7 +60,7 @@ WORDS = {
         "ms",
         1,
         "Shorten the exposure (1/500 s): set it by hand, and add light.",
-        "no fast ball was seen; film a firm shot to measure it",
+        "no ball moved by three radii between the frames looked at; film a firmer shot",
     ),
     "frame_rate": FilmingWords(
         "distinct frames",
@@ -101,15 +101,15 @@ WORDS = {
         "too little detail around the table",
     ),
     "compression": FilmingWords(
-        "compression step",
-        "grey levels",
+        "brightness lost by compression",
+        "of 255 levels",
         0,
         "Use the original file at a higher bit rate, not one sent by a messenger.",
         "the codec does not state it",
     ),
     "focus": FilmingWords(
         "blur of edges",
-        "ball radii",
+        "of a ball's radius",
         2,
         "Focus on the middle of the table and lock the focus; clean the lens.",
         "too few clear edges",

@@ -17,6 +17,7 @@ from diagnosis.fitting.display_names import (
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
+from pipeline.reporting.text.number_format import format_unit, format_value, format_with_sigma
 
 MANY_TIMES = 3.0
 """Ratio of the remaining error to the noise from which the first sentence states it: noise is then a tenth of it."""
@@ -125,8 +126,8 @@ def _format_large_rest(report: DiagnosisReport) -> str:
         return ""
     closing = "close" if len(report.effects) > 1 else "closes"
     return (
-        f", which {closing} {format_share(closed)} of the gap; the error that remains is {rest.times_floor:.2g} times"
-        " what measurement noise explains"
+        f", which {closing} {format_share(closed)} of the gap; the error that remains is"
+        f" {format_value(rest.times_floor, 2)} times what measurement noise explains"
     )
 
 
@@ -184,7 +185,7 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     }
     sentences += [
         f"The strength of {format_cause(name)} differs between shots:"
-        f" {format_parameter(s.name)} scatters by {format_with_unit(f'{s.shot_spread:.2g}', s.unit)}."
+        f" {format_parameter(s.name)} scatters by {format_with_unit(format_value(s.shot_spread, 2), s.unit)}."
         for name, one in named.items()
         for s in one.strengths
         if s.shot_spread > 0
@@ -213,9 +214,10 @@ def _format_patch_sentence(patch: LocalPatch) -> str:
     """Format place, size and strength of a patch."""
     kind = "slowed" if patch.strength < 0 else "sped up"
     return (
-        f"Within {1000 * patch.radius:.0f} ± {1000 * patch.radius_sigma:.0f} mm of ({patch.centre[0]:.2f},"
-        f" {patch.centre[1]:.2f}) m, bodies are {kind} by {abs(patch.strength):.2g} ± {patch.strength_sigma:.1g}"
-        f" m/s² more than elsewhere (p-value {format_p_value(patch.p_value)})."
+        f"Within {format_with_sigma(1000 * patch.radius, 1000 * patch.radius_sigma, 0)} mm of ({patch.centre[0]:.2f},"
+        f" {patch.centre[1]:.2f}) m, bodies are {kind} by"
+        f" {format_with_sigma(abs(patch.strength), patch.strength_sigma)} m/s² more than elsewhere"
+        f" (p-value {format_p_value(patch.p_value)})."
     )
 
 
@@ -313,7 +315,7 @@ def format_error_size(value: float, metric: str) -> str:
     Returns:
         A distance in mm or an angle in mrad.
     """
-    return f"{1000 * value:.3g} {'mrad' if metric.endswith('rad') else 'mm'}"
+    return f"{format_value(1000 * value)} {'mrad' if metric.endswith('rad') else 'mm'}"
 
 
 def list_causes(report: DiagnosisReport) -> tuple[Cause, ...]:
@@ -361,7 +363,7 @@ def format_strength(one: Strength) -> str:
         return ""
     if one.prior_only:
         return f"{format_parameter(one.name)}: {format_unidentified(one)}"
-    return f"{format_parameter(one.name)} = {format_with_unit(f'{one.value:.3g} ± {one.sigma:.2g}', one.unit)}"
+    return f"{format_parameter(one.name)} = {format_with_unit(format_with_sigma(one.value, one.sigma), one.unit)}"
 
 
 def format_unidentified(one: Strength) -> str:
@@ -380,7 +382,7 @@ def format_unidentified(one: Strength) -> str:
 
 def _format_detectable(one: Strength) -> str:
     """Format the smallest detectable value."""
-    return format_with_unit(f"{one.detectable_from:.2g}", one.unit)
+    return format_with_unit(format_value(one.detectable_from, 2), one.unit)
 
 
 def format_undecided(report: DiagnosisReport) -> str:
@@ -406,11 +408,6 @@ def format_with_unit(number: str, unit: str) -> str:
     return number if unit == "1" else f"{number} {format_unit(unit)}"
 
 
-def format_unit(unit: str) -> str:
-    """Format a unit with a raised square, such as rad/s² for `rad/s2`; nothing for a dimensionless number."""
-    return "" if unit == "1" else unit.replace("s2", "s²")
-
-
 def format_p_value(p: float) -> str:
     """Format a p-value; one below a millionth is only that."""
-    return f"{p:.2g}" if p >= 1e-6 else "below 0.000001"
+    return format_value(p, 2) if p >= 1e-6 else "below 0.000001"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from math import isfinite
-
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from pipeline.reporting.text.number_format import (
+    format_probability,
+    format_with_sigma,
+)
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
@@ -35,7 +37,9 @@ SIDES = {
 }  # fmt: skip
 """Words for positive and negative values."""
 DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
-"""Decimals by unit."""
+"""Most decimals by unit that a player can use."""
+UNSURE_CUSHIONS = 0.1
+"""Deviation from a whole number, and standard deviation, of a number of cushions from which it has a decimal."""
 NOT_OBSERVABLE = "not observable"
 
 
@@ -51,13 +55,13 @@ def format_number(one: ShotNumber) -> str:
     if not one.observable:
         return NOT_OBSERVABLE
     if one.name == "cushions":
-        return f"{one.value:.1f}" if one.sigma > 0.1 else f"{one.value:.0f}"
-    decimals = DECIMALS[one.unit]
+        return format_cushions(one.value, one.sigma)
     sides = SIDES.get(one.name)
     value = one.value if sides is None else abs(one.value)
     unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
-    side = "" if sides is None or round(value, decimals) == 0 else f" {sides[one.value < 0]}"
-    return f"{value:.{decimals}f} ± {max(one.sigma, 10.0**-decimals / 2):.{decimals}f}{unit}{side}"
+    shown = format_with_sigma(value, one.sigma, DECIMALS[one.unit])
+    side = "" if sides is None or shown.startswith("0 ") else f" {sides[one.value < 0]}"
+    return f"{shown}{unit}{side}"
 
 
 def format_shot_line(shot: ShotNumbers) -> str:
@@ -106,41 +110,9 @@ def list_number_rows(shot: ShotNumbers) -> list[tuple[str, str, str, bool]]:
 def _format_state(shot: ShotNumbers) -> str:
     if shot.spin_state == "unknown" or not shot.spin_state_probabilities:
         return NOT_OBSERVABLE
-    return f"{STATE_WORDS[shot.spin_state]} ({max(shot.spin_state_probabilities):.0%})"
+    return f"{STATE_WORDS[shot.spin_state]} ({format_probability(max(shot.spin_state_probabilities))})"
 
 
-def name_number(name: str) -> str:
-    """Return the words for a number of a session, such as `object_length`."""
-    if name in NUMBER_NAMES:
-        return NUMBER_NAMES[name]
-    words = NUMBER_NAMES[name.removeprefix("object_")]
-    return f"{words} of the object ball"
-
-
-def format_trend(slope: float, low: float, high: float) -> str:
-    """Format the slope of a number over the shots with its interval; empty where there are too few shots."""
-    return f"{slope:+.2g} ({low:+.2g} to {high:+.2g})" if isfinite(slope) else ""
-
-
-def format_spread(spread: float) -> str:
-    """Format a spread over the shots; empty where it is NaN: below two shots there is none."""
-    return f"{spread:.2g}" if isfinite(spread) else ""
-
-
-def format_shot_cell(name: str, value: float, sigma: float) -> str:
-    """Format a number in a table of shots.
-
-    Args:
-        name: Name of the number.
-        value: Value; NaN where it is not observable.
-        sigma: Standard deviation.
-
-    Returns:
-        Value and standard deviation with the sign of the number; empty where it is not observable.
-    """
-    if not isfinite(value):
-        return ""
-    if name.endswith("cushions"):
-        return f"{value:.0f}"
-    decimals = 1 if abs(value) >= 10 else 2
-    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}"
+def format_cushions(count: float, sigma: float = 0.0) -> str:
+    """Format a number of cushions: a whole one, unless single contacts are undecided."""
+    return f"{count:.1f}" if sigma > UNSURE_CUSHIONS or abs(count - round(count)) > UNSURE_CUSHIONS else f"{count:.0f}"

@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
+from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
 
 CONTACT_MARGIN = 1e-3
@@ -27,8 +30,6 @@ CUE_KINDS = ("cue", "white", "yellow")
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
 MAX_LATER_CONTACTS = 6
 """Later contacts of the ball that are listed one by one; balls take precedence over cushions."""
-MAX_STATED_PROBABILITY = 0.9985
-"""Probability above which "at least 99.9 %" is written: no fit justifies more."""
 NO_ANSWER = "-"
 """Text of an answer that does not exist."""
 
@@ -140,7 +141,7 @@ def _summarize_stroke(
         start,
         f"{ball} hit {other} first{_format_cushions_before(events, own, t)}.{struck}",
         f"{format_event_time(events, touch)} (frame {events.frame[touch]:.2f}){_format_delay(events, strike, t)}",
-        _format_speeds(fit, ball, other, touch),
+        _format_speeds(fit, ball, other, touch, _find_numbers(fit, ball, other, start)),
         f"{_format_direction_after(fit, ball, touch, own, end)} {then}",
         _format_confidence(fit, own, touch),
     )
@@ -169,7 +170,19 @@ def _format_stroke_speed(events: Events, k: int | None) -> str:
     return f"{events.speed[k]:.2f} m/s after the stroke."
 
 
-def _format_speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
+def _find_numbers(fit: Fit, ball: str, other: str, start: float) -> ShotNumbers | None:
+    """Find the numbers of the stroke of `ball` at `start` (s) that hits `other` first; None if there are none."""
+    own = [shot for shot in fit.shot_numbers if (shot.cue, shot.first) == (ball, other)]
+    return min(own, key=lambda shot: abs(shot.t - start), default=None)
+
+
+def _format_speed(numbers: ShotNumbers | None, name: str, speed: float, sigma: float) -> str:
+    """Format a speed (m/s) as the table of numbers states it; by `speed` and `sigma` where it does not."""
+    one = None if numbers is None else numbers.find_number(name)
+    return format_number(one if one is not None and one.observable else ShotNumber(name, speed, sigma, "m/s", True))
+
+
+def _format_speeds(fit: Fit, ball: str, other: str, touch: int, numbers: ShotNumbers | None) -> str:
     """Format the closing speed of a contact, the speed of the ball before it and of the other ball after it."""
     events, ids = fit.events, fit.trajectory.ids
     before, after = (fit.trajectory.at(float(t)) for t in events.t[touch] + _contact_margins(events, touch))
@@ -180,11 +193,12 @@ def _format_speeds(fit: Fit, ball: str, other: str, touch: int) -> str:
     if np.isfinite(events.speed[touch]):
         parts.append(f"The closing speed along the line of centres was {events.speed[touch]:.2f} m/s")
     if np.isfinite(speed_before):
-        parts.append(f"{ball} arrived at {speed_before:.2f} ± {sigma:.3f} m/s")
+        parts.append(f"{ball} arrived at {_format_speed(numbers, 'contact_speed', speed_before, sigma)}")
     elif parts:
         parts.append(f"the speed of {ball} before the contact was not observed")
     if np.isfinite(speed_after):
-        parts.append(f"{other} left at {speed_after:.2f} m/s")
+        sigma_after = float(after.sigma_v[ids.index(other)])
+        parts.append(f"{other} left at {_format_speed(numbers, 'object_speed', speed_after, sigma_after)}")
     return "; ".join(parts) + "." if parts else "unknown"
 
 
@@ -286,24 +300,19 @@ def _format_confidence(fit: Fit, own: list[int], main: int | None) -> str:
     parts = []
     if main is not None:
         what = "first contact" if events.kind[main] == "ball" else "stroke"
-        parts.append(f"The {what} has a probability of {_format_certainty(float(events.probability[main]))}")
+        parts.append(f"The {what} has a probability of {format_probability(float(events.probability[main]))}")
     others = [k for k in own if k != main]
     worst = min(others, key=lambda k: events.probability[k], default=None)
-    if worst is not None and events.probability[worst] > MAX_STATED_PROBABILITY:
-        parts.append("every other contact of this ball has a probability of at least 99.9 %")
+    if worst is not None and events.probability[worst] > 1 - EXTREME_PROBABILITY:
+        parts.append("every other contact of this ball has a probability above 99.9 %")
     elif worst is not None:
         parts.append(
             "the least certain other contact of this ball has a probability of"
-            f" {_format_certainty(float(events.probability[worst]))} ({format_event(events, worst)})"
+            f" {format_probability(float(events.probability[worst]))} ({format_event(events, worst)})"
         )
     parts.append(f"the trust level of the clip is {fit.trust.level}")
     text = "; ".join(parts) + "."
     return text[0].upper() + text[1:]
-
-
-def _format_certainty(probability: float) -> str:
-    """Format a probability; no fit justifies more than "at least 99.9 %"."""
-    return "at least 99.9 %" if probability > MAX_STATED_PROBABILITY else f"{100 * probability:.1f} %"
 
 
 def _join_names(names: list[str]) -> str:

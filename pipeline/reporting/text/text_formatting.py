@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from models.core.errors import TruerollError
@@ -112,6 +113,12 @@ def escape_text(path: Path | str) -> str:
     """
     text = os.fsencode(path).decode("utf-8", "replace")
     return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
+
+
+def name_folders(folders: Sequence[Path]) -> str:
+    """Name folders in a heading: all of up to three, the first and the last of more."""
+    names = [escape_text(folder.resolve().name) for folder in folders]
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
 def format_error(error: Exception) -> str:

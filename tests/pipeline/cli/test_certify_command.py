@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from support.shot_folders import EFFECTS, write_shots
 
 from models.estimation.table_learning.table_measurements import compute_roll_out
 from pipeline.actions.certify_table import list_shot_folders
+from pipeline.actions.fit_table import drop_repeated_clips
+from pipeline.io.run_folder import find_repeated_clips
 
 trueroll = pytest.fixture(make_terminal)
 SLOPE = 1.2
@@ -44,6 +47,25 @@ def test_a_simulated_table_gets_its_true_numbers_and_a_changed_one_is_told_apart
     again = trueroll(*command[:-1], "--compare", earlier)
     assert "Beyond their errors these numbers differ from earlier: slope along the length" in again.out
     assert 'class="differs"' in (tmp_path / "out" / "certificate.html").read_text()
+
+
+def test_two_runs_of_one_clip_count_once(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("good", "fixed", "part", "other")]
+    for folder, digest, first in zip(folders, ("a", "a", "a", "b"), (0, 0, 90, 0), strict=True):
+        folder.mkdir()
+        (folder / "scene.json").write_text(json.dumps({"clip": {"sha256": digest}}))
+        (folder / "source.json").write_text(json.dumps({"path": "clip.mp4", "first": first}))
+    kept, sentences = drop_repeated_clips(folders)
+    assert [folder.name for folder in kept] == ["good", "part", "other"]
+    assert sentences == [f"{folders[1]} is a run of the same clip as {folders[0]}: its shots are counted once"]
+
+
+def test_a_copy_of_a_track_folder_counts_once(tmp_path: Path) -> None:
+    shots = tmp_path / "shots"
+    shots.mkdir()
+    (shots / "tracks.csv").write_text("frame,t,id,x,y\n0,0,white,1,0.5\n")
+    copy = Path(shutil.copytree(shots, tmp_path / "copy"))
+    assert find_repeated_clips([shots, shots / "tracks.csv", copy]) == {shots / "tracks.csv": shots, copy: shots}
 
 
 def test_run_folders_of_a_batch_are_listed_once(tmp_path: Path) -> None:

@@ -7,15 +7,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from support.filmed_pot import R, film_pot
 
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
 
@@ -72,6 +75,32 @@ def test_a_session_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "Speed after the strike" in (out / "session.html").read_text(encoding="utf-8")
 
 
+def make_summary(name: str, unit: str, values: list[float], sigma: float) -> SeriesSummary:
+    count = len(values)
+    return summarize_series(name, unit, np.arange(count, dtype=float), np.array(values), np.full(count, sigma))
+
+
+def test_a_session_is_printed_with_the_digits_of_its_errors() -> None:
+    few = make_summary("cue_speed", "m/s", [2.8813, 2.8814], 0.0025)
+    assert (format_level(few), format_own_spread(few), format_trend(few)) == ("2.88", "below 0.003", "needs 4 shots")
+    assert format_spread(make_summary("cushions", "", [2.99, 2.99 + 4e-6], 0.09)) == "0"
+    spin = make_summary("top_spin_share", "", [0.10, 0.20, 0.31, 0.40, 0.52], 0.01)
+    assert "e-" not in format_trend(spin)
+    assert format_trend(spin).startswith("0.10")
+    assert float(format_own_spread(spin)) > 0.1
+    assert format_level(make_summary("cushions", "", [2.99, 2.99], 0.05)) == "3"
+
+
+def test_runs_of_one_clip_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [write_run(tmp_path / name, make_shot(2.0, 30.0)) for name in ("good", "fixed")]
+    for folder in folders:
+        scene = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+        (folder / "scene.json").write_text(json.dumps({**scene, "clip": {"sha256": "a"}}), encoding="utf-8")
+    assert execute_command_line(["compare", *map(str, folders), "-o", str(tmp_path / "out")]) == 0
+    assert "fixed is a run of the same clip as" in capsys.readouterr().err
+    assert "its shots count twice" in (tmp_path / "out" / "session.html").read_text(encoding="utf-8")
+
+
 def test_shots_are_grouped_by_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, two = write_session(tmp_path / "monday", 4), write_session(tmp_path / "friday", 5)
     assert execute_command_line(["compare", str(one), str(two), "-o", str(tmp_path / "out"), "--json"]) == 0
@@ -94,6 +123,8 @@ def test_a_folder_without_numbers_is_named_and_left_out(tmp_path: Path, capsys: 
         (["compare", "nothing", "--group", "mood"], "--group is one of"),
         (["what-if", "nothing", "--speed", "fast"], "--speed is a number"),
         (["what-if", "nothing", "--speed", "99"], "up to 15 m/s"),
+        (["what-if", "nothing", "--speed=-5"], "write -5% to change it by 5 %, or 5 to play at 5 m/s"),
+        (["what-if", "nothing", "--draws", "few"], "--draws is a whole number; got few"),
         (["what-if", "nothing", "--side", "+300%"], "--side is at most"),
         (["what-if", "nothing", "--spread", "much"], "--spread is a share of the speed and degrees"),
         (["what-if", "nothing", "--spread", "3%,0.4", "--session", "x"], "give one of them"),

@@ -25,7 +25,9 @@ from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
 from pipeline.chain import write_source
+from pipeline.cli.commands.table.put_back_command import MAX_DECIMALS_MM
 from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.reporting.text.number_format import format_measured
 from pipeline.run_options import RunOptions
 from video.io.clip import open_clip
 from video.io.video_writer import VideoWriter
@@ -114,6 +116,28 @@ def test_it_writes_where_the_balls_lay_before_the_strike(trueroll: Terminal, fol
     plan, frame = (np.asarray(Image.open(tmp_path / f"put_back_{name}.png")) for name in ("plan", "frame"))
     assert frame.shape == (720, 1280, 3)
     assert plan.shape[1] == 1680
+
+
+def test_distances_have_the_digits_of_their_errors_along_both_axes(
+    trueroll: Terminal, folder: Path, tmp_path: Path
+) -> None:
+    lines = trueroll("put-back", folder, "-o", tmp_path).out.splitlines()
+    heading, cue = (next(line for line in lines if line.startswith(word)) for word in ("ball", "cue"))
+    assert heading.split() == ["ball", "left", "right", "±", "(x)", "top", "bottom", "±", "(y)"]
+    left, _, x_sigma, _, _, y_sigma = cue.split()[1:]
+    for text in (left, x_sigma, y_sigma):
+        assert len(text.partition(".")[2]) <= 1
+    wide = {**{f"{side}_mm": 1900.33 for side in ("left", "right", "top", "bottom")}, "x_sigma_mm": 7.9}
+    assert format_measured(wide["left_mm"], wide["x_sigma_mm"], MAX_DECIMALS_MM) == ("1900", "8")
+
+
+@pytest.mark.parametrize(("at", "words"), [("T", "--at is a number; got T"), ("99", "0.000 to 0.167 s; got 99")])
+def test_a_time_that_is_none_or_outside_is_refused_in_one_sentence(
+    trueroll: Terminal, folder: Path, at: str, words: str
+) -> None:
+    output = trueroll("put-back", folder, "--at", at)
+    assert output.status == 2
+    assert words in output.err
 
 
 def test_the_missing_moves_of_a_present_image_are_stated(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:

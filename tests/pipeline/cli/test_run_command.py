@@ -18,5 +18,5 @@ def test_undecided_events_are_marked(capsys: pytest.CaptureFixture[str]) -> None
     events = replace(fit.events, probability=np.array([0.97, 0.61]))
     _print_answer(FinishedRun(Path("out"), fit.trust, events))
     struck, cushion = (line for line in capsys.readouterr().out.splitlines() if " ms " in line)
-    assert struck.rstrip().endswith("97%")
-    assert cushion.rstrip().endswith("61% (undecided)")
+    assert struck.rstrip().endswith("97 %")
+    assert cushion.rstrip().endswith("61 % (undecided)")

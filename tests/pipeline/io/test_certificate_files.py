@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 
 from models.core.errors import OptionError
+from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.io.tables.certificate_files import SCHEMA, compare_certificates, read_certificate
-from pipeline.reporting.pages.certificate_page import format_comparison, format_number
+from pipeline.reporting.figures.certificate_figures import build_slope_figure
+from pipeline.reporting.pages import certificate_page
+from pipeline.reporting.pages.certificate_page import (
+    format_certificate,
+    format_comparison,
+    format_number,
+    format_too_few,
+)
 
 
 def make_certificate(**values: tuple[float | None, float | None]) -> dict[str, Any]:
@@ -27,9 +35,7 @@ def test_only_what_differs_by_far_more_than_its_error_differs() -> None:
     assert rows["slope_x"].difference == pytest.approx(1.1)
     assert rows["slope_x"].sigma == pytest.approx(np.hypot(0.1, 0.1))
     sentence = format_comparison(tuple(rows.values()), "spring")
-    assert (
-        sentence == "Beyond their errors these numbers differ from spring: slope along the length (falls to the right)."
-    )
+    assert sentence == "Beyond their errors these numbers differ from spring: slope along the length."
 
 
 def test_what_one_of_them_does_not_determine_is_not_compared() -> None:
@@ -55,6 +61,44 @@ def test_what_is_no_certificate_is_refused(tmp_path: Path, content: str) -> None
 
 
 def test_numbers_have_as_many_digits_as_their_errors() -> None:
-    assert format_number({"value": 0.858911, "sigma": 0.00083, "unit": ""}) == ("0.85891", "0.00083", "")
-    assert format_number({"value": 33.6463, "sigma": 0.265, "unit": "m"}) == ("33.65", "0.27", "m")
-    assert format_number({"value": None, "sigma": None, "unit": "m"})[0] == "not determined"
+    assert format_number("restitution", {"value": 0.858911, "sigma": 0.00083, "unit": ""}) == ("0.8589", "0.0008", "")
+    assert format_number("roll_out", {"value": 33.6463, "sigma": 0.265, "unit": "m"}) == ("33.65", "0.27", "m")
+
+
+def test_what_is_not_determined_says_what_it_needs() -> None:
+    nothing = {"value": None, "sigma": None, "unit": ""}
+    assert format_number("restitution_left", nothing)[0] == "not determined: needs 3 contacts with it"
+    assert "a contact with the left and one with the right cushion" in format_number("length", nothing)[0]
+    assert format_number("roll_out", nothing)[0] == "not determined"
+
+
+def test_the_direction_of_a_slope_is_a_word() -> None:
+    assert format_number("slope_x", {"value": -0.69, "sigma": 0.09, "unit": "mm/m"})[0] == "0.69 to the left"
+    assert format_number("slope_y", {"value": 0.69, "sigma": 0.09, "unit": "mm/m"})[0] == "0.69 to the bottom"
+    assert format_number("slope_y", {"value": -0.001, "sigma": 0.09, "unit": "mm/m"})[0] == "0"
+
+
+def test_a_scatter_has_no_direction() -> None:
+    row = certificate_page._format_scatter("slope_x", {"value": 0.12, "sigma": 0.05, "unit": "mm/m", "count": 1})
+    assert row == ("slope along the length", "0.12", "0.05", "mm/m", "1 shot")
+
+
+@pytest.mark.parametrize(("shots", "contacts", "warns"), [(1, 5, True), (6, 12, True), (6, 40, False)])
+def test_a_certificate_of_few_shots_warns(shots: int, contacts: int, warns: bool) -> None:
+    document = {**make_certificate(slope_x=(None, None), slope_y=(None, None), restitution=(None, None),
+                                   roll_out=(None, None)), "shots": shots, "cushion_contacts": contacts}  # fmt: skip
+    assert ("6 shots with some 40 cushion contacts are advised" in format_too_few(document)) == warns
+    assert format_certificate(document).startswith("1 shot with 5 cushion contacts" if shots == 1 else "6 shots")
+
+
+@pytest.mark.parametrize(("slope", "label", "symbol"), [(0.69, "falls 0.69 mm/m", ["circle", "arrow"]),
+                                                        (0.02, "level within its errors", "circle")])  # fmt: skip
+def test_the_fall_is_an_arrow_that_ends_in_the_middle_of_its_errors(slope: float, label: str, symbol: Any) -> None:
+    numbers = make_certificate(slope_x=(-slope, 0.09), slope_y=(0.0, 0.07))["numbers"]
+    figure = build_slope_figure(numbers, (), TABLE_PRESETS["carom-match"])
+    arrow = next(trace for trace in figure.data if trace.mode == "lines+markers")
+    errors = next(trace for trace in figure.data if trace.fill == "toself")
+    assert arrow.x[1] < arrow.x[0]
+    assert (arrow.x[1], arrow.y[1]) == pytest.approx((np.mean(errors.x[:-1]), np.mean(errors.y[:-1])), abs=1e-9)
+    assert np.array_equal(arrow.marker.symbol, symbol)
+    assert figure.layout.annotations[0].text == label

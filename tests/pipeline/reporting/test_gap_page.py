@@ -182,7 +182,7 @@ def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
     row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
     assert "would reveal 47 rad/s² or more" in row
     assert "15" not in row
-    assert "<td>0.2</td><td>0.01</td>" in page
+    assert "<td>0.200</td><td>0.010</td>" in page
 
 
 def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_shots_miss() -> None:
@@ -240,7 +240,7 @@ def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probabil
         "mostly something that trueroll does not know",
     )
     assert together.probability == pytest.approx(0.9)
-    assert together.strength == "air drag k = 0.2 ± 0.01; lift by spin s = 0.2 ± 0.01"
+    assert together.strength == "air drag k = 0.200 ± 0.010; lift by spin s = 0.200 ± 0.010"
     apart = list_causes(replace(diagnosis, effects=("air_drag",)))
     assert [one.name for one in apart] == ["air drag", "lift by spin", "mostly something that trueroll does not know"]
     assert [one.probability for one in apart] == [0.46, 0.44, 0.1]
@@ -288,7 +288,7 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
     assert "grows with speed" in first
     assert "a = -0.3 u^1.50" in second
     assert "61 % of the unexplained acceleration" in second
-    assert third.startswith("Within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed by 0.12 ± 0.02 m/s² more")
+    assert third.startswith("Within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed by 0.120 ± 0.020 m/s² more")
     assert format_unexplained(named(replace(REST, where=()))) == ()
 
 

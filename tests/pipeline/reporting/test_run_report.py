@@ -13,7 +13,8 @@ import pytest
 from PIL import Image
 from support import synthetic_run as shot
 
-from models.core.fit_result import Trust, TrustLevel
+from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotSolution
+from models.core.scene import Scene
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
@@ -126,7 +127,7 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
-    assert unsure_page.count("? undecided, 61%") == 1
+    assert unsure_page.count("? undecided, 61 %") == 1
     assert "undecided: white: right cushion 61 %, unexplained 39 %" in unsure_page
 
 
@@ -149,7 +150,46 @@ def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason(monkeypatch:
     monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: [("first white", answer), ("", sure)])
     undecided, decided = run_report.answer_calls(None)  # type: ignore[arg-type]
     assert (undecided.call, undecided.sentence) == ("cannot be decided", "Inconclusive.")
+    assert (undecided.probability, decided.probability) == ("red: 60 %", "99 %")
     assert (decided.call, decided.sentence) == ("red", "White touched red.")
+
+
+def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    no = CallAnswer(0.002, 0.5, 0.001, 15.0, -0.0173, 0.0001, "No: white met red first.", (), ("white", "red"))
+    asked = [("cushion-first white", no), ("contact white red", no)]
+    monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: asked)
+    order, contact = run_report.answer_calls(None)  # type: ignore[arg-type]
+    assert (order.call, order.probability, order.margin) == ("no", "99.8 %", "")
+    assert contact.margin == "-17.3 ± 0.1"
+
+
+def write_page(folder: Path, fit: Fit, scene: Scene) -> str:
+    clip = shot.write_clip(folder / "clip.mp4")
+    (folder / "poster.png").write_bytes(b"\x89PNG")
+    files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
+    write_report(clip, scene, shot.make_tracks(clip, scene), fit, files, "shot", [], folder / "report.html")
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_was_set_by_hand_stands_at_the_trust_level(tmp_path: Path, clip: Clip) -> None:
+    scene = replace(shot.make_scene(), notes=("set by hand: the corners of the table",))
+    page = write_page(tmp_path, shot.make_fit(clip.t), scene)
+    assert page.count("the corners of the table") == 1
+    assert page.index("Set by hand: the corners of the table.") < page.index("In short")
+
+
+def test_a_parameter_of_both_fits_stands_under_two_headings_with_its_own_digits(tmp_path: Path, clip: Clip) -> None:
+    fit = shot.make_fit(clip.t)
+    (own,) = fit.parameters
+    others = (replace(own, value=0.009061, sigma=3.1e-05), replace(own, name="nose.left", value=-4e-232, sigma=0.004))
+    empty = np.empty((0, 7, 7))
+    whole = WholeShotSolution("mathavan_2010", "inelastic", 1.0, others, 0.1, (), empty[..., 0], empty)
+    page = write_page(tmp_path, replace(fit, whole_shot=whole), shot.make_scene())
+    assert page.index(run_report.BY_SEGMENT_HEADING) < page.index(run_report.WHOLE_SHOT_HEADING)
+    assert "<td>0.009061</td><td>0.000031</td>" in page
+    assert "<td>0</td><td>0.004</td>" in page
 
 
 def moments_of(*p: float) -> ShotExplanation:

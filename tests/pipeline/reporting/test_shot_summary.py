@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
+from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
@@ -60,9 +61,9 @@ def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
     assert summary.first.startswith("white hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
     assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
     assert "The closing speed along the line of centres was 1.00 m/s" in summary.speed
-    assert "white arrived at 1.00 ± 0.00" in summary.speed
-    assert "red left at 0.70 m/s" in summary.speed
-    assert summary.confidence.startswith("The first contact has a probability of 97.0 %")
+    assert "white arrived at 1.00 ± 0.01 m/s" in summary.speed
+    assert "red left at 0.70 ± 0.01 m/s" in summary.speed
+    assert summary.confidence.startswith("The first contact has a probability of 97 %")
     assert "trust level of the clip is green" in summary.confidence
 
 
@@ -89,7 +90,7 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     (after,) = summarize_shots(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the top cushion at 1.500 s." in after.after
     assert (
-        "the least certain other contact of this ball has a probability of 80.0 %"
+        "the least certain other contact of this ball has a probability of 80 %"
         " (white hits the top cushion at 1.00 m/s)" in after.confidence
     )
 
@@ -131,12 +132,24 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
     )  # fmt: skip
     (summary,) = summarize_shots(tracks, replace(fit, events=many))
     assert "the top cushion at 1.400 s and red at 1.700 s and 2 more." in summary.after
-    assert "every other contact of this ball has a probability of at least 99.9 %" in summary.confidence
+    assert "every other contact of this ball has a probability above 99.9 %" in summary.confidence
+
+
+def test_speeds_are_those_of_the_table_of_numbers() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    numbers = (
+        ShotNumber("contact_speed", 0.98, 0.02, "m/s", True, "white"),
+        ShotNumber("object_speed", 0.69, 0.01, "m/s", False, "red"),
+    )
+    listed = ShotNumbers(0.2, "white", "red", "roll", (), (), (), numbers)
+    (summary,) = summarize_shots(tracks, replace(fit, shot_numbers=(listed,)))
+    assert "white arrived at 0.98 ± 0.02 m/s" in summary.speed
+    assert "red left at 0.70 ± 0.01 m/s" in summary.speed
 
 
 def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
     (summary,) = summarize_shots(*make_shot((0.0, 0.5)), ("Every length may be 8 % smaller.",))
-    assert summary.speed.endswith("red left at 0.70 m/s. Every length may be 8 % smaller.")
+    assert summary.speed.endswith("red left at 0.70 ± 0.01 m/s. Every length may be 8 % smaller.")
 
 
 def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:

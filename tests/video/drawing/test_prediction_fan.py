@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from models.core.scene import Table
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
@@ -37,6 +38,22 @@ def test_the_middle_of_a_fan_is_shaded_most_and_its_outside_not_at_all() -> None
     assert change(image, middle) > change(image, side) + 20
     assert change(image, side) > ground + 20
     assert change(image, outside) == ground
+
+
+@pytest.mark.parametrize(("step", "is_closed"), [(7, True), (20, False)])
+def test_a_gap_between_paths_is_closed_where_no_ball_fits_into_it(step: int, is_closed: bool) -> None:
+    """Paths end 6 mm times the step apart; a ball has 57 mm."""
+    sparse, far = fan(0.3), 0.3 * (2 * (50 + step / 2) / 100 - 1)
+    sparse.samples[:] = sparse.samples[50 + step * np.round((np.arange(101) - 50) / step).clip(-2, 2).astype(int)]
+    image = draw_prediction_fans(TABLE, [sparse], "")
+    empty = change(draw_prediction_fans(TABLE, [], ""), (1.95, 0.6 + far * 0.97))
+    assert (change(image, (1.95, 0.6 + far * 0.97)) > empty + 20) == is_closed
+
+
+def test_the_text_stands_below_the_table_and_hides_nothing() -> None:
+    without, with_text = (draw_prediction_fans(TABLE, [fan(0.3)], text) for text in ("", "two\nlines"))
+    assert with_text.shape[0] > without.shape[0]
+    np.testing.assert_array_equal(with_text[: without.shape[0]], without)
 
 
 def test_the_medoid_is_a_path_that_the_ball_can_take() -> None:

@@ -19,7 +19,8 @@ from pipeline.actions.compare_session import (
 from pipeline.chain import require_writable_folder
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS
-from pipeline.reporting.text.number_sentences import format_spread, format_trend, name_number
+from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_trend, name_number
+from pipeline.reporting.text.text_formatting import name_folders
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
 
 
@@ -30,7 +31,9 @@ def compare(
     ],
     out: Annotated[
         Path,
-        typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results."),
+        typer.Option(
+            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results, which is none of DIR."
+        ),
     ] = Path("out/session"),
     group: Annotated[
         str,
@@ -48,20 +51,17 @@ def compare(
         raise OptionError(f"--group is one of {', '.join(GROUPINGS)}; got {group}")
     require_writable_folder(out)
     session = compare_session(folders, group)
-    document = write_session(session, f"{len(session.columns['number'])} shots of {_name_sources(folders)}", out)
+    document = write_session(session, f"{len(session.columns['number'])} shots of {name_folders(folders)}", out)
     if as_json:
         print(format_strict_json({"folder": str(out), **document}))
     else:
         _print_session(session, out)
+    for repetition in session.repetitions:
+        console.print(f"Note: {repetition}", markup=False, soft_wrap=True)
     if session.refusals:
         for refusal in session.refusals:
             console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
         raise typer.Exit(1)
-
-
-def _name_sources(folders: list[Path]) -> str:
-    names = [folder.resolve().name for folder in folders]
-    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
 def _print_session(session: ComparedSession, out: Path) -> None:
@@ -69,8 +69,8 @@ def _print_session(session: ComparedSession, out: Path) -> None:
     for one in session.summaries[""]:
         if one.count and one.name in MAIN_NUMBERS:
             grid.add_row(
-                escape(name_number(one.name)), str(one.count), f"{one.median:.3g}", format_spread(one.own_spread),
-                one.unit, format_trend(one.slope, one.slope_low, one.slope_high),
+                escape(name_number(one.name)), str(one.count), format_level(one), format_own_spread(one), one.unit,
+                format_trend(one),
             )  # fmt: skip
     make_output_console().print(grid)
     print(f"Look at {out / 'session.html'}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,23 +12,22 @@ from models.core.errors import OptionError
 from models.core.scene import POCKETS
 from models.estimation.what_if.shot_outcome import GAMES, Game, ShotGoal
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
-from models.numerics.first_compilation import notify_first_compilation
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
 from pipeline.chain import require_writable_folder
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.reporting.text.what_if_sentences import format_what_if
+from pipeline.terminal.activity_display import show_activity
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
+    OutBesideOption,
     app,
     console,
     open_cache,
-    parse_output_path,
 )
-from pipeline.terminal.search_display import COMPILING_NOTE
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
@@ -90,12 +88,7 @@ def what_if(
     ] = None,
     draws: Annotated[int, typer.Option("--draws", min=50, max=20_000, help="Number of plays.")] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."
-        ),
-    ] = None,
+    out: OutBesideOption = None,
     cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -108,11 +101,8 @@ def what_if(
     plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
     learned = None if profile is None else parse_learned_table(read_profile_text(profile))
     require_writable_folder(folder)
-    with (
-        console.status("fitting the shot") if console.is_terminal else nullcontext(),
-        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
-    ):
-        document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache))
+    with show_activity(console) as show:
+        document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), show)
     _print_result(document, folder, as_json)
 
 
@@ -157,6 +147,11 @@ def _parse_change(speed: str | None, angle: str | None, side: str | None, top: s
     values: dict[str, float] = {}
     if speed is not None:
         number, unit = _parse_amount("--speed", speed, ("%", "m/s", ""))
+        if unit != "%" and speed.strip()[0] in "+-":
+            raise OptionError(
+                f"--speed is a change with %, or a speed in m/s without sign; got {speed}: write {number:+g}% to change"
+                f" it by {abs(number):g} %, or {abs(number):g} to play at {abs(number):g} m/s"
+            )
         values |= {"speed_factor": 1 + number / 100} if unit == "%" else {"speed": number}
         if not 0 < values.get("speed_factor", 1.0) <= 3 or not 0 < values.get("speed", 1.0) <= MAX_SPEED:
             raise OptionError(f"--speed is a change of -99% to +200%, or up to {MAX_SPEED:g} m/s; got {speed}")

@@ -25,8 +25,10 @@ from pipeline.reporting.pages.certificate_page import (
     format_certificate,
     format_comparison,
     format_number,
+    format_too_few,
     write_certificate_page,
 )
+from pipeline.reporting.text.text_formatting import name_folders
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -77,7 +79,7 @@ def certify(
         document["compared_with"] = {"certificate": str(compare), "numbers": describe_comparison(rows)}
     out.mkdir(parents=True, exist_ok=True)
     write_json(document, out / CERTIFICATE_FILE)
-    write_certificate_page(certified, inputs[0].resolve().name, out / PAGE_FILE, rows, name)
+    write_certificate_page(certified, name_folders(certified.sources), out / PAGE_FILE, rows, name)
     if as_json:
         print(json.dumps(document, allow_nan=False))
     else:
@@ -87,9 +89,12 @@ def certify(
 def _print_certificate(document: dict[str, Any], comparison: str, out: Path) -> None:
     screen = make_output_console()
     screen.print(f"[bold]{escape(format_certificate(document))}[/]")
+    warning = format_too_few(document)
+    if warning:
+        screen.print(f"[yellow]{escape(warning)}[/]")
     grid = Grid("quantity", "value", "±", "unit", box=None, pad_edge=False)
     for name, entry in document["numbers"].items():
-        grid.add_row(NAMES[name], *format_number(entry))
+        grid.add_row(NAMES[name], *format_number(name, entry))
     screen.print(grid)
     screen.print(escape(f"Pocket openings are not observable: {document['pocket_openings']['why']}"))
     for refusal in document["refused"]:

@@ -27,7 +27,11 @@ from pipeline.chain import require_writable_folder
 from pipeline.io.image_file import read_image, write_image
 from pipeline.io.run_folder import read_scene_document, read_shot_record
 from pipeline.io.tables.placement_files import describe_places, write_places
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
+from pipeline.reporting.text.number_format import format_measured
+from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, console, make_output_console
+
+MAX_DECIMALS_MM = 1
+"""Decimals of a distance: nobody places a ball to a hundredth of a millimetre."""
 
 
 @app.command("put-back")
@@ -37,12 +41,7 @@ def put_back(
         float | None,
         typer.Option("--at", metavar="T", help="Time of the places, in s. Default: just before the strike."),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."
-        ),
-    ] = None,
+    out: OutBesideOption = None,
     live: Annotated[
         str | None,
         typer.Option(
@@ -110,17 +109,15 @@ def _follow_live(
 
 def _print_places(document: dict[str, Any], target: Path) -> None:
     screen = make_output_console()
-    grid = Grid("ball", "left mm", "right mm", "top mm", "bottom mm", "sigma mm", "", box=None, pad_edge=False)
+    grid = Grid("ball", "left", "right", "± (x)", "top", "bottom", "± (y)", "", box=None, pad_edge=False)
     for ball in document["balls"]:
-        sigma = f"{ball['x_sigma_mm']:.1f}, {ball['y_sigma_mm']:.1f}"
+        cells = []
+        for axis, sides in (("x", ("left", "right")), ("y", ("top", "bottom"))):
+            texts = [format_measured(ball[f"{side}_mm"], ball[f"{axis}_sigma_mm"], MAX_DECIMALS_MM) for side in sides]
+            cells += [*(value for value, _ in texts), texts[0][1]]
         moving = f"moves at {ball['speed']:.2f} m/s" if ball["speed"] else ""
-        grid.add_row(
-            escape(ball["id"]),
-            *(f"{ball[f'{side}_mm']:.1f}" for side in ("left", "right", "top", "bottom")),
-            sigma,
-            moving,
-        )
-    screen.print(f"{document['t']:.3f} s, from the centre of each ball to the noses:")
+        grid.add_row(escape(ball["id"]), *cells, moving)
+    screen.print(f"{document['t']:.3f} s, mm from the centre of each ball to the noses, ± standard deviation:")
     screen.print(grid)
     if document["absent"]:
         screen.print(escape(f"Not on the table: {', '.join(document['absent'])}"))

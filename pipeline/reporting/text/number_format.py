@@ -1,0 +1,83 @@
+"""Text for measured values with their standard deviations, and for probabilities: the same digits everywhere."""
+
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+
+import numpy as np
+
+MAX_DECIMALS = 9
+"""Decimals of a number at most: no value of a clip is known better, in any unit that is printed."""
+TWO_DIGITS_BELOW = 3.55
+"""First digits of a standard deviation below which it has two significant digits, else one (rounding rule of the
+Particle Data Group, Phys. Rev. D 110, 030001, 2024, introduction, section 5.3)."""
+EXTREME_PROBABILITY = 0.001
+"""Probability from 0 and from 1 within which only the limit is written: no model is surer of itself."""
+MIN_WHOLE_SHARE = 0.01
+"""Probability from 0 and from 1 from which whole per cents suffice."""
+
+
+def format_measured(value: float, sigma: float, max_decimals: int = MAX_DECIMALS) -> tuple[str, str]:
+    """Format a value and its standard deviation with the same decimals, those that the standard deviation determines.
+
+    Args:
+        value: The value.
+        sigma: Its standard deviation; 0, NaN or infinite if it is unknown.
+        max_decimals: Decimals at most, for numbers whose readers need no more.
+
+    Returns:
+        Two texts without exponents. A value that rounds to zero is `0`; an unknown standard deviation is empty, one
+        below the last decimal is one unit of it.
+    """
+    if not (isfinite(sigma) and sigma > 0):
+        return format_value(value), ""
+    order = floor(log10(sigma))
+    decimals = min((1 if sigma / 10.0**order < TWO_DIGITS_BELOW else 0) - order, max_decimals)
+    shown_sigma = max(round(sigma, decimals), 10.0**-decimals)
+    shown = round(value, decimals)
+    places = max(decimals, 0)
+    return "0" if shown == 0 else f"{shown:.{places}f}", f"{shown_sigma:.{places}f}"
+
+
+def format_with_sigma(value: float, sigma: float, max_decimals: int = MAX_DECIMALS) -> str:
+    """Format a value and its standard deviation as `value ± sigma`, or the value alone where that is unknown."""
+    return " ± ".join(filter(None, format_measured(value, sigma, max_decimals)))
+
+
+def format_value(value: float, digits: int = 3) -> str:
+    """Format a number without a known standard deviation, without an exponent.
+
+    Args:
+        value: The number.
+        digits: Significant digits.
+
+    Returns:
+        The number without trailing zeros; empty if it is not finite.
+    """
+    if not isfinite(value):
+        return ""
+    if abs(value) < 10.0**-MAX_DECIMALS:
+        return "0"
+    return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
+
+
+def format_probability(probability: float) -> str:
+    """Format a probability in per cent, with a decimal near 0 and 1.
+
+    Args:
+        probability: From 0 to 1.
+
+    Returns:
+        Such as `61 %`, `99.8 %` or `above 99.9 %`.
+    """
+    if probability < EXTREME_PROBABILITY:
+        return "below 0.1 %"
+    if probability > 1 - EXTREME_PROBABILITY:
+        return "above 99.9 %"
+    is_middling = MIN_WHOLE_SHARE <= probability <= 1 - MIN_WHOLE_SHARE
+    return f"{100 * probability:.{0 if is_middling else 1}f} %"
+
+
+def format_unit(unit: str) -> str:
+    """Format a unit with a raised square, such as rad/s² for `rad/s2`; nothing for a dimensionless number."""
+    return "" if unit == "1" else unit.replace("s2", "s²")

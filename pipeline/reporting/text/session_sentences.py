@@ -1,0 +1,63 @@
+"""Words for the numbers of a session: level, spread and trend over its shots."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
+from pipeline.reporting.text.number_format import format_measured, format_value, format_with_sigma
+from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_cushions
+
+
+def name_number(name: str) -> str:
+    """Return the words for a number of a session, such as `object_length`."""
+    if name in NUMBER_NAMES:
+        return NUMBER_NAMES[name]
+    words = NUMBER_NAMES[name.removeprefix("object_")]
+    return f"{words} of the object ball"
+
+
+def format_level(one: SeriesSummary) -> str:
+    """Format the median of a number over the shots with the digits that its measurement justifies."""
+    if one.name.endswith("cushions"):
+        return format_cushions(one.median)
+    return format_measured(one.median, one.measurement, DECIMALS[one.unit])[0]
+
+
+def format_trend(one: SeriesSummary) -> str:
+    """Format the slope of a number over the shots with its interval; how many shots it needs where there are fewer."""
+    if not isfinite(one.slope):
+        return f"needs {MIN_TREND_SHOTS} shots"
+    half = (one.slope_high - one.slope_low) / 2
+    slope, low, high = (format_measured(value, half)[0] for value in (one.slope, one.slope_low, one.slope_high))
+    return f"{slope} ({low} to {high})"
+
+
+def format_spread(one: SeriesSummary) -> str:
+    """Format the spread over the shots with the digits of the measurement; empty below two shots."""
+    return format_measured(one.spread, one.measurement)[0] if isfinite(one.spread) else ""
+
+
+def format_own_spread(one: SeriesSummary) -> str:
+    """Format the spread without the measurement errors; where these explain it, only their size as a limit."""
+    if one.own_spread > 0:
+        return format_measured(one.own_spread, one.measurement)[0]
+    return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""
+
+
+def format_shot_cell(name: str, value: float, sigma: float) -> str:
+    """Format a number in a table of shots.
+
+    Args:
+        name: Name of the number.
+        value: Value; NaN where it is not observable.
+        sigma: Standard deviation.
+
+    Returns:
+        Value and standard deviation with the sign of the number; empty where it is not observable.
+    """
+    if not isfinite(value):
+        return ""
+    if name.endswith("cushions"):
+        return format_cushions(value, sigma)
+    return format_with_sigma(value, sigma, 1 if abs(value) >= 10 else 2)

@@ -1,0 +1,37 @@
+"""Shows what a command does: a spinner with the time on a terminal, one line per activity elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from models.numerics.first_compilation import notify_first_compilation
+from pipeline.terminal.search_display import COMPILING_NOTE
+
+
+@contextmanager
+def show_activity(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what a command does and for how long it has run.
+
+    Args:
+        console: Console of the display, on standard error.
+
+    Yields:
+        A function that is called with each activity.
+    """
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    with (
+        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
+        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
+    ):
+        task = bars.add_task("")
+
+        def update(activity: str) -> None:
+            bars.update(task, description=activity)
+            if not console.is_terminal:
+                console.print(activity, markup=False, soft_wrap=True)
+
+        yield update

@@ -1,0 +1,53 @@
+"""Values have the digits that their standard deviations determine; probabilities never claim certainty."""
+
+from __future__ import annotations
+
+import pytest
+
+from models.core.coaching.shot_numbers import ShotNumber
+from pipeline.reporting.text.number_format import format_measured, format_probability, format_value, format_with_sigma
+from pipeline.reporting.text.number_sentences import format_number
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "expected"),
+    [
+        (-4.174e-232, 0.004, ("0", "0.004")),
+        (-0.0003, 0.004, ("0", "0.004")),
+        (0.008952, 0.00078, ("0.0090", "0.0008")),
+        (0.009061, 3.1e-05, ("0.009061", "0.000031")),
+        (9.8e-05, 7e-06, ("0.000098", "0.000007")),
+        (1.0, 0.0999, ("1.00", "0.10")),
+        (12345.0, 678.0, ("12300", "700")),
+        (1.5, 0.0, ("1.5", "")),
+        (1.5, float("nan"), ("1.5", "")),
+    ],
+)
+def test_the_standard_deviation_determines_the_digits(value: float, sigma: float, expected: tuple[str, str]) -> None:
+    assert format_measured(value, sigma) == expected
+
+
+def test_a_standard_deviation_below_the_last_decimal_is_one_unit_of_it() -> None:
+    assert format_with_sigma(2.1702, 0.0031, 2) == "2.17 ± 0.01"
+    assert format_with_sigma(0.001, 0.0001, 2) == "0 ± 0.01"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(9.8e-05, "0.000098"), (3.9e-06, "0.0000039"), (-46.12, "-46.1"), (0.0, "0"), (1e-15, "0")]
+)
+def test_a_number_has_no_exponent(value: float, text: str) -> None:
+    assert format_value(value) == text
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"),
+    [(0.0, "below 0.1 %"), (0.0012, "0.1 %"), (0.61, "61 %"), (0.998, "99.8 %"), (0.9991, "above 99.9 %"),
+     (1.0, "above 99.9 %")],
+)  # fmt: skip
+def test_no_probability_is_printed_as_certain(probability: float, text: str) -> None:
+    assert format_probability(probability) == text
+
+
+def test_a_number_without_a_side_has_no_word_for_it() -> None:
+    assert format_number(ShotNumber("throw", 0.001, 0.1, "deg", True)) == "0 ± 0.1°"
+    assert format_number(ShotNumber("throw", -0.84, 0.1, "deg", True)) == "0.8 ± 0.1° left"
