@@ -144,7 +144,8 @@ def _robust_weights(values: FloatArray, sigma: FloatArray) -> FloatArray:
 def _fit_curve(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
     """Fit a polynomial that stands for any smooth curve; beyond the fitted range it is constant."""
     low, high = float(at.min()), float(at.max())
-    curve = np.polynomial.Polynomial.fit(at, values, _CURVE_DEGREE, w=np.sqrt(weights))
+    # with `full`, equal places give the flattest of the curves that fit, without a warning
+    curve, _ = np.polynomial.Polynomial.fit(at, values, _CURVE_DEGREE, w=np.sqrt(weights), full=True)
     return lambda u: np.asarray(curve(np.clip(u, low, high)))
 
 

@@ -15,6 +15,8 @@ VERDICT_WORDS = {
     "no-go": "No-go: change this before you film on.",
 }
 """The verdict as a sentence."""
+LIGHT_CODES = ("exposure", "clipping")
+"""Faults of the light as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +157,18 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
 
 
 def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimits) -> list[FilmingMeasurement]:
-    """Rank the measurements that are not good, the worst first; a table that is out of view comes last of its level.
+    """Rank the measurements that are not good: by level, causes before what they may cause, then the worst first.
 
-    A table may be missing because of another fault, so the other fault is named first.
+    All else is measured in the light of the frames, so that too little or too much of it is named first of its level. A
+    table may be missing because of any other fault, so that a table out of view is named last.
     """
     faults = [one for one in measurements if one.level in ("doubt", "bad")]
-    return sorted(faults, key=lambda one: (one.level != "bad", one.code == "corners", -_measure_excess(one, limits)))
+    return sorted(
+        faults,
+        key=lambda one: (
+            one.level != "bad", one.code not in LIGHT_CODES, one.code == "corners", -_measure_excess(one, limits)
+        ),
+    )  # fmt: skip
 
 
 def _measure_excess(one: FilmingMeasurement, limits: FilmingLimits) -> float:

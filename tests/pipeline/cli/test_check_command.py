@@ -12,7 +12,9 @@ from PIL import Image
 from support.sample_clips import SAMPLES
 
 from pipeline.cli.execute import execute_command_line
-from video.filming_check.filming_limits import CODES
+from pipeline.reporting.text.filming_sentences import rank_faults
+from video.filming_check.filming_limits import CODES, FilmingLimits
+from video.filming_check.measure_filming import FilmingMeasurement
 from video.io.video_writer import VideoWriter
 
 
@@ -42,6 +44,14 @@ def test_a_clip_without_a_table_is_a_no_go_for_scripts(tmp_path: Path, capsys: p
     assert "No-go" in out
     assert "No table was found" in out
     assert "corners of the table in view: 0 of 4" in out
+
+
+def test_the_light_is_named_before_what_it_hides_and_a_missing_table_last() -> None:
+    codes = ("corners", "camera_drift", "exposure", "focus")
+    faults = [FilmingMeasurement(code, 0.0 if code == "exposure" else 90.0, "doubt") for code in codes]
+    ranked = [one.code for one in rank_faults([*faults, FilmingMeasurement("glare", 99.0, "bad")], FilmingLimits())]
+    assert ranked[:2] == ["glare", "exposure"]
+    assert ranked[-1] == "corners"
 
 
 def test_a_file_that_is_no_video_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
