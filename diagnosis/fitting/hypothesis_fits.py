@@ -22,7 +22,7 @@ from models.physics.effect import Prior
 
 FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)
 """Iteration limits of a fit that is compared with others."""
-COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3, grow_shares=False)
+COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
 """Iteration limits of a first attempt, which decides whether a full fit is worthwhile."""
 _LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
 """Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more."""
@@ -223,7 +223,6 @@ def fit_start_states(
     like: EffectFit,
     starts: tuple[FloatArray, ...] | None = None,
     retry_guesses: bool = False,
-    options: ShootingOptions = FULL_FIT,
 ) -> EffectFit:
     """Fit the start states of segments with all parameters fixed to those of another fit.
 
@@ -233,13 +232,12 @@ def fit_start_states(
         like: Fit with the parameters and forms.
         starts: Start state (S,) of each window from an earlier fit.
         retry_guesses: With `starts`: also try the initial guesses of the windows, and keep the better ones.
-        options: Iteration limits.
 
     Returns:
         A fit without free parameters.
     """
     fixed = replace(like, free=np.zeros(len(problem.priors), bool))
-    return refit_effects(problem, segments, fixed, starts, retry_guesses, options)
+    return refit_effects(problem, segments, fixed, starts, retry_guesses)
 
 
 def refit_effects(

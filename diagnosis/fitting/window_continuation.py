@@ -14,7 +14,6 @@ from typing import TypeVar
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import (
-    COARSE_FIT,
     MIN_IMPROVEMENT,
     DiagnosisProblem,
     EffectFit,
@@ -37,9 +36,6 @@ _POOR_RATIO = 1.5
 """Ratio to the cost per value of noise, or of the usual shot, from which a shot is fitted from other starts."""
 _SLIGHTLY_POOR_RATIO = 1.1
 """The same for a hypothesis that is compared with others: twice the chance deviation of a thousand values."""
-_PROMISING_RATIO = 1.5
-"""Ratio to the present cost of a shot up to which a coarse fit from other starts is continued; guess. Iterations after
-the fifth rarely gain a third."""
 _GOOD_COST = 1.3
 """The same, up to which a window may be very sensitive to its start: a wrong start would not have this cost."""
 _FAILED_MERGE_RATIO = 3.0
@@ -229,8 +225,6 @@ def _restart_all_windows(problem: DiagnosisProblem, fitted: EffectFit) -> Effect
 def adopt_better_starts(problem: DiagnosisProblem, fitted: EffectFit, starts: tuple[FloatArray, ...]) -> EffectFit:
     """Refit a hypothesis from other start states in the shots where they give a better fit.
 
-    Shots that a coarse fit leaves far from their present fit are not followed.
-
     Args:
         problem: Scene and priors.
         fitted: Fit of the hypothesis.
@@ -239,13 +233,7 @@ def adopt_better_starts(problem: DiagnosisProblem, fitted: EffectFit, starts: tu
     Returns:
         The better of both fits.
     """
-    coarse = fit_start_states(problem, fitted.segments, fitted, starts, options=COARSE_FIT)
-    shots, sums = np.array([segment.shot for segment in fitted.segments]), list[FloatArray]()
-    for one in (fitted, coarse):
-        costs = _window_costs(problem, one)[:, 0]
-        sums.append(np.array([costs[shots == shot].sum() for shot in shots]))
-    places = np.flatnonzero(sums[1] < _PROMISING_RATIO * sums[0])
-    return _adopt_starts(problem, fitted, places, coarse.starts, retry_guesses=False) if len(places) else fitted
+    return _adopt_starts(problem, fitted, np.arange(len(fitted.segments)), starts, retry_guesses=False)
 
 
 def find_unreachable_shots(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[int, ...]:

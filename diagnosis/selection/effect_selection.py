@@ -285,7 +285,7 @@ def _exceeds_rest(search: EffectSearch, hypothesis: Hypothesis, gain: float) -> 
     if gain >= beyond_noise or not search.problem.probes:
         return gain >= beyond_noise
     least = _MIN_SHARE_BESIDE_REST * search.base.fitted.lower_excess_cost
-    return gain >= least and search.exceeds_generic_laws(hypothesis, gain)
+    return gain >= least and gain >= search.generic_law_gain(hypothesis)
 
 
 def _do_shots_agree(search: EffectSearch, hypothesis: Hypothesis) -> bool:

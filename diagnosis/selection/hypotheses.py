@@ -9,8 +9,6 @@ from math import comb, log
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import (
-    COARSE_FIT,
-    FULL_FIT,
     MIN_IMPROVEMENT,
     DiagnosisProblem,
     EffectFit,
@@ -20,14 +18,11 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from diagnosis.selection.signatures import Signatures, compute_signatures
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 
 _LOG_STRENGTH_RANGE = float(np.log(1e4))
 """Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely."""
 
 
-_CLEAR_LAW_RATIO = 4.0
-"""Ratio to the cost that generic laws explain in a coarse fit, from which a full fit of them decides nothing; guess."""
 LATER_STEPS = 16
 """Steps of a search after those that are planned: usually one more round, and one on longer windows."""
 
@@ -87,8 +82,6 @@ class EffectSearch:
     """Cost of a hypothesis (first) when another (second) was refitted from its starts."""
     generic_law_fits: dict[frozenset[str], tuple[EffectFit, EffectFit]] = field(default_factory=dict)
     """Fits of hypotheses, and the same with the generic laws beside their effects."""
-    coarse_law_fits: dict[frozenset[str], tuple[EffectFit, EffectFit]] = field(default_factory=dict)
-    """The same, with the laws fitted in a few iterations."""
     on_progress: ProgressCallback = ignore_progress
     steps_done: int = 0
     """Number of steps that were reported."""
@@ -132,30 +125,20 @@ class EffectSearch:
         self.hypotheses[one.names] = Hypothesis(one.names, better)
         return self.hypotheses[one.names]
 
-    def exceeds_generic_laws(self, one: Hypothesis, gain: float) -> bool:
-        """Return whether a gain in cost is as large as what generic laws explain beside a hypothesis beyond chance.
+    def fit_generic_laws(self, one: Hypothesis) -> EffectFit:
+        """Fit the generic laws beside the effects of a hypothesis, once for each of its fits."""
+        fitted = one.fitted
+        if one.names not in self.generic_law_fits or self.generic_law_fits[one.names][0] is not fitted:
+            names = (*fitted.names, *self.problem.probes)
+            with_laws = fit_effects(self.problem, fitted.segments, names, fitted.forms, fitted.shared, fitted.starts)
+            self.generic_law_fits[one.names] = fitted, with_laws
+        return self.generic_law_fits[one.names][1]
 
-        A coarse fit of the laws decides where they explain far less.
-        """
-        now, coarse = one.fitted, self.coarse_law_fits.get(one.names)
-        if coarse is None or coarse[0] is not now:
-            coarse = self.coarse_law_fits[one.names] = now, self._fit_generic_laws(now, now, COARSE_FIT)
-        if gain >= _CLEAR_LAW_RATIO * self._law_gain(*coarse):
-            return True
-        full = self.generic_law_fits.get(one.names)
-        if full is None or full[0] is not now:
-            full = self.generic_law_fits[one.names] = now, self._fit_generic_laws(now, coarse[1], FULL_FIT)
-        return gain >= self._law_gain(*full)
-
-    def _fit_generic_laws(self, fitted: EffectFit, near: EffectFit, options: ShootingOptions) -> EffectFit:
-        """Fit the generic laws beside the effects of a fit, from a near one."""
-        names = (*fitted.names, *self.problem.probes)
-        return fit_effects(self.problem, near.segments, names, near.forms, near.shared, near.starts, options)
-
-    def _law_gain(self, fitted: EffectFit, with_laws: EffectFit) -> float:
-        """Return the cost that generic laws explain beside a fit, beyond what chance gives."""
+    def generic_law_gain(self, one: Hypothesis) -> float:
+        """Return the cost that generic laws explain beside the effects of a hypothesis, beyond what chance gives."""
         free = int(self.problem.mask(self.problem.probes).sum())
-        return max(fitted.cost - with_laws.cost - free * with_laws.lack_of_fit, 0.0)
+        with_laws = self.fit_generic_laws(one)
+        return max(one.fitted.cost - with_laws.cost - free * with_laws.lack_of_fit, 0.0)
 
     def record_shared_starts(self, one: Hypothesis, names: frozenset[str]) -> None:
         """Record that another hypothesis was refitted from the starts of this one."""

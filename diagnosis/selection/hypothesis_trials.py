@@ -30,9 +30,6 @@ _MIN_COARSE_SHARE = 0.25
 _MIN_FORM_SHARE = 0.75
 """Share of the gain of the best of several contact models that a coarse fit must reach to be fitted fully: only the
 best one of them counts."""
-_CLEAR_SHARE = 0.5
-"""Share of what a hypothesis explains from which a coarse fit without an effect shows that this one is needed; guess. A
-full fit gains a tenth of that."""
 _HOPELESS_COST_RATIO = 3.0
 """Ratio to the cost of the near hypothesis from which better starts alone cannot help."""
 _ABSORBED_STRENGTH_SHARE = 0.5
@@ -104,7 +101,7 @@ def _iterate_fits(
             most > CLEAR_GAIN and gain < _MIN_FORM_SHARE * most
         ):
             continue
-        if fitted.cost > _HOPELESS_COST_RATIO * near.fitted.cost or _is_clearly_worse(search, names, near, fitted):
+        if fitted.cost > _HOPELESS_COST_RATIO * near.fitted.cost:
             continue
         fitted = fit_effects(problem, fitted.segments, effects, fitted.forms, fitted.shared, fitted.starts)
         yield fitted
@@ -135,21 +132,10 @@ def _fit_coarsely(
         fitted = fit_effects(problem, segments, effects, forms, near.fitted.shared, near.fitted.starts, COARSE_FIT)
     natural = np.where(fresh, problem.natural, current)
     hidden = _may_be_absorbed(problem, fitted, fresh) if alike else fitted.lack_of_fit > POOR_LACK_OF_FIT
-    hidden = hidden and not _is_clearly_worse(search, names, near, fitted)
     if hidden and can_simulate(problem, near.fitted, forms, natural):
         from_guesses = fit_effects(problem, segments, effects, forms, natural, None, COARSE_FIT)
         fitted = min(fitted, from_guesses, key=lambda one: one.cost)
     return fitted
-
-
-def _is_clearly_worse(search: EffectSearch, names: frozenset[str], near: Hypothesis, fitted: EffectFit) -> bool:
-    """Return whether a coarse fit without some effects of a hypothesis shows beyond doubt that they are needed.
-
-    Only beside a rest that the hypothesis leaves: without one, the right substitute may converge slowly.
-    """
-    if not names < near.names or near.fitted.lower_excess_cost == 0:
-        return False
-    return fitted.cost - near.fitted.cost > _CLEAR_SHARE * (search.base.fitted.cost - near.fitted.cost)
 
 
 def _predict_starts(

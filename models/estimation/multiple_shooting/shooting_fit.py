@@ -89,9 +89,6 @@ class ShootingOptions:
     """Iterations of all windows together."""
     shot_iterations: int = 12
     """Iterations of the states of one chain alone, after a jump of its cost or for its initial guesses."""
-    grow_shares: bool = True
-    """Whether a chain that no initial guess explains is fitted to growing shares of its windows, so that contacts are
-    included one after another; windows with at most one contact hardly need it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,7 +345,7 @@ def _fit_guesses(
         if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
             return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
-    if best.costs[chain] <= _EXPLAINED_CHI2 * count or not options.grow_shares:
+    if best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
     early = [
         _fit_growing_share(problem, _simulate_guess(problem, now, chain, starts), chain, options, _EARLY_SHARES)
