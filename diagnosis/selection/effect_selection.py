@@ -315,7 +315,7 @@ def _refit_from_starts(search: EffectSearch, other: Hypothesis, one: Hypothesis)
         return other
     search.record_shared_starts(one, other.names)
     choices = zip(search.problem.scene.alternatives, one.fitted.forms, other.fitted.forms, strict=True)
-    forms = tuple(own if choice.name in other.names else current for choice, own, current in choices)
+    forms = tuple(own if choice.name in other.names & one.names else current for choice, own, current in choices)
     return search.replace_fit(other, refit_from(search.problem, other.fitted, one.fitted, forms))
 
 

@@ -10,7 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
-from diagnosis.selection.effect_selection import fit_without_effect, propose_hypotheses
+from diagnosis.selection.effect_selection import find_substitutes, fit_without_effect, propose_hypotheses
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, compute_hypothesis_signatures
 from diagnosis.selection.hypothesis_trials import (
     add_details,
@@ -89,6 +89,18 @@ def test_a_smaller_hypothesis_may_take_the_form_of_the_larger_one() -> None:
     reduced = fit_without_effect(search, larger, "nap")
     assert reduced.forms == ("han_2005", "inelastic")
     assert reduced.cost < larger.fitted.cost + 10 < wrong.cost
+
+
+def test_another_contact_model_in_place_of_an_effect_stays_another_one() -> None:
+    """With the model of the simulator it would be the same hypothesis under another name."""
+    search = simulate_search(cushion_friction__mu=0.2)
+    problem, segments = search.problem, search.base.fitted.segments
+    friction, law = frozenset({"cushion_friction"}), frozenset({"cushion_law"})
+    for names, form in ((friction, "mirror"), (law, "han_2005")):
+        fitted = fit_effects(problem, segments, find_added_effects(problem, names), (form, "inelastic"))
+        search.hypotheses[names] = Hypothesis(names, fitted)
+    assert find_substitutes(search, search.hypotheses[friction]) == {law}
+    assert search.hypotheses[law].fitted.forms == ("han_2005", "inelastic")
 
 
 def test_a_contact_model_and_its_parameters_are_a_group_where_they_fit_equally_well() -> None:
