@@ -71,10 +71,12 @@ def fit_table_of_shots(
         OptionError: No source can be read, or the tables differ.
         TrackError: The shots are too few.
     """
-    sources, repetitions = drop_repeated_clips(sources)
     shots, refusals = _read_shots(sources)
-    refusals = [*repetitions, *refusals]
     table = _require_one_table(shots, refusals)
+    sources, repetitions = drop_repeated_clips(sources)
+    if repetitions:
+        shots, refusals = _read_shots(sources)
+    refusals = [*repetitions, *refusals]
     fits, names = [], []
     for done, (name, tracks, scene) in enumerate(shots):
         on_shot(done, len(shots))

@@ -145,7 +145,7 @@ def observe_run(
     Returns:
         The states and residuals.
     """
-    xy, v, inside, residual, ends, pocket_times = _observe_segments(
+    xy, v, inside, residual, ends, pocket_times = observe_segments(
         run.segments, run.contacts, run.radius, run.physics, run.seconds, True if run.has_curves else None,
         at, place, balls, end, observations, whitening,
     )  # fmt: skip
@@ -218,8 +218,12 @@ def is_possible(start, values):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def _observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
-    """Evaluate what `observe_run` returns: xy, v (K, 2), times (M,), residual (K, 2), ends (E, N, 7), pockets (N,)."""
+def observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
+    """Evaluate what `observe_run` returns; arguments as of `WindowRun` and `observe_run`, `bends` of `plan_motion`.
+
+    Returns:
+        xy, v (K, 2), times (M,), residual (K, 2), ends (E, N, 7) and pocket times (N,).
+    """
     n, m, count = len(radius), len(at), len(place)
     pocket_times = np.full(n, np.inf)
     for k in range(len(contacts)):

@@ -12,16 +12,16 @@ from models.estimation.joint_fit.fit_solution import Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
 from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
+from models.estimation.whole_shot.window_simulation import (
+    differentiate_observations,
+    observe_run,
+    observe_segments,
+    simulate_window_run,
+)
 from models.numerics.jit import is_compiled
 from models.physics.billiards.simulation.event_engine import simulate_events
-from models.physics.billiards.simulation.parametrised_shot import (
-    NEUTRAL_SHOT_PARAMETERS,
-    ContactModels,
-    build_directions,
-    simulate_start,
-)
+from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS
 from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
-from models.physics.billiards.simulation.simulated_shot import fill_states
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.engine.process_setup import available_cores
 from pipeline.stages import kernel_preparation
@@ -48,15 +48,16 @@ def test_the_kernels_of_a_fit_are_prepared() -> None:
 
 
 def test_the_kernels_of_whole_shots_are_prepared() -> None:
-    kernels = simulate_events, fill_states, differentiate_shot
+    kernels = simulate_events, observe_segments, differentiate_shot
     prepare_shot_kernels()
     prepared = list_signatures(kernels)
     moving, values = np.array([True, False]), NEUTRAL_SHOT_PARAMETERS
     start = np.array([0.5, 0.6, 1.0, 0.2, 0.0, 0.0, 0.0, 1.5, 0.6])
-    run = simulate_start(start, moving, TABLE, values, ContactModels("han_2005", "elastic"), 1.0)
-    directions = build_directions(run.balls, moving, TABLE, values, np.array([0, 1]))
-    run.directional_derivatives_until(np.linspace(0, 1, 5), np.arange(10).reshape(5, 2), directions, 2, 1.0)
-    run.states_at(np.linspace(0, 1, 5))
+    run = simulate_window_run(start, moving, TABLE, values, (1, 0), 1.0)
+    assert run is not None
+    t, place, balls = np.linspace(0, 1, 5), np.repeat(np.arange(5), 2), np.tile([0, 1], 5)
+    observed = observe_run(run, t, place, balls, 1.0, np.zeros((10, 2)), np.tile(np.eye(2), (10, 1, 1)))
+    differentiate_observations(run, observed, balls, moving, TABLE, values, np.array([0, 1]), 1.0)
     assert list_signatures(kernels) == prepared
 
 

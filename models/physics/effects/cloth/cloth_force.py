@@ -30,6 +30,6 @@ EFFECT = BilliardsEffect(
     limits=(-math.inf, math.inf),
     bends_path=True,
     reference="Powers of the speed along the motion, across it, and a constant",
-    rank=22,
-    slot=14,
+    rank=23,
+    slot=15,
 )

@@ -22,5 +22,5 @@ EFFECT = BilliardsEffect(
     limits=(-math.inf, math.inf),
     reference="Cloths with a nap (snooker, English billiards): balls run further with it than against it",
     rank=6,
-    slot=11,
+    slot=12,
 )

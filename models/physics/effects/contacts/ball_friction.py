@@ -17,6 +17,6 @@ EFFECT = BilliardsEffect(
     neutral=(0.0,),
     partners=("ball_law",),
     reference="Alciatore, technical proof A-14: 0.01 to 0.11, falling with the speed of the slip",
-    rank=13,
-    slot=10,
+    rank=14,
+    slot=11,
 )

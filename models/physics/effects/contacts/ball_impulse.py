@@ -24,6 +24,6 @@ EFFECT = BilliardsEffect(
     neutral=(0.0,) * 4,
     limits=(-math.inf, math.inf),
     reference="Low powers of speed and slip",
-    rank=24,
-    slot=16,
+    rank=25,
+    slot=17,
 )

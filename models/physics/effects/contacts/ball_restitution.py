@@ -14,6 +14,6 @@ EFFECT = BilliardsEffect(
     partners=("unequal_mass",),
     limits=(0.0, 1.0),
     reference="Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.92 to 0.98",
-    rank=12,
-    slot=9,
+    rank=13,
+    slot=10,
 )

@@ -17,6 +17,6 @@ EFFECT = BilliardsEffect(
     partners=("cushion_law",),
     phrase="friction of the cloth under the nose",
     reference="Mathavan, Jackson, Parkin 2010 (doi:10.1243/09544062JMES1964), section 4: 0.21 beside a cloth's 0.2",
-    rank=11,
-    slot=12,
+    rank=12,
+    slot=13,
 )

@@ -23,6 +23,6 @@ EFFECT = BilliardsEffect(
         "WPA equipment specifications: 62.5 to 64.5 % of the diameter, 1.25 to 1.29; carom, 37 mm at balls of 61.5 mm:"
         " 1.20; Mathavan, Jackson, Parkin 2010 (doi:10.1243/09544062JMES1964): 1.4"
     ),
-    rank=10,
-    slot=8,
+    rank=11,
+    slot=9,
 )

@@ -27,6 +27,6 @@ EFFECT = BilliardsEffect(
     neutral=(0.0,) * 6,
     limits=(-math.inf, math.inf),
     reference="Low powers of speed, angle and slip that are symmetric under reflection",
-    rank=23,
-    slot=15,
+    rank=24,
+    slot=16,
 )

@@ -21,5 +21,5 @@ EFFECT = BilliardsEffect(
     limits=(-math.inf, math.inf),
     reference="Johnson 1985, Contact Mechanics, section 11.5: e falls with the fourth root of the speed",
     rank=9,
-    slot=13,
+    slot=14,
 )

@@ -17,5 +17,5 @@ EFFECT = BilliardsEffect(
     partners=("ball_restitution",),
     phrase="unequal masses of balls",
     reference="Coin-operated tables: cue balls up to 10 % heavier; worn ones some per cent lighter",
-    rank=14,
+    rank=15,
 )

@@ -18,5 +18,5 @@ EFFECT = BilliardsEffect(
     partners=("scale", "lens_distortion"),
     phrase="unequal sizes of balls",
     reference="Coin-operated tables: cue balls of 2 3/8 in among balls of 2 1/4 in; worn ones are smaller",
-    rank=15,
+    rank=16,
 )

@@ -15,5 +15,5 @@ EFFECT = BilliardsEffect(
     parameters=(Prior("frames", "1", 0.0, 2.0, False, (-20.0, 20.0)),),
     neutral=(0.0,),
     reference="Screen recorders and phones under load drop single frames",
-    rank=21,
+    rank=22,
 )

@@ -18,5 +18,5 @@ EFFECT = BilliardsEffect(
     neutral=(0.0,),
     partners=("scale", "unequal_radius"),
     reference="Brown 1971, Close-range camera calibration, Photogrammetric Engineering 37: the first radial term",
-    rank=16,
+    rank=17,
 )

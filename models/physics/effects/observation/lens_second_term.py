@@ -19,5 +19,5 @@ EFFECT = BilliardsEffect(
     partners=("lens_distortion",),
     phrase="second term of the lens",
     reference="Brown 1971, Close-range camera calibration, Photogrammetric Engineering 37: the second radial term",
-    rank=17,
+    rank=18,
 )

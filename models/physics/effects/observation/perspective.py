@@ -23,5 +23,5 @@ EFFECT = BilliardsEffect(
     partners=("slope", "lens_distortion"),
     phrase="perspective of the camera",
     reference="Hartley and Zisserman 2004, Multiple View Geometry, section 2.4.3",
-    rank=18,
+    rank=19,
 )

@@ -17,5 +17,5 @@ EFFECT = BilliardsEffect(
     neutral=(0.0,),
     partners=("nap",),
     reference="Liang, Chang, Chen 2008, doi:10.1109/TIP.2008.925384: 10 to 30 ms for a phone",
-    rank=20,
+    rank=21,
 )

@@ -17,5 +17,5 @@ EFFECT = BilliardsEffect(
     partners=("lens_distortion", "unequal_radius"),
     phrase="wrong scale of the image",
     reference="A ball radius or a table length that was assumed, not measured",
-    rank=19,
+    rank=20,
 )
