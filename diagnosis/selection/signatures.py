@@ -79,12 +79,29 @@ def compute_signatures(
         shot_information.score.sum(axis=0) / variance_factor,
     )
     raw = np.diag(information).copy()
-    inside = information[np.ix_(free, free)] + np.diag(prior[free])
-    across = information[free]
-    taken = solve_damped(inside, np.column_stack([across, score[free]]), 0.0)
-    left = information - across.T @ taken[:, :-1]
+    absorbed = absorb_by_free(problem, information, free, np.column_stack([information[free], score[free]]))
+    left = information - absorbed[:, :-1]
     left[free] = left[:, free] = 0.0
-    return Signatures((left + left.T) / 2, np.where(free, 0.0, score - across.T @ taken[:, -1]), raw, prior)
+    return Signatures((left + left.T) / 2, np.where(free, 0.0, score - absorbed[:, -1]), raw, prior)
+
+
+def absorb_by_free(
+    problem: DiagnosisProblem, information: FloatArray, free: BoolArray, gradients: FloatArray
+) -> FloatArray:
+    """Return the part of gradients by all parameters that the free ones absorb, within their priors.
+
+    Args:
+        problem: Scene and priors.
+        information: (P, P) information of the data.
+        free: (P,) mask of F free parameters.
+        gradients: (F, K) gradients by the free parameters.
+
+    Returns:
+        (P, K) gradients by all parameters.
+    """
+    prior = np.array([1 / one.sigma**2 for one in problem.priors])
+    inside = information[np.ix_(free, free)] + np.diag(prior[free])
+    return np.asarray(information[free].T @ solve_damped(inside, gradients, 0.0))
 
 
 def canonical_correlation(effect_signatures: Signatures, one: BoolArray, other: BoolArray) -> float:

@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
-from diagnosis.selection.signatures import compute_signatures, whitening_directions
+from diagnosis.selection.signatures import absorb_by_free, compute_signatures, whitening_directions
 from models.core.typing import BoolArray, FloatArray
-from models.numerics.least_squares import solve_damped
 
 _MAX_EXACT_SHOTS = 13
-"""Most shots of which all flips are tried: 4096, as the first shot keeps its sign."""
+"""Most shots of which all flips are tried: 4096, as the last shot keeps its sign."""
 _MIN_SHOTS = 3
 """Fewest shots that are tested: two allow no p-value below a half."""
 
@@ -45,11 +44,8 @@ def flip_signs(
     if not own.any() or len(shot_information.shots) < _MIN_SHOTS:
         return float("nan")
     effect_signatures = compute_signatures(problem, shot_information, free)
-    prior = np.array([1 / one.sigma**2 for one in problem.priors])
-    inside = shot_information.information.sum(axis=0)[np.ix_(free, free)] + np.diag(prior[free])
-    across = shot_information.information.sum(axis=0)[free]
-    absorbed = across.T @ solve_damped(inside, shot_information.score[:, free].T, 0.0)
-    pulls = shot_information.score - absorbed.T
+    scores, whole = shot_information.score, shot_information.information.sum(axis=0)
+    pulls = scores - absorb_by_free(problem, whole, free, scores[:, free].T).T
     flips = _draw_flips(len(pulls), rng)
 
     def measure(mask: BoolArray) -> FloatArray:
