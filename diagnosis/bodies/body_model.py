@@ -13,7 +13,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     SimulatedWindow,
     Window,
     drop_shared_jacobian,
-    simulate_window,
+    predict_window,
 )
 from models.physics.effect import Prior
 
@@ -55,7 +55,7 @@ class BodyModel:
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
         """Simulate a window without Jacobians where the underlying model can."""
         body = int(self.body[window])
-        simulated = simulate_window(self.model, window, start, self.fill_values(body, shared))
+        simulated = predict_window(self.model, window, start, self.fill_values(body, shared))
         return simulated if isinstance(simulated, SimulatedWindow) else self._spread_columns(body, simulated)
 
     def without_shared_jacobian(self) -> BodyModel:

@@ -3,7 +3,7 @@
 In a scene without contacts every body moves on its own, so that a strength of each body can be fitted together with all
 that the bodies share. Whether the strengths differ is Cochran's test between bodies. The scatter of one body's shots
 counts as an error, or shots that differ would make bodies differ. The common prior is normal; its mean and width come
-from the bodies themselves (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2: empirical Bayes).
+from the bodies themselves (empirical Bayes).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from diagnosis.fitting.hypothesis_fits import (
     build_window_model,
     linearize_fit,
 )
+from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.gap_scene import Recording
@@ -75,19 +76,7 @@ def split_bodies(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
         One recording per recording and body; bodies that were never observed are left out.
     """
     return tuple(
-        _select_body(one, body)
-        for one in recordings
-        for body in range(len(one.bodies))
-        if one.is_observed[:, body].any()
-    )
-
-
-def _select_body(one: Recording, body: int) -> Recording:
-    return replace(
-        one,
-        bodies=(one.bodies[body],),
-        positions=one.positions[:, body : body + 1],
-        sigma=one.sigma[:, body : body + 1],
+        one.select_body(body) for one in recordings for body in range(len(one.bodies)) if one.is_observed[:, body].any()
     )
 
 
@@ -110,7 +99,7 @@ def fit_body_strengths(
     if not isinstance(problem.scene, ContactFreeScene) or not candidates.any() or len(bodies) < 2:
         return None
     parts = [
-        (_select_body(segment, k), start)
+        (segment.select_body(k), start)
         for segment, starts in zip(fitted.segments, fitted.starts, strict=True)
         for k, start in enumerate(np.split(starts, len(segment.bodies)))
     ]
@@ -149,14 +138,11 @@ def estimate_common_prior(values: FloatArray, errors: FloatArray) -> tuple[float
     Returns:
         Mean and standard deviation; the latter is 0 where the strengths do not differ clearly.
     """
-    weights = 1 / np.square(errors)
-    mean = float(weights @ values / weights.sum())
-    scatter, more = float(weights @ np.square(values - mean)), len(values) - 1
-    if chi2.sf(scatter, more) >= DIFFERENCE_P_VALUE:
-        return mean, 0.0
-    variance = (scatter - more) / float(weights.sum() - np.square(weights).sum() / weights.sum())
-    weights = 1 / (np.square(errors) + variance)
-    return float(weights @ values / weights.sum()), float(np.sqrt(variance))
+    scatter = measure_scatter(values, 1 / np.square(errors))
+    if scatter.p_value >= DIFFERENCE_P_VALUE:
+        return scatter.mean, 0.0
+    weights = 1 / (np.square(errors) + scatter.variance)
+    return float(weights @ values / weights.sum()), float(np.sqrt(scatter.variance))
 
 
 def _fit_bodies(
@@ -233,15 +219,13 @@ def _estimate_shot_scatter(
     for number, body in enumerate(alone.bodies):
         shots = linearize_fit(problem, select_body_fit(like, alone, body)).shot_information
         for k in np.flatnonzero(candidates):
-            information = shots.information[:, k, k]
-            usable = information > 1e-6 * information.max(initial=0.0)
-            if not usable.any():
+            steps, weights = estimate_shot_steps(shots, int(k), alone.lack_of_fit)
+            if not len(steps):
                 continue
-            weights = information[usable] / alone.lack_of_fit
-            steps = shots.score[usable, k] / information[usable]
-            scatter[k] += float(weights @ np.square(steps - weights @ steps / weights.sum()))
-            more[k] += len(weights) - 1
-            scale[k] += float(weights.sum() - np.square(weights).sum() / weights.sum())
+            one = measure_scatter(steps, weights)
+            scatter[k] += one.square
+            more[k] += one.freedom
+            scale[k] += one.scale
             shares[number, k] = float(np.square(weights).sum() / weights.sum() ** 2)
     variance = np.where(scale > 0, np.maximum(scatter - more, 0.0) / np.where(scale > 0, scale, 1.0), 0.0)
     is_clear = chi2.sf(scatter, np.maximum(more, 1)) < DIFFERENCE_P_VALUE

@@ -12,10 +12,7 @@ import numpy as np
 
 from diagnosis.bodies.body_strengths import BodyFit, fit_body_strengths
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem
-from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
-
-_REFUTED_LOG_EVIDENCE = 3.0
-"""Difference of log evidence from which a rival is refuted, as for strengths that all bodies share."""
+from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +62,7 @@ def compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch,
         for name, (one, own) in fits.items()
     }
     first = max(evidence, key=evidence.__getitem__)
-    refuted = frozenset(name for name in fits if evidence[first] - evidence[name] > _REFUTED_LOG_EVIDENCE)
+    refuted = frozenset(name for name in fits if evidence[first] - evidence[name] > REFUTED_RIVAL_LOG_EVIDENCE)
     chosen = fits[first][0]
     if chosen is not best:
         body_fit = fit_body_strengths(problem, chosen.fitted)

@@ -22,7 +22,8 @@ from models.core.typing import FloatArray
 _LOG_STRENGTH_RANGE = float(np.log(1e4))
 """Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely."""
 
-
+REFUTED_RIVAL_LOG_EVIDENCE = 3.0
+"""Difference of log evidence from which a rival is refuted."""
 LATER_STEPS = 16
 """Steps of a search after those that are planned: usually one more round, and one on longer windows."""
 

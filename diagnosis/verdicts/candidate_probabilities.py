@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from diagnosis.bodies.body_strengths import BodyFit
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, ShotInformation
-from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
+from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
+from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis
 from diagnosis.selection.signatures import INSEPARABLE_CORRELATION, Signatures, direction_correlation
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence
 from diagnosis.verdicts.verdict import BodyStrength, CandidateEffect, Strength
 from models.core.typing import FloatArray
 
-_REFUTED_LOG_EVIDENCE = 3.0
-"""Difference of log evidence from which a rival is refuted."""
 _MAX_GROUP = 3
 """Largest number of names in a group."""
 
@@ -68,7 +66,7 @@ def find_group(search: EffectSearch, best: Hypothesis, name: str, without: Signa
         if (
             other in best.names
             or swapped is None
-            or search.log_evidence(best) - search.log_evidence(swapped) > _REFUTED_LOG_EVIDENCE
+            or search.log_evidence(best) - search.log_evidence(swapped) > REFUTED_RIVAL_LOG_EVIDENCE
         ):
             continue
         if _are_inseparable(search.problem, name, other, without):
@@ -87,20 +85,16 @@ def _are_inseparable(problem: DiagnosisProblem, name: str, other: str, without: 
 def estimate_shot_spreads(shot_information: ShotInformation, fitted: EffectFit) -> FloatArray:
     """Estimate the standard deviation (P,) of each strength between shots; 0 where all shots may have the same.
 
-    Shots are compared near the common fit, each by its own gradient, with errors widened by the lack of fit. The
-    estimate is that of DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2, where Cochran's test is clear.
+    Shots are compared near the common fit, each by its own gradient, with errors widened by the lack of fit.
     """
     spreads = np.zeros(len(fitted.shared))
     for k in np.flatnonzero(fitted.free):
-        weights = shot_information.information[:, k, k] / fitted.lack_of_fit
-        usable = weights > 1e-6 * weights.max(initial=0.0)
-        weights, steps = weights[usable], shot_information.score[usable, k] / shot_information.information[usable, k, k]
-        if len(weights) < 2:
+        steps, weights = estimate_shot_steps(shot_information, int(k), fitted.lack_of_fit)
+        if len(steps) < 2:
             continue
-        scatter = float(weights @ np.square(steps - weights @ steps / weights.sum()))
-        more = len(weights) - 1
-        if chi2.sf(scatter, more) < SUSPICIOUS_P_VALUE:
-            spreads[k] = np.sqrt((scatter - more) / (weights.sum() - np.square(weights).sum() / weights.sum()))
+        scatter = measure_scatter(steps, weights)
+        if scatter.p_value < SUSPICIOUS_P_VALUE:
+            spreads[k] = np.sqrt(scatter.variance)
     return spreads
 
 

@@ -62,6 +62,14 @@ class Recording:
             inputs=None if self.inputs is None else self.inputs[part],
         )  # fmt: skip
 
+    def select_body(self, body: int) -> Recording:
+        """Select one body, with the inputs that act on it."""
+        part = slice(body, body + 1)
+        return replace(
+            self, bodies=self.bodies[part], positions=self.positions[:, part], sigma=self.sigma[:, part],
+            inputs=None if self.inputs is None else self.inputs[:, part],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Alternatives:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.bodies.body_strengths import estimate_common_prior
+from diagnosis.bodies.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
@@ -97,6 +97,16 @@ def test_shots_that_differ_do_not_make_bodies_differ() -> None:
     assert mixed.candidates[0].effect == "air_drag"
     assert mixed.candidates[0].per_body == ()
     assert mixed.candidates[0].strengths[0].shot_spread > 0.01
+
+
+def test_each_body_keeps_the_inputs_that_act_on_it() -> None:
+    still, inputs = np.zeros((5, 2, 2)), np.arange(5 * 2 * 2 * 2, dtype=float).reshape(5, 2, 2, 2)
+    both = Recording(0, np.arange(5), np.arange(5) / 60, ("a", "b"), still, np.ones((5, 2)), inputs=inputs)
+    parts = split_bodies((both,))
+    assert [one.bodies for one in parts] == [("a",), ("b",)]
+    for body, one in enumerate(parts):
+        assert one.inputs is not None
+        np.testing.assert_array_equal(one.inputs[:, 0], inputs[:, body])
 
 
 def test_the_common_prior_has_the_mean_and_width_of_the_bodies() -> None:
