@@ -104,7 +104,7 @@ def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
     for candidate in report.candidates:
         for common in (one for one in candidate.strengths if one.body_spread > 0):
             own = [
-                f"{body.body} {one.value:.3g} ± {one.sigma:.2g}"
+                f"{body.body} {format_with_sigma(one.value, one.sigma)}"
                 for body in candidate.per_body
                 for one in body.strengths
                 if one.name == common.name
@@ -113,8 +113,8 @@ def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
             sentences.append(
                 f"The strength of {format_cause(candidate.effect)} differs between bodies,"
                 f" {format_parameter(common.name)}{unit}: {', '.join(own)}. It scatters by"
-                f" {format_with_unit(f'{common.body_spread:.2g}', common.unit)} between them; predictions use the"
-                " strength of each body."
+                f" {format_with_unit(format_value(common.body_spread, 2), common.unit)} between them; predictions use"
+                " the strength of each body."
             )
     return tuple(sentences)
 
