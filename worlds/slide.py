@@ -78,7 +78,8 @@ def integrate_between_walls(
         solved = solve_ivp(rate, (begin, t[-1]), state, "DOP853", events=[stop, *events], rtol=TOLERANCE, atol=1e-12,
                            max_step=0.02, dense_output=True)  # fmt: skip
         here = (t >= begin) & (t <= solved.t[-1])
-        places[here] = solved.sol(t[here])[:2].T
+        if here.any():  # no sample lies between two contacts in a corner
+            places[here] = solved.sol(t[here])[:2].T
         state, begin = solved.y[:, -1], solved.t[-1]
         if solved.status == 0:
             return places

@@ -100,13 +100,14 @@ def split_shots(shot: np.ndarray, t: np.ndarray, values: np.ndarray) -> list[tup
     return [(t[shot == one], values[shot == one]) for one in np.unique(shot)]
 
 
-def test_elastic_walls_fold_a_straight_path(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fps", [60.0, 5.0])  # at 5 fps there are several contacts between two frames
+def test_elastic_walls_fold_a_straight_path(tmp_path: Path, fps: float) -> None:
     box = {"walls": [-0.3, -0.2, 0.3, 0.2], "radius": 0.05}
     throw = {"speed": 2.0}
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    free = play_world(tmp_path / "a", "slide", effects={}, throw=throw, seed=4)
-    held = play_world(tmp_path / "b", "slide", effects={}, throw=throw, seed=4, facts=box)
+    free = play_world(tmp_path / "a", "slide", effects={}, throw=throw, seed=4, fps=fps)
+    held = play_world(tmp_path / "b", "slide", effects={}, throw=throw, seed=4, facts=box, fps=fps)
     for axis, side in enumerate((0.25, 0.15)):
         # a start outside the box is none of a body between walls
         inside = np.isin(
