@@ -11,6 +11,7 @@ import numpy as np
 
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS, split_into_segments
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
+from diagnosis.fitting.rest_observations import add_rest_observations
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
 
@@ -67,7 +68,7 @@ def build_prediction_windows(
         recordings: Hold-out shots, with the noise estimate applied.
 
     Returns:
-        Windows in which every body is observed at the start and something moves.
+        Windows in which every body is observed, or known to rest, at the start and something moves.
     """
     windows = []
     for segment in split_into_segments(problem, recordings):
@@ -77,7 +78,10 @@ def build_prediction_windows(
             end = int(np.searchsorted(segment.t, segment.t[first + start_rows - 1] + HORIZON_S, side="right"))
             if first and end == len(segment.t) and end - first - start_rows < start_rows:
                 break
-            windows.append(PredictionWindow(segment.select_rows(first, end), start_rows))
+            whole = segment
+            if isinstance(problem.scene, ContactRichScene):
+                whole = add_rest_observations(segment, np.array([first, len(segment.t)]))
+            windows.append(PredictionWindow(whole.select_rows(first, end), start_rows))
             first += max((end - first) // 2, start_rows)
     moving = [
         one
