@@ -90,7 +90,7 @@ class ContactFreeScene:
         half = states.shape[1] // 2
         place, velocity = states[rows, :half, bodies], states[rows, half:, bodies]
         since = segment.t[rows] - contacts[rows, bodies]
-        phases = tuple("cushion_contact" if one < _CONTACT_DURATION else self.phase for one in since)
+        phases = tuple("wall_contact" if one < _CONTACT_DURATION else self.phase for one in since)
         return Covariates(phases, place, velocity, since, None)
 
     def predict_positions(
