@@ -130,10 +130,10 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             )
     used, repetitions = drop_repeated_clips(folders)
     pairs = [(one, folder) for one, folder in zip(read, folders, strict=True) if folder in used]
-    shots, repeated = _drop_repeated_shots(
+    shots, repeated_shots = _drop_repeated_shots(
         [(one, _format_shot_origin(one, own, folder.resolve())) for own, folder in pairs for one in own.recordings]
     )
-    notes = (*repetitions, *repeated, *(note for own, _ in pairs for note in own.notes))
+    notes = (*repetitions, *repeated_shots, *(note for own, _ in pairs for note in own.notes))
     if len(pairs) == 1:
         return replace(first, recordings=tuple(one for one, _ in shots), notes=notes)
     numbered = tuple(replace(one, shot=number) for number, (one, _) in enumerate(shots))
@@ -147,16 +147,17 @@ def _drop_repeated_shots(shots: list[tuple[Recording, str]]) -> tuple[list[tuple
     They are one observation of one motion, and would confirm themselves.
     """
     first: dict[tuple[object, ...], str] = {}
-    used, repeated = [], []
+    used: list[tuple[Recording, str]] = []
+    names: list[str] = []
     for one, name in shots:
         arrays = one.t, one.positions, np.zeros(0) if one.inputs is None else one.inputs
         rows = one.bodies, *(values.tobytes() for values in arrays)
         if rows in first:
-            repeated.append(f"{name} has the same rows as {first[rows]}")
+            names.append(f"{name} has the same rows as {first[rows]}")
         else:
             first[rows] = name
             used.append((one, name))
-    return used, (f"{'; '.join(repeated)}: such shots are counted once",) if repeated else ()
+    return used, (f"{'; '.join(names)}: such shots are counted once",) if names else ()
 
 
 def _format_shot_origin(shot: Recording, folder: TrackFolder, place: Path) -> str:

@@ -69,6 +69,8 @@ class ContactFreeScene:
     """Number of known inputs that the acceleration takes."""
     walls: tuple[tuple[float, float], ...] = ()
     """Lower and upper limit of each coordinate; empty where there are no walls."""
+    is_smooth: bool = False
+    """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the whole recording, or nothing where a body was never observed."""

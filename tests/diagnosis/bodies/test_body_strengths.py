@@ -11,6 +11,8 @@ import pytest
 
 from diagnosis.bodies.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.diagnose import diagnose
+from diagnosis.fitting.diagnosis_windows import fit_initial_windows
+from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
@@ -97,6 +99,18 @@ def test_shots_that_differ_do_not_make_bodies_differ() -> None:
     assert mixed.candidates[0].effect == "air_drag"
     assert mixed.candidates[0].per_body == ()
     assert mixed.candidates[0].strengths[0].shot_spread > 0.01
+
+
+def test_a_smooth_path_is_fitted_as_well_without_measures_against_jumps() -> None:
+    """Throws of unlike drag, which a step of the common drag makes better or worse: all that contacts would need."""
+    rng = np.random.default_rng(7)
+    throws = tuple(throw(shot, {body: drag}, rng) for shot, (body, drag) in enumerate(DRAGS.items()))
+    jumpy = replace(FLIGHT, is_smooth=False)
+    smooth, careful = (
+        fit_initial_windows(build_diagnosis_problem(scene, 0.0), throws, ("air_drag",)) for scene in (FLIGHT, jumpy)
+    )
+    assert smooth.cost == pytest.approx(careful.cost, rel=1e-4)
+    np.testing.assert_allclose(smooth.shared, careful.shared, rtol=1e-3)
 
 
 def test_each_body_keeps_the_inputs_that_act_on_it() -> None:
