@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,7 +59,8 @@ def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:
     """
     folder = read_track_folders([Path(one) for one in inputs])
     with open_executor() as executor:
-        return diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
+        report = diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
+    return replace(report, notes=(*report.notes, *folder.notes))
 
 
 def detect(

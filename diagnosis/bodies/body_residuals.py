@@ -31,7 +31,7 @@ def linearize_bodies(
 def compute_body_residuals(
     problem: DiagnosisProblem, bodies: tuple[tuple[EffectFit, LinearizedFit], ...], rng: np.random.Generator
 ) -> FitResiduals:
-    """Compute the residuals of all windows of a `BodyFit`, in its order.
+    """Compute the residuals of all windows of a `BodyFit`, in its order; or those of one fit of all bodies.
 
     Args:
         problem: Scene and noise.
@@ -39,9 +39,11 @@ def compute_body_residuals(
         rng: Random generator of the noise.
 
     Returns:
-        Residuals of all observations; `body` is 0 throughout, as a window has one body.
+        Residuals of all observations; with several fits, `body` is 0 throughout, as a window has one body.
     """
     parts = [compute_residuals(problem, fitted, linearized, rng) for fitted, linearized in bodies]
+    if len(parts) == 1:
+        return parts[0]
     first_windows = np.cumsum([0, *(len(fitted.segments) for fitted, _ in bodies)])
     counts = np.array([one.values.size for one in parts])
     scale = float(np.sqrt(counts @ np.square([one.scale for one in parts]) / counts.sum()))

@@ -168,7 +168,8 @@ def _fit_bodies(
         (*shared_priors, *own_priors * len(bodies)),
     )
     first = np.concatenate([like.shared[common], np.tile(like.shared[own], len(bodies))])
-    shooting: ShootingFit = fit_windows(model, first, FULL_FIT, starts, executor=problem.executor)
+    options = replace(FULL_FIT, is_smooth=problem.is_smooth)
+    shooting: ShootingFit = fit_windows(model, first, options, starts, executor=problem.executor)
     values = np.stack([model.fill_values(k, shooting.shared) for k in range(len(bodies))])
     sigma = np.full(values.shape, np.nan)
     sigma[:, own] = shooting.sigma[int(common.sum()) :].reshape(len(bodies), size)

@@ -137,10 +137,10 @@ def _fit_long_segments(
 ) -> EffectFit:
     """Fit segments from `guess` and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
 
-    Short parts hold too few contacts to be fitted in a wrong order.
+    Short parts hold too few contacts to be fitted in a wrong order; smooth paths need none.
     """
     long_fit = fit_effects(problem, segments, names, forms, guess)
-    if long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
+    if problem.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
     short = _split_segments(segments, SHORT_SEGMENT_S)
     if len(short) == len(segments):

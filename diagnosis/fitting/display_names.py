@@ -38,6 +38,7 @@ PHASES: Mapping[str, str] = {
     "after_strike": "after a strike",
     "ball_contact": "where balls touch",
     "cushion_contact": "at cushions",
+    "wall_contact": "at walls",
     "rest": "at rest",
     "image_region": "in parts of the image",
     "time_jump": "at jumps in time",

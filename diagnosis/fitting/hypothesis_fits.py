@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.fitting.noise_whitening import WhitenedModel, build_noise_chain
 from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording, effect_parameter_mask, neutral_values
 from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
 from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
@@ -56,6 +57,11 @@ class DiagnosisProblem:
     def probes(self) -> tuple[str, ...]:
         """Generic force fields; no cause is named after them."""
         return tuple(e.name for e in self.scene.effects if e.kind == "probe")
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether paths are smooth functions of their starts, so that fits need no measures against jumps."""
+        return isinstance(self.scene, ContactFreeScene) and self.scene.is_smooth
 
     @property
     def simulator_forms(self) -> tuple[str, ...]:
@@ -196,6 +202,7 @@ def fit_effects(
     values = np.array([prior.value for prior in problem.priors]) if guess is None else guess
     values = np.where(free, problem.clip_to_bounds(values), problem.neutral(forms))
     model = FixedParameterModel(build_window_model(problem, segments, forms, free), values, free, problem.priors)
+    options = replace(options, is_smooth=problem.is_smooth)
     shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
     return EffectFit(segments, names, forms, free, model.fill_values(shooting.shared), shooting)
 
@@ -264,6 +271,7 @@ def refit_effects(
     model = FixedParameterModel(
         build_window_model(problem, segments, like.forms, like.free), like.shared, like.free, problem.priors
     )
+    options = replace(options, is_smooth=problem.is_smooth)
     shooting = fit_windows(model, like.shared[like.free], options, starts, retry_guesses, problem.executor)
     return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(shooting.shared), shooting)
 

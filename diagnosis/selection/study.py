@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from diagnosis.bodies.body_residuals import compute_body_residuals, linearize_bo
 from diagnosis.bodies.body_strengths import BodyFit, fit_body_strengths
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
 from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
-from diagnosis.fitting.gap_closure import measure_closure
+from diagnosis.fitting.gap_closure import GapClosure, measure_closure
 from diagnosis.fitting.hypothesis_fits import (
     DiagnosisProblem,
     EffectFit,
@@ -124,21 +126,14 @@ def run_study(
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
-    bodies = () if body_fit is None else linearize_bodies(problem, full, body_fit)
-    residuals_after = (
-        compute_body_residuals(problem, bodies, rng)
-        if bodies
-        else compute_residuals(problem, full, linearized_full, rng)
-    )
+    bodies = ((full, linearized_full),) if body_fit is None else linearize_bodies(problem, full, body_fit)
+    residuals_after = compute_body_residuals(problem, bodies, rng)
     structure_before, structure_after = find_structure(residuals_before), find_structure(residuals_after)
     is_noise_known = noise.is_measured or all(one.is_sigma_stated for one in (*first, *second))
     scale = residuals_after.scale if is_noise_known else 1.0
-    unknown_evidence = _assess_doubt(
-        problem, first, second, search, best, (base, full), body_fit, structure_after, scale, linearized_full, rng
-    )
-    if bodies:
-        agreement = agreement_p_value(*((one.shot_information, fitted) for fitted, one in bodies))
-        unknown_evidence = replace(unknown_evidence, agreement_p_value=agreement)
+    agreement = agreement_p_value(*((one.shot_information, fitted) for fitted, one in bodies))
+    assess = partial(assess_unknown, structure_after, scale, agreement, linearized_full.shot_information)
+    unknown_evidence = _assess_doubt(problem, first, second, search, best, (base, full), body_fit, assess, rng)
     usable_shots = tuple(sorted(one.shot for one in (*first, *second) if len(split_into_segments(problem, (one,)))))
     return Study(
         problem,
@@ -183,15 +178,16 @@ def _assess_doubt(
     best: Hypothesis,
     fits: tuple[EffectFit, EffectFit],
     body_fit: BodyFit | None,
-    left: ResidualStructure,
-    scale: float,
-    linearized: LinearizedFit,
+    assess: Callable[[EffectFit, EffectFit, GapClosure | None, bool], UnknownEvidence],
     rng: np.random.Generator,
 ) -> UnknownEvidence:
-    """Assess the evidence for an unknown effect: residuals of `best`, and its gain on `second` shots."""
+    """Assess the evidence for an unknown effect: residuals of `best`, and its gain on `second` shots.
+
+    `assess` has the residuals and the agreement of shots already.
+    """
     base, full = fits
     if not best.names:
-        return assess_unknown(left, scale, linearized.shot_information, base, full, None, True)
+        return assess(base, full, None, True)
     before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
@@ -202,7 +198,7 @@ def _assess_doubt(
         if body_after is None
         else measure_body_closure(problem, second or first, before, after, body_after, rng)
     )
-    evidence = assess_unknown(left, scale, linearized.shot_information, search.base.fitted, full, ahead, gains)
+    evidence = assess(search.base.fitted, full, ahead, gains)
     if not (
         evidence.has_systematic_residuals
         and evidence.explained_share > MIN_EXPLAINED_SHARE

@@ -147,21 +147,23 @@ def estimate_explained_share(
 def assess_unknown(
     left: ResidualStructure,
     scale: float,
+    agreement: float,
     shot_information: ShotInformation,
     base: EffectFit,
     best: EffectFit,
     ahead: GapClosure | None,
     selection_gains: bool,
 ) -> UnknownEvidence:
-    """Assess all three signs for the best hypothesis on fitting and selection shots."""
+    """Assess all three signs for the best hypothesis on fitting and selection shots.
+
+    `agreement` is the p-value of equal parameters in all shots, of each body where bodies differ.
+    """
     shares = (
         estimate_explained_share(base, best, shot_information, ahead)
         if best.names or best.forms != base.forms
         else (0.0, 0.0)
     )
-    return UnknownEvidence(
-        left.p_value, scale, agreement_p_value((shot_information, best)), *shares, selection_gains, float("nan")
-    )
+    return UnknownEvidence(left.p_value, scale, agreement, *shares, selection_gains, float("nan"))
 
 
 def measure_law_share(before: EffectFit, after: EffectFit) -> float:

@@ -21,7 +21,7 @@ _PIECES = 4
 """Number of pieces of a window; their length is limited by the next two."""
 _MIN_PIECE_ROWS, _MAX_PIECE_ROWS = 9, 30
 """Least and largest number of rows of a piece: a parabola leaves six degrees of freedom of the least."""
-_CONTACT_PHASES = ("ball_contact", "cushion_contact", "rest")
+_CONTACT_PHASES = ("ball_contact", "cushion_contact", "wall_contact", "rest")
 """Phases in which a residual is no measure of a force: an impulse acts, or nothing moves."""
 
 

@@ -92,9 +92,10 @@ def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals
     }
     most, shot = max(sums, key=lambda one: sums[one])
     place = _describe_shot(problem, residuals, shot)
+    surroundings = "table" if problem.scene.name == "billiards" else "surroundings"
     return (
         f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed, and"
-        " once in another place; what stays with the place is the table or the camera."
+        f" once in another place; what stays with the place comes from the {surroundings} or the camera."
     )
 
 

@@ -24,7 +24,7 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.engine.value_files import load_value, save_value
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
-from pipeline.io.run_folder import find_repeated_clips
+from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.table_profile import SIZE_TOLERANCE
 
 STAGE = "table-shot"
@@ -93,23 +93,6 @@ def fit_table_of_shots(
     except TrackError as error:
         raise TrackError("; ".join([str(error), *repetitions])) from error
     return FittedTable(lesson, table, len(fits), tuple(refusals), tuple(fits), tuple(names), tuple(sources))
-
-
-def drop_repeated_clips(sources: list[Path]) -> tuple[list[Path], list[str]]:
-    """Drop all but the first of several runs of one clip, which would count its shots as independent.
-
-    Args:
-        sources: Run folders, track folders, or their tracks.csv.
-
-    Returns:
-        The others, and one sentence per dropped one.
-    """
-    repeated = find_repeated_clips(sources)
-    sentences = [
-        f"{source} is a run of the same clip as {first}: its shots are counted once"
-        for source, first in repeated.items()
-    ]
-    return [source for source in sources if source not in repeated], sentences
 
 
 def _read_shots(sources: list[Path]) -> tuple[list[tuple[str, Tracks, Scene]], list[str]]:

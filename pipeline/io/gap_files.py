@@ -16,6 +16,8 @@ from pipeline.engine.atomic_write import replace_file, write_json
 SCHEMA = "trueroll.gap/1"
 _DECIMALS = 7
 AXES = ("x", "y", "z")
+_PHASES = {"wall_contact": "cushion_contact"}
+"""Phases by another name in the schema, which has one for contacts with cushions and with walls."""
 
 
 def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
@@ -83,7 +85,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
 
 def _format_location(one: GapLocation) -> dict[str, Any]:
     return {
-        "phase": one.phase,
+        "phase": _PHASES.get(one.phase, one.phase),
         "share": one.share,
         "ball": one.ball,
         "shot": one.shot,

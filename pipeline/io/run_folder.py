@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -171,6 +171,23 @@ def find_repeated_clips(sources: Iterable[Path]) -> dict[Path, Path]:
         if clip and first.setdefault(clip, source) != source:
             repeated[source] = first[clip]
     return repeated
+
+
+def drop_repeated_clips(sources: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Drop all but the first of several runs of one clip, which would count its shots as independent.
+
+    Args:
+        sources: Run folders, track folders, or their tracks.csv.
+
+    Returns:
+        The others, and one sentence per dropped one.
+    """
+    repeated = find_repeated_clips(sources)
+    sentences = [
+        f"{source} has the same clip or tracks as {first}: its shots are counted once"
+        for source, first in repeated.items()
+    ]
+    return [source for source in sources if source not in repeated], sentences
 
 
 def list_files_beside(sources: Iterable[Path], name: str) -> list[Path]:

@@ -19,6 +19,7 @@ from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import Recording
 from pipeline.io.body_scenes.known_inputs import INPUT_COLUMNS, build_inputs, find_input_columns
 from pipeline.io.body_scenes.wall_entry import WallsEntry
+from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.track_folder_checks import find_positions_off_table, require_track_files
 
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -127,17 +128,36 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
                 f"{folder} has {_describe_table(other.entry)}, {folders[0]} has"
                 f" {_describe_table(first.entry)}; diagnose each table separately"
             )
-    if len(read) == 1:
-        return first
-    shots = [
-        (one, _format_shot_origin(one, folder, place))
-        for folder, place in zip(read, places, strict=True)
-        for one in folder.recordings
-    ]
+    used, repetitions = drop_repeated_clips(folders)
+    pairs = [(one, folder) for one, folder in zip(read, folders, strict=True) if folder in used]
+    shots, repeated_shots = _drop_repeated_shots(
+        [(one, _format_shot_origin(one, own, folder.resolve())) for own, folder in pairs for one in own.recordings]
+    )
+    notes = (*repetitions, *repeated_shots, *(note for own, _ in pairs for note in own.notes))
+    if len(pairs) == 1:
+        return replace(first, recordings=tuple(one for one, _ in shots), notes=notes)
     numbered = tuple(replace(one, shot=number) for number, (one, _) in enumerate(shots))
     origins = {number: name for number, (_, name) in enumerate(shots)}
-    notes = tuple(note for folder in read for note in folder.notes)
     return replace(first, recordings=numbered, notes=notes, origins=origins)
+
+
+def _drop_repeated_shots(shots: list[tuple[Recording, str]]) -> tuple[list[tuple[Recording, str]], tuple[str, ...]]:
+    """Drop the shots whose rows are those of an earlier one; also return a sentence that names them, if there are any.
+
+    They are one observation of one motion, and would confirm themselves.
+    """
+    first: dict[tuple[object, ...], str] = {}
+    used: list[tuple[Recording, str]] = []
+    names: list[str] = []
+    for one, name in shots:
+        arrays = one.t, one.positions, np.zeros(0) if one.inputs is None else one.inputs
+        rows = one.bodies, *(values.tobytes() for values in arrays)
+        if rows in first:
+            names.append(f"{name} has the same rows as {first[rows]}")
+        else:
+            first[rows] = name
+            used.append((one, name))
+    return used, (f"{'; '.join(names)}: such shots are counted once",) if names else ()
 
 
 def _format_shot_origin(shot: Recording, folder: TrackFolder, place: Path) -> str:

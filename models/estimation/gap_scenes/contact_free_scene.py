@@ -69,6 +69,8 @@ class ContactFreeScene:
     """Number of known inputs that the acceleration takes."""
     walls: tuple[tuple[float, float], ...] = ()
     """Lower and upper limit of each coordinate; empty where there are no walls."""
+    is_smooth: bool = False
+    """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the whole recording, or nothing where a body was never observed."""
@@ -90,7 +92,7 @@ class ContactFreeScene:
         half = states.shape[1] // 2
         place, velocity = states[rows, :half, bodies], states[rows, half:, bodies]
         since = segment.t[rows] - contacts[rows, bodies]
-        phases = tuple("cushion_contact" if one < _CONTACT_DURATION else self.phase for one in since)
+        phases = tuple("wall_contact" if one < _CONTACT_DURATION else self.phase for one in since)
         return Covariates(phases, place, velocity, since, None)
 
     def predict_positions(

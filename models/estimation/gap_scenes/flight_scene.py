@@ -129,4 +129,5 @@ def build_flight_scene(
         march,
         ("lens_distortion", "perspective"),
         input_count=3 if has_spin_axis else 0,
+        is_smooth=True,
     )

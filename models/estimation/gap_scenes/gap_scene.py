@@ -92,7 +92,7 @@ class Covariates:
     """Position, phase and velocity of the K observations of a window, in the order of its observations."""
 
     phase: tuple[str, ...]
-    """(K,) free_roll, after_strike, ball_contact, cushion_contact, rest, flight, swing, slide."""
+    """(K,) free_roll, after_strike, ball_contact, cushion_contact, rest; wall_contact, flight, swing, slide."""
     position: FloatArray
     """(K, D) in the unit of the scene."""
     velocity: FloatArray

@@ -44,11 +44,11 @@ SLIDING_EFFECTS = (
 """Effects between the walls."""
 WALL_EFFECTS = (
     SceneEffect(
-        "wall_restitution", (Prior("e", "1", 0.7, 0.2, False, (0.05, 1.0)),), (1.0,), ("cushion_contact",),
+        "wall_restitution", (Prior("e", "1", 0.7, 0.2, False, (0.05, 1.0)),), (1.0,), ("wall_contact",),
         "share of the normal speed that is returned, Newton 1687", ("wall_friction", "sliding_friction"),
     ),
     SceneEffect(
-        "wall_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("cushion_contact",),
+        "wall_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("wall_contact",),
         "the tangential speed drops by mu (1 + e) times the normal speed, at most to 0: Coulomb friction, no spin",
         ("wall_restitution", "sliding_friction"),
     ),

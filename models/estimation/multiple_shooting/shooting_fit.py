@@ -83,12 +83,15 @@ _REMAINING_DECREASE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class ShootingOptions:
-    """Iteration limits of a fit."""
+    """Iteration limits of a fit, and what its paths are like."""
 
     iterations: int = 40
     """Iterations of all windows together."""
     shot_iterations: int = 12
     """Iterations of the states of one chain alone, after a jump of its cost or for its initial guesses."""
+    is_smooth: bool = False
+    """Whether paths are smooth functions of start and parameters, without contacts and chaos: the cost of a chain does
+    not jump then, and its initial guess leads to its best states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +203,9 @@ def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOpti
     settling = min(options.shot_iterations, _SETTLING_ITERATIONS)
 
     def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
-        trial = _refit_worse_chains(problem, now, _take_step(problem, now, step), settling)
+        trial = _take_step(problem, now, step)
+        if not options.is_smooth:
+            trial = _refit_worse_chains(problem, now, trial, settling)
         return trial, trial.cost
 
     best = minimize_cost(
@@ -345,7 +350,7 @@ def _fit_guesses(
         if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
             return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
-    if best.costs[chain] <= _EXPLAINED_CHI2 * count:
+    if options.is_smooth or best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
     early = [
         _fit_growing_share(problem, _simulate_guess(problem, now, chain, starts), chain, options, _EARLY_SHARES)

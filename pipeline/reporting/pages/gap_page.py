@@ -74,7 +74,7 @@ def write_gap_page(
             {
                 "phase": format_phase(one.phase),
                 "share": format_share(one.share),
-                "mostly": ", ".join(_format_subjects(one, origins)),
+                "mostly": ", ".join(_format_subjects(one, report.scene, origins)),
                 "grows_with": format_growth_variable(one.grows_with or ""),
             }
             for one in report.where
@@ -106,9 +106,9 @@ def write_gap_page(
         target.write_text(html, encoding="utf-8")
 
 
-def _format_subjects(one: GapLocation, origins: Mapping[int, str]) -> list[str]:
-    """Format the ball, shot and image region that contribute most to a phase."""
-    ball = None if one.ball is None else f"ball {one.ball}"
+def _format_subjects(one: GapLocation, scene: str, origins: Mapping[int, str]) -> list[str]:
+    """Format the ball or other body, the shot and the image region that contribute most to a phase."""
+    ball = None if one.ball is None else f"{'ball' if scene == 'billiards' else 'body'} {one.ball}"
     shot = None if one.shot is None else format_shot_name(one.shot, origins)
     return [word for word in (ball, shot, one.region) if word is not None]
 

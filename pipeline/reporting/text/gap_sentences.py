@@ -276,7 +276,7 @@ def format_gap_closure(report: DiagnosisReport) -> str:
     if not gap.windows:
         return "No hold-out shot that can be predicted is left to measure how much the gap shrinks."
     if not math.isfinite(closing.before):
-        return "No hold-out shot could be predicted: its initial state is too uncertain, or no ball moves."
+        return "No hold-out shot could be predicted: its initial state is too uncertain, or nothing moves."
     before, after, floor = (
         format_error_size(value, gap.metric) for value in (closing.before, closing.after, closing.floor)
     )

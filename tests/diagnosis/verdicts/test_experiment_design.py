@@ -100,7 +100,9 @@ def test_what_is_left_is_sought_in_the_shot_that_has_it(
     bent[:, 0] += 0.02 * np.sin(6 * shots[2].t)[:, None]
     fit = fit_effects(problem, (*shots[:2], replace(shots[2], positions=bent), shots[3]))
     residuals = compute_residuals(problem, fit, linearize_fit(problem, fit), np.random.default_rng(0))
-    assert f"in shot {shots[2].shot} " in design_unknown_experiment(problem, residuals)
+    sentence = design_unknown_experiment(problem, residuals)
+    assert f"in shot {shots[2].shot} " in sentence
+    assert "from the surroundings or the camera" in sentence, "pucks have no table"
 
 
 def test_a_ball_is_named_as_its_own_film_names_it(problem: DiagnosisProblem, shots: tuple[Recording, ...]) -> None:

@@ -12,8 +12,7 @@ from support.shot_folders import EFFECTS, write_shots
 
 from models.estimation.table_learning.table_measurements import compute_roll_out
 from pipeline.actions.certify_table import list_shot_folders
-from pipeline.actions.fit_table import drop_repeated_clips
-from pipeline.io.run_folder import find_repeated_clips
+from pipeline.io.run_folder import drop_repeated_clips, find_repeated_clips
 
 trueroll = pytest.fixture(make_terminal)
 SLOPE = 1.2
@@ -57,7 +56,7 @@ def test_two_runs_of_one_clip_count_once(tmp_path: Path) -> None:
         (folder / "source.json").write_text(json.dumps({"path": "clip.mp4", "first": first}))
     kept, sentences = drop_repeated_clips(folders)
     assert [folder.name for folder in kept] == ["good", "part", "other"]
-    assert sentences == [f"{folders[1]} is a run of the same clip as {folders[0]}: its shots are counted once"]
+    assert sentences == [f"{folders[1]} has the same clip or tracks as {folders[0]}: its shots are counted once"]
 
 
 def test_a_copy_of_a_track_folder_counts_once(tmp_path: Path) -> None:

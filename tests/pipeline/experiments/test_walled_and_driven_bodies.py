@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+from support.page_words import read_page
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from pipeline.experiments.gapcheck.blind_case import simulate_case
 from pipeline.experiments.gapcheck.body_cases import DRIVEN_KINDS, WALL_KINDS
+from pipeline.io.gap_files import build_gap_document
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
+from pipeline.reporting.pages.gap_page import write_gap_page
 
 KINDS = {kind.name: kind for kind in (*WALL_KINDS, *DRIVEN_KINDS)}
 
@@ -25,7 +29,11 @@ def diagnose_kind(name: str, folder: Path) -> DiagnosisReport:
 def test_a_wall_that_takes_speed_is_named_and_located(tmp_path: Path) -> None:
     report = diagnose_kind("slide between walls, wall restitution", tmp_path)
     assert report.effects == ("wall_restitution",)
-    assert report.where[0].phase == "cushion_contact"
+    assert build_gap_document(report)["where"][0]["phase"] == "cushion_contact", "the only name of the schema"
+    write_gap_page(report, "walls", tmp_path / "gap.html")
+    words = read_page(tmp_path / "gap.html")
+    assert "at walls" in words
+    assert not re.search(r"\b(cushion|ball|table)s?\b", words)
     assert report.gap.closure.closed > 0.95
     strength = next(one for one in report.fitted if one.name == "wall_restitution.e")
     assert 0.5 < strength.value < 0.9

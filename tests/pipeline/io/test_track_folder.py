@@ -12,18 +12,21 @@ from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
 ROWS = "0,0,0.0,cue,1.0,0.5\n0,1,0.1,cue,1.1,0.5\n"
+OTHER_ROWS = "0,0,0.0,cue,1.0,0.5\n0,1,0.1,cue,1.2,0.5\n"
 
 
-def folder(place: Path, length: float = 2.54, radius: float | None = 0.028575, columns: str = "x,y") -> Path:
+def folder(
+    place: Path, length: float = 2.54, radius: float | None = 0.028575, columns: str = "x,y", rows: str = ROWS
+) -> Path:
     place.mkdir()
     scene = {"scene": "billiards", "table": {"length": length, "width": length / 2}, "ball_radius": radius}
     (place / "scene.json").write_text(json.dumps(scene))
-    (place / "tracks.csv").write_text(f"shot,frame,t,id,{columns}\n{ROWS}")
+    (place / "tracks.csv").write_text(f"shot,frame,t,id,{columns}\n{rows}")
     return place
 
 
 def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
-    read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None)])
+    read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None, rows=OTHER_ROWS)])
     assert read.origins == {0: "a", 1: "b"}
     assert [one.shot for one in read.recordings] == [0, 1]
     assert read.coordinates == ("x", "y")
@@ -33,6 +36,37 @@ def test_a_folder_that_is_given_twice_does_not_confirm_itself(tmp_path: Path) ->
     one = folder(tmp_path / "a")
     with pytest.raises(OptionError, match="given twice"):
         read_track_folders([one, tmp_path / "." / "a" / ".." / "a"])
+
+
+@pytest.mark.parametrize("clip", [{"sha256": "a"}, None])
+def test_two_runs_of_one_clip_and_a_copy_of_tracks_count_once(tmp_path: Path, clip: dict[str, str] | None) -> None:
+    folders = [
+        folder(tmp_path / "good"),
+        folder(tmp_path / "again", rows=OTHER_ROWS if clip else ROWS),  # of a run with other options
+        folder(tmp_path / "other", rows=OTHER_ROWS.replace("1.2", "1.3")),
+    ]
+    for one in folders[: 2 if clip else 0]:
+        scene = json.loads((one / "scene.json").read_text())
+        (one / "scene.json").write_text(json.dumps({**scene, "clip": clip}))
+    read = read_track_folders(folders)
+    assert read.origins == {0: "good", 1: "other"}
+    assert [one.positions[1, 0, 0] for one in read.recordings] == [1.1, 1.3]
+    assert read.notes == (f"{folders[1]} has the same clip or tracks as {folders[0]}: its shots are counted once",)
+    assert not read_track_folders(folders[:2]).origins, "one folder is left"
+
+
+def test_shots_with_the_same_rows_count_once(tmp_path: Path) -> None:
+    again = ROWS.replace("0,0,0.0", "4,0,0.0").replace("0,1,0.1", "4,1,0.1")
+    one = folder(tmp_path / "a", rows=OTHER_ROWS + again)
+    (alone,) = read_track_folders([folder(tmp_path / "b", rows=ROWS + again)]).recordings
+    assert alone.shot == 0
+    read = read_track_folders([one, tmp_path / "b"])
+    assert read.origins == {0: "a, shot 0", 1: "a, shot 4"}
+    assert len(read.recordings) == 2
+    assert read.notes == (
+        "b, shot 0 has the same rows as a, shot 4; b, shot 4 has the same rows as a, shot 4:"
+        " such shots are counted once",
+    )
 
 
 @pytest.mark.parametrize(("length", "radius"), [(2.84, 0.028575), (2.54, 0.03075)])

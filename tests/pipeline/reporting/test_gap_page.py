@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.diagnosis_reports import NOTHING_UNEXPLAINED
+from support.page_words import read_page
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -220,10 +221,25 @@ def test_the_page_has_no_words_of_programmers(tmp_path: Path) -> None:
         gap=gap_of(straight(), 0.006, 0.0004),
     )  # fmt: skip
     write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
-    page = (tmp_path / "gap.html").read_text(encoding="utf-8").partition("<body>")[2]
-    read = re.sub(r"<[^>]*>", " ", re.sub(r"<script.*?</script>", " ", page, flags=re.DOTALL))
+    read = read_page(tmp_path / "gap.html")
     assert "the time since the last contact" in read
     assert re.findall(r"\S*\w_\w\S*", read) == []
+
+
+@pytest.mark.parametrize("scene", ["slide", "flight", "pendulum"])
+def test_other_scenes_have_bodies_and_walls(tmp_path: Path, scene: str) -> None:
+    place = replace(at("wall_contact", 1.0), ball="7")
+    lost = replace(NOTHING, before=float("nan"), after=float("nan"), floor=float("nan"))
+    diagnosis = replace(
+        report("unknown", place), scene=scene, forms=(), gap=replace(gap_of(straight(), 0.3, 0.3), closure=lost),
+        unexplained=replace(NOTHING_UNEXPLAINED, where=(place, at("slide", 0.0))),
+    )  # fmt: skip
+    write_gap_page(diagnosis, scene, tmp_path / "gap.html")
+    words = read_page(tmp_path / "gap.html")
+    assert "100 % of the gap appears at walls." in words
+    assert "body 7" in words
+    assert "or nothing moves" in words
+    assert not re.search(r"\b(cushion|ball|table)s?\b", words)
 
 
 def test_effects_that_are_missing_together_are_one_cause_of_their_whole_probability() -> None:

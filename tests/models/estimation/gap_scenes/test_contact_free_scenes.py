@@ -194,7 +194,7 @@ def test_observations_soon_after_a_wall_are_a_contact() -> None:
     assert np.isnan(covariates.since_contact[piece.t < 0.299]).all()
     assert np.allclose(covariates.since_contact[(piece.t > 0.301) & (piece.t < 0.79)], piece.t[19:48] - 0.3)
     assert covariates.phase[17] == "slide"
-    assert covariates.phase[20] == "cushion_contact"
+    assert covariates.phase[20] == "wall_contact"
     assert covariates.phase[40] == "slide"
 
 
