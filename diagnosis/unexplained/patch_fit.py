@@ -35,6 +35,9 @@ _COARSE = ShootingOptions(iterations=8, shot_iterations=3)
 """Iteration limits of the fits with a wide border."""
 _FINE = ShootingOptions(iterations=40, shot_iterations=10)
 """Iteration limits of the last fit."""
+_RESTART_SIGMAS = (-2.0, 2.0)
+"""Standard deviations of the best disc along each axis of its errors from which it is fitted again: the cost has a
+minimum for every set of paths that cross the border."""
 _SIGNIFICANCE = 0.005
 """Probability of a patch in motion that is the same everywhere."""
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
@@ -70,7 +73,10 @@ def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: Effect
         return None
     local = _adapt_priors(problem, excess.position)
     coarse = sorted((_fit_disc(local, without, disc) for disc in discs), key=lambda one: one.cost)
-    fine = sorted((_narrow_border(local, one) for one in coarse[:_FOLLOWED]), key=lambda one: one.cost)
+    fine = [_narrow_border(local, one) for one in coarse[:_FOLLOWED]]
+    best = min(fine, key=lambda one: one.cost)
+    fine += [_narrow_border(local, _follow_states(local, best, shared)) for shared in _shift_disc(problem, best)]
+    fine.sort(key=lambda one: -one.shooting.log_evidence)
     fitted, names = fine[0], (*without.names, *problem.probes)
     smooth = fit_effects(problem, without.segments, names, without.forms, without.shared, without.starts)
     gain = (min(without.cost, smooth.cost, rival.cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
@@ -119,6 +125,33 @@ def _fit_disc(problem: DiagnosisProblem, without: EffectFit, disc: Disc) -> Effe
     return fitted
 
 
+def _follow_states(problem: DiagnosisProblem, fitted: EffectFit, shared: FloatArray) -> EffectFit:
+    """Give a fit other parameters (P,) that its start states follow; its other results are then those of the states."""
+    moved = replace(fitted, shared=problem.clip_to_bounds(shared))
+    states = fit_start_states(problem, fitted.segments, moved, fitted.starts, retry_guesses=True)
+    return replace(moved, shooting=states.shooting)
+
+
+def _shift_disc(problem: DiagnosisProblem, fitted: EffectFit) -> list[FloatArray]:
+    """Shift centre and radius of a fit along the axes of their errors: parameters (P,) of each."""
+    numbers = _patch_numbers(problem)[1:-1]
+    covariance = _select_covariance(fitted, numbers)
+    sizes, axes = np.linalg.eigh(covariance)
+    shifted = []
+    for size, axis in zip(sizes[1:], axes.T[1:], strict=True):  # the smallest is well determined
+        for sigmas in _RESTART_SIGMAS:
+            shared = fitted.shared.copy()
+            shared[numbers] += sigmas * np.sqrt(max(size, 0.0)) * axis
+            shifted.append(shared)
+    return shifted
+
+
+def _select_covariance(fitted: EffectFit, numbers: list[int]) -> FloatArray:
+    """Select the covariance of some of the free parameters of a fit."""
+    here = np.cumsum(fitted.free)[numbers] - 1
+    return np.asarray(fitted.shooting.covariance[np.ix_(here, here)])
+
+
 def _narrow_border(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:
     """Refit with the usual border."""
     return _refit_with_border(problem, fitted, LOCAL_PATCH.neutral[-1], _FINE)
@@ -134,20 +167,20 @@ def _refit_with_border(
 
 
 def _describe_patch(problem: DiagnosisProblem, fits: list[EffectFit], p_value: float) -> LocalPatch:
-    """Describe the patch of the first of several fits; the others, by their probability, widen its errors."""
+    """Describe the patch of the first of several fits; the others, by their evidence, widen its errors."""
     numbers = _patch_numbers(problem)[:-1]
-    best = fits[0]
     places = np.array([one.shared[numbers] for one in fits])
-    weights = np.exp(-0.5 * np.array([one.cost - best.cost for one in fits]) / max(best.lack_of_fit, 1.0))
-    free = np.cumsum(best.free)[numbers] - 1
-    scatter = weights @ np.square(places - places[0]) / weights.sum()
-    mu, x, y, radius = np.sqrt(best.shooting.covariance[free, free] + scatter).tolist()
+    variances = np.array([np.diag(_select_covariance(one, numbers)) for one in fits])
+    evidence = np.array([one.shooting.log_evidence for one in fits])
+    weights = np.exp((evidence - evidence[0]) / fits[0].lack_of_fit)
+    errors = np.sqrt(weights @ (variances + np.square(places - places[0])) / weights.sum())
+    mu_sigma, x_sigma, y_sigma, radius_sigma = errors.tolist()
     return LocalPatch(
         centre=places[0, 1:3],
-        centre_sigma=float(np.hypot(x, y) / np.sqrt(2)),
+        centre_sigma=float(np.hypot(x_sigma, y_sigma) / np.sqrt(2)),
         radius=float(places[0, 3]),
-        radius_sigma=radius,
+        radius_sigma=radius_sigma,
         strength=-GRAVITY * float(places[0, 0]),
-        strength_sigma=GRAVITY * mu,
+        strength_sigma=GRAVITY * mu_sigma,
         p_value=p_value,
     )

@@ -12,7 +12,7 @@ from diagnosis.unexplained.patch_fit import GRAVITY, PatchFit, fit_local_patch
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
-SHOTS, FPS, SECONDS, NOISE = 10, 30, 1.2, 5e-4
+SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4
 MU, PATCH_MU, RADIUS = 0.1, 0.2, 0.2
 STEPS = 40
 """Steps of the simulation per frame."""
@@ -50,7 +50,7 @@ def film_shot(brake: Brake, shot: int, rng: np.random.Generator) -> Recording:
             place = place + 0.5 * (speed + slower) * heading / (FPS * STEPS)
             speed = slower
     places += NOISE * rng.standard_normal(places.shape)
-    return Recording(shot, ("body",), np.arange(len(t)), t, places, np.full((len(t), 1), NOISE))
+    return Recording(shot, np.arange(len(t)), t, ("body",), places, np.full((len(t), 1), NOISE))
 
 
 def fit_simulator(brake: Brake, seed: int) -> tuple[DiagnosisProblem, EffectFit]:
@@ -67,7 +67,7 @@ def search_patch(brake: Brake, seed: int) -> PatchFit | None:
     return fit_local_patch(problem, base, base)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_patch_is_measured_with_errors_that_hold_and_biases_nothing(seed: int) -> None:
     patch_fit = search_patch(sticky, seed)
     assert patch_fit is not None
@@ -84,9 +84,8 @@ def test_a_patch_is_measured_with_errors_that_hold_and_biases_nothing(seed: int)
 
 
 @pytest.mark.parametrize("brake", [plain, dragging])
-@pytest.mark.parametrize("seed", range(2))
-def test_motion_that_is_alike_everywhere_has_no_patch(brake: Brake, seed: int) -> None:
-    assert search_patch(brake, seed) is None
+def test_motion_that_is_alike_everywhere_has_no_patch(brake: Brake) -> None:
+    assert search_patch(brake, 0) is None
 
 
 def test_no_evidence_follows_from_a_place() -> None:
