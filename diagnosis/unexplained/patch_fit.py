@@ -35,9 +35,9 @@ _COARSE = ShootingOptions(iterations=8, shot_iterations=3)
 """Iteration limits of the fits with a wide border."""
 _FINE = ShootingOptions(iterations=40, shot_iterations=10)
 """Iteration limits of the last fit."""
-_RESTART_SIGMAS = (-2.0, 2.0)
-"""Standard deviations of the best disc along each axis of its errors from which it is fitted again: the cost has a
-minimum for every set of paths that cross the border."""
+_RADIUS_FACTORS = (0.7, 0.84, 1.2, 1.44)
+"""Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
+radius changes which paths cross the border."""
 _SIGNIFICANCE = 0.005
 """Probability of a patch in motion that is the same everywhere."""
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
@@ -73,18 +73,15 @@ def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: Effect
         return None
     local = _adapt_priors(problem, excess.position)
     coarse = sorted((_fit_disc(local, without, disc) for disc in discs), key=lambda one: one.cost)
-    fine = [_narrow_border(local, one) for one in coarse[:_FOLLOWED]]
-    best = min(fine, key=lambda one: one.cost)
-    fine += [_narrow_border(local, _follow_states(local, best, shared)) for shared in _shift_disc(problem, best)]
-    fine.sort(key=lambda one: -one.shooting.log_evidence)
-    fitted, names = fine[0], (*without.names, *problem.probes)
+    fitted = min((_narrow_border(local, one) for one in coarse[:_FOLLOWED]), key=lambda one: one.cost)
+    names = (*without.names, *problem.probes)
     smooth = fit_effects(problem, without.segments, names, without.forms, without.shared, without.starts)
     gain = (min(without.cost, smooth.cost, rival.cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
     single = float(chi2.sf(max(gain, 0.0), int(fitted.free.sum() - without.free.sum())))
     p_value = -float(np.expm1(tried * np.log1p(-min(single, 1 - 1e-16))))
     if p_value > _SIGNIFICANCE or without.cost - fitted.cost < fitted.lower_excess_cost:
         return None
-    return PatchFit(_describe_patch(problem, fine, p_value), fitted)
+    return PatchFit(_describe_patch(local, fitted, p_value), fitted)
 
 
 def _patch_numbers(problem: DiagnosisProblem) -> list[int]:
@@ -132,18 +129,22 @@ def _follow_states(problem: DiagnosisProblem, fitted: EffectFit, shared: FloatAr
     return replace(moved, shooting=states.shooting)
 
 
-def _shift_disc(problem: DiagnosisProblem, fitted: EffectFit) -> list[FloatArray]:
-    """Shift centre and radius of a fit along the axes of their errors: parameters (P,) of each."""
-    numbers = _patch_numbers(problem)[1:-1]
-    covariance = _select_covariance(fitted, numbers)
-    sizes, axes = np.linalg.eigh(covariance)
-    shifted = []
-    for size, axis in zip(sizes[1:], axes.T[1:], strict=True):  # the smallest is well determined
-        for sigmas in _RESTART_SIGMAS:
-            shared = fitted.shared.copy()
-            shared[numbers] += sigmas * np.sqrt(max(size, 0.0)) * axis
-            shifted.append(shared)
-    return shifted
+def _profile_radius(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[FloatArray, FloatArray]:
+    """Fit everything but the radius at other radii: mu, x, y and radius (K, 4), and the costs (K,), the best first."""
+    numbers = _patch_numbers(problem)[:-1]
+    covariance, prior = _select_covariance(fitted, numbers), problem.priors[numbers[-1]]
+    free = fitted.free.copy()
+    free[numbers[-1]] = False
+    places, costs = [fitted.shared[numbers]], [fitted.cost]
+    for factor in _RADIUS_FACTORS:
+        shared = fitted.shared.copy()
+        shared[numbers] += covariance[:, -1] / covariance[-1, -1] * (factor - 1) * shared[numbers[-1]]
+        moved = _follow_states(problem, replace(fitted, free=free), shared)
+        other = _narrow_border(problem, moved)
+        places.append(other.shared[numbers])
+        # the prior of a fixed parameter is not in the cost
+        costs.append(other.cost + (np.log(other.shared[numbers[-1]] / prior.value) / prior.sigma) ** 2)
+    return np.array(places), np.array(costs)
 
 
 def _select_covariance(fitted: EffectFit, numbers: list[int]) -> FloatArray:
@@ -166,21 +167,20 @@ def _refit_with_border(
     return refit_effects(problem, fitted.segments, replace(fitted, shared=shared), fitted.starts, options=options)
 
 
-def _describe_patch(problem: DiagnosisProblem, fits: list[EffectFit], p_value: float) -> LocalPatch:
-    """Describe the patch of the first of several fits; the others, by their evidence, widen its errors."""
-    numbers = _patch_numbers(problem)[:-1]
-    places = np.array([one.shared[numbers] for one in fits])
-    variances = np.array([np.diag(_select_covariance(one, numbers)) for one in fits])
-    evidence = np.array([one.shooting.log_evidence for one in fits])
-    weights = np.exp((evidence - evidence[0]) / fits[0].lack_of_fit)
-    errors = np.sqrt(weights @ (variances + np.square(places - places[0])) / weights.sum())
-    mu_sigma, x_sigma, y_sigma, radius_sigma = errors.tolist()
+def _describe_patch(problem: DiagnosisProblem, fitted: EffectFit, p_value: float) -> LocalPatch:
+    """Describe the patch of a fit: the mean over radii by their probability, with the larger of both errors."""
+    places, costs = _profile_radius(problem, fitted)
+    weights = np.exp(-0.5 * (costs - costs.min()) / fitted.lack_of_fit)
+    mean = weights @ places / weights.sum()
+    scatter = weights @ np.square(places - mean) / weights.sum()
+    variances = np.diag(_select_covariance(fitted, _patch_numbers(problem)[:-1]))
+    mu_sigma, x_sigma, y_sigma, radius_sigma = np.sqrt(np.maximum(variances, scatter)).tolist()
     return LocalPatch(
-        centre=places[0, 1:3],
+        centre=mean[1:3],
         centre_sigma=float(np.hypot(x_sigma, y_sigma) / np.sqrt(2)),
-        radius=float(places[0, 3]),
+        radius=float(mean[3]),
         radius_sigma=radius_sigma,
-        strength=-GRAVITY * float(places[0, 0]),
+        strength=-GRAVITY * float(mean[0]),
         strength_sigma=GRAVITY * mu_sigma,
         p_value=p_value,
     )
