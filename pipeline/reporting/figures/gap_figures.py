@@ -267,7 +267,7 @@ def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:
     bars = {"type": "data", "array": [patch.centre_sigma], "color": FRAME}
     figure.add_scatter(
         x=patch.centre[:1], y=patch.centre[1:], error_x=bars, error_y=bars, mode="markers",
-        marker={"color": FRAME, "symbol": "cross", "size": 9},
+        marker={"color": FRAME, "size": 5},
     ).update_layout(showlegend=False)  # fmt: skip
 
 
