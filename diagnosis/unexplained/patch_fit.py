@@ -68,7 +68,7 @@ def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: Effect
         The patch; None where no disc is significant, or where it leaves more than it explains.
     """
     excess = measure_excess_acceleration(problem, without)
-    discs, tried = propose_discs(excess, _PROPOSALS)
+    discs, count = propose_discs(excess, _PROPOSALS)
     if not discs:
         return None
     local = _adapt_priors(problem, excess.position)
@@ -78,7 +78,7 @@ def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: Effect
     smooth = fit_effects(problem, without.segments, names, without.forms, without.shared, without.starts)
     gain = (min(without.cost, smooth.cost, rival.cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
     single = float(chi2.sf(max(gain, 0.0), int(fitted.free.sum() - without.free.sum())))
-    p_value = -float(np.expm1(tried * np.log1p(-min(single, 1 - 1e-16))))
+    p_value = -float(np.expm1(count * np.log1p(-min(single, 1 - 1e-16))))
     if p_value > _SIGNIFICANCE or without.cost - fitted.cost < fitted.lower_excess_cost:
         return None
     return PatchFit(_describe_patch(local, fitted, p_value), fitted)
