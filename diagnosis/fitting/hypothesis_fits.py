@@ -64,6 +64,11 @@ class DiagnosisProblem:
         return isinstance(self.scene, ContactFreeScene) and self.scene.is_smooth
 
     @property
+    def places(self) -> tuple[str, ...]:
+        """Generic laws of a place; they describe what is left, and no evidence follows from them."""
+        return tuple(e.name for e in self.scene.effects if e.kind == "place")
+
+    @property
     def simulator_forms(self) -> tuple[str, ...]:
         """The form of each contact model that the simulator has."""
         return tuple(choice.simulator_form for choice in self.scene.alternatives)
@@ -315,7 +320,7 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
     """
     everything = np.ones(len(problem.priors), bool)
     model = FixedParameterModel(
-        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask(problem.probes)),
+        build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask((*problem.probes, *problem.places))),
         fitted.shared,
         everything,
         problem.priors,

@@ -14,6 +14,12 @@ _SIGNIFICANCE = 0.005
 """Probability of a patch in motion that is the same everywhere."""
 _RADII = (0.04, 0.06, 0.09, 0.13, 0.18)
 """Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again."""
+_PROPOSED_RADII = (*_RADII, 0.27, 0.4)
+"""The same for proposals: where the fit of the paths decides, a disc may hold most of the pieces."""
+_MIN_PROPOSED_INSIDE = 2
+"""Least number of pieces of motion inside a proposed disc, and outside."""
+_MIN_SPEED_SHARE = 0.05
+"""Speed from which a body moves, as a share of the largest: a body at rest shows no friction."""
 _MIN_INSIDE = 4
 """Least number of pieces of motion inside a patch, and outside."""
 _SHUFFLES = 400
@@ -42,6 +48,63 @@ class LocalPatch:
     """Probability of such a difference in motion that is the same everywhere."""
 
 
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """A disc that may hold a patch."""
+
+    centre: FloatArray
+    """(2,) m."""
+    radius: float
+    """m."""
+    strength: float
+    """m/s^2 along the motion, inside minus outside."""
+
+
+def propose_discs(excess: ExcessAcceleration, count: int) -> tuple[tuple[Disc, ...], int]:
+    """Propose discs with a clear difference of the acceleration along the motion, each at a place of its own.
+
+    Args:
+        excess: Accelerations of M pieces of motion in a plane.
+        count: Largest number of proposals.
+
+    Returns:
+        Discs, the most significant first, and the number of discs that they were selected from.
+    """
+    moving = _select_moving(excess)
+    if len(moving.sigma) < 2 * _MIN_PROPOSED_INSIDE or moving.position.shape[1] != 2:
+        return (), 0
+    values, weights = _weigh_along(moving)
+    centres, radii, inside = _list_discs(moving.position, _PROPOSED_RADII, _MIN_PROPOSED_INSIDE)
+    if not len(radii):
+        return (), 0
+    score = _score_discs(values[:, None], weights[:, None], inside)[:, 0]
+    chosen: list[int] = []
+    for k in np.argsort(-score, kind="stable"):
+        apart = np.linalg.norm(centres[chosen] - centres[k], axis=1)
+        if (apart > np.minimum(radii[chosen], radii[k])).all():
+            chosen.append(int(k))
+        if len(chosen) == count:
+            break
+    discs = (Disc(centres[k], float(radii[k]), _difference(values, weights, inside[k])) for k in chosen)
+    return tuple(discs), len(radii)
+
+
+def _select_moving(excess: ExcessAcceleration) -> ExcessAcceleration:
+    """Select the pieces in which a body moves."""
+    moving = excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0)
+    return ExcessAcceleration(
+        excess.values[moving], excess.sigma[moving], excess.shot[moving], excess.t[moving], excess.position[moving],
+        excess.velocity[moving],
+    )  # fmt: skip
+
+
+def _weigh_along(excess: ExcessAcceleration) -> tuple[FloatArray, FloatArray]:
+    """Return the accelerations (M,) along the motion, and their weights (M,): of the noise, and of a usual scatter."""
+    values = excess.project(excess.velocity / np.maximum(excess.speed, 1e-12)[:, None])
+    scatter = np.median(np.maximum((values - np.median(values)) ** 2 - excess.sigma**2, 0.0))
+    return values, np.asarray(1 / (excess.sigma**2 + scatter))
+
+
 def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> LocalPatch | None:
     """Find the disc with the most significant difference of the acceleration along the motion.
 
@@ -54,11 +117,11 @@ def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> Lo
     Returns:
         The patch; None where no disc is significant, or where there are too few pieces.
     """
+    excess = _select_moving(excess)
     if len(excess.sigma) < 4 * _MIN_INSIDE or excess.position.shape[1] != 2:
         return None
-    values = excess.project(excess.velocity / np.maximum(excess.speed, 1e-12)[:, None])
-    weights = 1 / (excess.sigma**2 + np.median(np.maximum((values - np.median(values)) ** 2 - excess.sigma**2, 0.0)))
-    centres, radii, inside = _list_discs(excess.position)
+    values, weights = _weigh_along(excess)
+    centres, radii, inside = _list_discs(excess.position, _RADII, _MIN_INSIDE)
     if not len(radii):
         return None
     best, largest = _most_significant(values[:, None], weights, inside)
@@ -81,18 +144,23 @@ def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> Lo
     )
 
 
-def _list_discs(position: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """List discs around pieces of motion: centres (C, 2), radii (C,), and which pieces are inside (C, M)."""
+def _list_discs(
+    position: FloatArray, shares: tuple[float, ...], least: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """List discs around pieces of motion: centres (C, 2), radii (C,), and which pieces are inside (C, M).
+
+    The radii are `shares` of the extent; at least this number of pieces is inside, and outside.
+    """
     extent = float(np.ptp(position, axis=0).max())
     apart = np.linalg.norm(position[:, None] - position[None], axis=2)
     centres, radii, inside = [], [], []
-    for share in _RADII:
+    for share in shares:
         here = apart < share * extent
         # the mean of the pieces inside is nearer to the middle of a patch than any of them
         middle = (here @ position) / here.sum(axis=1)[:, None]
         within = np.linalg.norm(middle[:, None] - position[None], axis=2) < share * extent
         count = within.sum(axis=1)
-        usable = (count >= _MIN_INSIDE) & (count <= len(position) - _MIN_INSIDE)
+        usable = (count >= least) & (count <= len(position) - least)
         centres.append(middle[usable])
         radii.append(np.full(int(usable.sum()), share * extent))
         inside.append(within[usable])
@@ -101,15 +169,20 @@ def _list_discs(position: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray
 
 def _most_significant(values: FloatArray, weights: FloatArray, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the disc of largest significance (S,) and that significance (S,) for values (M, S)."""
+    score = _score_discs(values, weights, inside)
+    best = np.argmax(score, axis=0)
+    return best, np.take_along_axis(score, best[None], axis=0)[0]
+
+
+def _score_discs(values: FloatArray, weights: FloatArray, inside: BoolArray) -> FloatArray:
+    """Return the significance (C, S) of each disc for values (M, S)."""
     weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], values.shape)
     centred = values - (weights * values).sum(axis=0) / weights.sum(axis=0)
     part, total = inside.astype(np.float64), weights.sum(axis=0)
     own = part @ weights
     pull = part @ (weights * centred)
     # difference of the means inside and outside, over its standard deviation if every weight is right
-    score = np.abs(pull) * np.sqrt(total / np.maximum(own * (total - own), 1e-300))
-    best = np.argmax(score, axis=0)
-    return best, np.take_along_axis(score, best[None], axis=0)[0]
+    return np.asarray(np.abs(pull) * np.sqrt(total / np.maximum(own * (total - own), 1e-300)))
 
 
 def _difference(values: FloatArray, weights: FloatArray, inside: BoolArray) -> float:

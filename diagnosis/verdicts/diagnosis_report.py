@@ -26,6 +26,7 @@ from diagnosis.selection.study import Study
 from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
 from diagnosis.unexplained.force_law import find_force_law
 from diagnosis.unexplained.local_patch import find_local_patch
+from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     NamedEffect,
     compute_probabilities,
@@ -55,6 +56,7 @@ from diagnosis.verdicts.verdict import (
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
+_PATCH_NOTE = "the parameters were fitted together with the patch, which would bias them"
 _MEDIAN_SIGMAS = 0.674
 """Standard deviations that half of all strengths exceed."""
 
@@ -71,7 +73,8 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         The report.
     """
     scene, best = study.problem.scene, study.best
-    verdict, named_effects, film = _decide_verdict(study)
+    patch_fit = _fit_patch(study)
+    verdict, named_effects, film = _decide_verdict(study, patch_fit)
     gap, per_effect = _measure_gap(study, recordings, rng)
     named = best.names if verdict in ("effects", "group") else ()
     phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
@@ -85,15 +88,32 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
         per_effect=per_effect,
-        unexplained=_describe_unexplained(study, gap.closure, rng),
-        fitted=_summarize_all_strengths(study, detectable),
+        unexplained=_describe_unexplained(study, gap.closure, patch_fit, rng),
+        fitted=_summarize_all_strengths(study, study.full if patch_fit is None else patch_fit.fitted, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
         not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
         film_next=_recommend_experiment(study, verdict, film),
         p_value=study.structure_before.p_value,
-        notes=_note_shortened_shots(study),
+        notes=(*_note_shortened_shots(study), *(() if patch_fit is None else (_PATCH_NOTE,))),
     )
+
+
+def _fit_patch(study: Study) -> PatchFit | None:
+    """Fit a patch where more than noise remains; None where there is none, or the scene has no law of a place.
+
+    Effects that were named may only imitate a patch: it is fitted beside them where it leaves more than noise alone.
+    """
+    problem, base, full = study.problem, study.base, study.full
+    evidence = study.unknown_evidence
+    if not (problem.places and evidence.has_systematic_residuals and study.body_fit is None):
+        return None
+    alone = fit_local_patch(problem, base, full)
+    if not full.names or (alone is not None and alone.fitted.lower_excess_cost == 0):
+        return alone
+    beside = fit_local_patch(problem, full, full)
+    fits = [one for one in (alone, beside) if one is not None]
+    return min(fits, key=lambda one: one.fitted.cost, default=None)
 
 
 def _note_shortened_shots(study: Study) -> tuple[str, ...]:
@@ -119,8 +139,11 @@ def _list_omitted_shots(study: Study) -> tuple[str, ...]:
     )
 
 
-def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, NamedEffect], str]:
-    """Return the verdict, what the shots say of every named effect, and the experiment that would separate a group."""
+def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, dict[str, NamedEffect], str]:
+    """Return the verdict, what the shots say of every named effect, and the experiment that would separate a group.
+
+    A patch that explains more without the best effects refutes them.
+    """
     problem, best = study.problem, study.best
     named_effects, film = {}, ""
     for name in best.names:
@@ -142,7 +165,8 @@ def _decide_verdict(study: Study) -> tuple[Verdict, dict[str, NamedEffect], str]
         if len(alike) > 1 and not film:
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
             film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
-    if study.unknown_evidence.is_unknown:
+    is_refuted = patch_fit is not None and not best.names <= set(patch_fit.fitted.names)
+    if study.unknown_evidence.is_unknown or is_refuted:
         return "unknown", named_effects, film
     if not best.names:
         return ("unknown" if study.unknown_evidence.has_systematic_residuals else "none"), named_effects, film
@@ -223,13 +247,17 @@ def _select_fit_with(study: Study, name: str) -> EffectFit:
     return study.base if alone is None else alone.fitted
 
 
-def _summarize_all_strengths(study: Study, detectable: FloatArray) -> tuple[Strength, ...]:
-    """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu."""
-    names = tuple(effect.name for effect in study.problem.scene.effects if effect.name in study.full.names)
+def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatArray) -> tuple[Strength, ...]:
+    """Summarize the parameters of the improved simulator, named `effect.parameter`, as several effects have a mu.
+
+    They are those of `fitted`, without a patch, which is described by itself.
+    """
+    problem = study.problem
+    names = [one.name for one in problem.scene.effects if one.name in fitted.names and one.kind != "place"]
     return tuple(
         replace(one, name=f"{name}.{one.name}")
-        for name in (*study.problem.scene.simulator_effects, *names)
-        for one in summarize_strengths(study.problem, study.full, detectable, (name,))
+        for name in (*problem.scene.simulator_effects, *names)
+        for one in summarize_strengths(problem, fitted, detectable, (name,))
     )
 
 
@@ -311,16 +339,19 @@ def _share_closure(
     return tuple(sorted(effect_shares, key=lambda one: one.closed, reverse=True))
 
 
-def _describe_unexplained(study: Study, closure: GapClosure, rng: np.random.Generator) -> Unexplained:
+def _describe_unexplained(
+    study: Study, closure: GapClosure, patch_fit: PatchFit | None, rng: np.random.Generator
+) -> Unexplained:
     """Describe what remains after the named effects, on the shots that chose them; its size on hold-out shots."""
     is_systematic = study.unknown_evidence.has_systematic_residuals
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
-    law, patch = None, None
+    law, patch = None, None if patch_fit is None else patch_fit.patch
     coordinates = _name_coordinates(study.problem.scene, study.residuals_after.values.shape[1])
     if is_systematic and study.body_fit is None:  # the excess is beyond strengths that all bodies share
         excess = measure_excess_acceleration(study.problem, study.full)
         law = find_force_law(excess, coordinates)
-        patch = find_local_patch(excess, rng) if study.problem.scene.unit == "m" else None
+        if study.problem.scene.unit == "m" and not study.problem.places:
+            patch = find_local_patch(excess, rng)
     return Unexplained(
         share=1.0 - closure.closed,
         size=size,

@@ -54,6 +54,22 @@ WALL_EFFECTS = (
     ),
 )  # fmt: skip
 """Effects of walls; their parameters follow those of `SLIDING_EFFECTS`."""
+LOCAL_PATCH = SceneEffect(
+    "local_patch", (Prior("mu", "1", 0.0, 0.3, False, (-2.0, 2.0)), Prior("x", "m", 0.0, 1.0, False, (-1e3, 1e3)),
+                    Prior("y", "m", 0.0, 1.0, False, (-1e3, 1e3)), Prior("radius", "m", 0.2, 0.5, False, (1e-3, 1e3)),
+                    Prior("border", "m", 0.005, 0.01, False, (1e-3, 1e3))),
+    (0.0, 0.0, 0.0, 0.2, 0.005), ("slide",),
+    "a disc with friction mu beside that of the plane, together never below 0: mu / (1 + exp((r - radius) / border))",
+    (), "place",
+)  # fmt: skip
+"""A disc with other friction; its parameters are the five before those of the brake probe.
+
+At the usual border, friction rises from 10 to 90 % within 22 mm: the steps of the integration resolve that up to 2 m/s.
+"""
+_CENTRE_SIZE = 1e-3
+"""m by which the distance from a centre is rounded, where its derivative would jump."""
+_FAR_BORDERS = 40.0
+"""Borders outside a patch from which its friction is below rounding."""
 _WALL_PARAMETERS = (5, 6)
 """Indices of the restitution and the friction of walls among all parameters."""
 _NEAR_SIGMAS = 3.0
@@ -72,6 +88,8 @@ def sliding_acceleration(
 ) -> None:
     """Fill the acceleration by friction, drags, slope and inputs, with parameters in the order of `SLIDING_EFFECTS`.
 
+    A patch changes the friction near its centre.
+
     Friction fades out at the velocity where it balances slope and inputs, not at zero velocity, so that a stopped body
     does not creep.
     """
@@ -80,6 +98,14 @@ def sliding_acceleration(
     brake = p[1] + p[2] * speed
     fall_x, fall_y = GRAVITY * 1e-3 * p[3] + given[0], GRAVITY * 1e-3 * p[4] + given[1]
     friction = p[0] * GRAVITY
+    mu, patch_x, patch_y, radius, border = p[-9], p[-8], p[-7], p[-6], p[-5]
+    if mu != 0:
+        away_x, away_y = place[0] - patch_x, place[1] - patch_y
+        outside = (np.sqrt(away_x * away_x + away_y * away_y + _CENTRE_SIZE**2) - radius) / border
+        if outside.real < _FAR_BORDERS:
+            friction += mu * GRAVITY / (1 + np.exp(outside))
+            if friction.real < 0:
+                friction = 0 * friction
     rubbed_x, rubbed_y = velocity[0], velocity[1]
     holds = friction * friction - fall_x * fall_x - fall_y * fall_y
     if holds.real > (1 - _STICK_SHARE**2) * (friction * friction).real:
@@ -117,7 +143,7 @@ def build_sliding_scene(
         "slide",
         "m",
         "slide",
-        (*SLIDING_EFFECTS, *offered, build_brake_probe("m", "slide")),
+        (*SLIDING_EFFECTS, *offered, LOCAL_PATCH, build_brake_probe("m", "slide")),
         simulator_effects,
         build_integrator(sliding_acceleration, True, bool(walls), _WALL_PARAMETERS if offered else None),
         untested,

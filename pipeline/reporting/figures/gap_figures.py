@@ -249,9 +249,26 @@ def _draw_error_map(gap: Gap, table: Table | None, patch: LocalPatch | None) -> 
     points = go.Scatter(x=place[:, 0], y=place[:, -1], mode="markers", marker=marker)
     figure = go.Figure(points)
     if patch is not None:
-        (left, top), (right, bottom) = patch.centre - patch.radius, patch.centre + patch.radius
-        figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line={"color": FRAME, "width": 2})
+        _add_patch(figure, patch)
     return _format_plan(figure, table, _coordinate_unit(gap))
+
+
+def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:
+    """Add the disc of a patch, dotted one standard deviation of its radius inside and outside, and its centre."""
+    for radius, dash in (
+        (patch.radius, "solid"),
+        (patch.radius - patch.radius_sigma, "dot"),
+        (patch.radius + patch.radius_sigma, "dot"),
+    ):
+        if radius > 0:  # not where the error is unknown, or larger than the radius
+            (left, top), (right, bottom) = patch.centre - radius, patch.centre + radius
+            line = {"color": FRAME, "width": 2 if dash == "solid" else 1, "dash": dash}
+            figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line=line)
+    bars = {"type": "data", "array": [patch.centre_sigma], "color": FRAME}
+    figure.add_scatter(
+        x=patch.centre[:1], y=patch.centre[1:], error_x=bars, error_y=bars, mode="markers",
+        marker={"color": FRAME, "size": 5},
+    ).update_layout(showlegend=False)  # fmt: skip
 
 
 def _coordinate_unit(gap: Gap) -> str:
