@@ -223,8 +223,8 @@ def _select_fit_with(study: Study, name: str) -> tuple[EffectFit, tuple[str, ...
     """Select the best fit in which an effect is free, and the effects beside it; the base where there is none."""
     if name in study.best.names:
         return study.full, tuple(sorted(study.best.names - {name}))
-    tried = study.search.hypotheses
-    one = tried.get(study.best.names | {name}) or tried.get(frozenset({name}))
+    hypotheses = study.search.hypotheses
+    one = hypotheses.get(study.best.names | {name}) or hypotheses.get(frozenset({name}))
     return (study.base, None) if one is None else (one.fitted, tuple(sorted(one.names - {name})))
 
 

@@ -18,7 +18,7 @@ from pipeline.reporting.text.gap_sentences import explains_most, format_error_si
 
 _PLAN_MARGIN = 0.05
 """m, margin around the table in plans."""
-_MAX_EXTENT_RATIO = 5.0
+_MAX_EXTENT_RATIO = 10.0
 """Ratio of the extents of a path along x and y beyond which their scales differ: else it is a stroke."""
 _ERROR_COLOURS = [[0.0, "#4f8fd0"], [0.5, "#8e3fa8"], [1.0, "#b00020"]]
 """Colours of errors from none to the largest: all of them dark enough for dots on white."""
@@ -150,11 +150,7 @@ def _name_axes(gap: Gap) -> tuple[str, str]:
     names = gap.coordinates or (
         ("x", "y", "z")[:count] if unit == "m" else tuple(f"theta{k + 1}" for k in range(count))
     )
-    words = {
-        "z": "height z",
-        "theta1": "angle" if count == 1 else "angle of the first rod",
-        "theta2": "angle of the second rod",
-    }
+    words = {"z": "height z", "theta1": "angle theta1", "theta2": "angle theta2"}
     first, last = (f"{words.get(name, name)} ({unit})" for name in (names[0], names[-1]))
     return first, last
 

@@ -37,6 +37,8 @@ _TREND, _MIN_TREND_POINTS = 0.7, 4
 """Rank correlation from which a quantity rises with another, and number of points from which it is asked."""
 _NEAR_LIMIT = 8.0
 """Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice."""
+_SMALL_P_VALUE = 0.05
+"""p-value from which readers may take an agreement for chance."""
 _VARIABLES = {
     "speed": "speed",
     "time": "the time in the shot",
@@ -103,7 +105,7 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for a"
         " positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives an"
         f" agreement as good as this in {_format_p_share(one.sign_flip_p_value)} of all cases"
-        f"{_format_flip_limit(one)}."
+        f"{_format_flip_limit(one)}.{_format_weak_agreement(one.sign_flip_p_value)}"
         for one in report.candidates
         if one.effect in named and math.isfinite(one.sign_flip_p_value)
     )
@@ -111,7 +113,14 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
 
 def _format_p_share(p: float) -> str:
     """Format a share of cases; never 0."""
-    return format_probability(p) if p < 1 else "100 %"
+    return format_probability(p).replace("below", "less than") if p < 1 else "100 %"
+
+
+def _format_weak_agreement(p: float) -> str:
+    """Format what a share of cases means that is not small; empty where it is small."""
+    if p < _SMALL_P_VALUE:
+        return ""
+    return " That alone would not exclude chance; the probability above rests on the size of the noise as well."
 
 
 def _format_flip_limit(one: CandidateEffect) -> str:
@@ -170,8 +179,8 @@ def _list_missing_effects(report: DiagnosisReport) -> str:
     sure = [name for name in report.effects if name not in unsure]
     if not sure:
         sure, unsure = unsure, []
-    listed = " and ".join(_format_missing_effect(name, report.forms) for name in sure)
-    return listed + "".join(
+    together = " and ".join(_format_missing_effect(name, report.forms) for name in sure)
+    return together + "".join(
         f" and, with {_format_unsure_share(shares[name].closed)}, {_format_missing_effect(name, report.forms)}"
         for name in unsure
     )
@@ -561,11 +570,10 @@ def format_assumed_effects(report: DiagnosisReport) -> str:
     Returns:
         Names of effects, or what moves bodies without any.
     """
-    listed = ", ".join(format_cause(name) for name in report.model)
-    alone = {"flight": "gravity", "slide": "steady motion without any force"}.get(report.scene, "")
-    if alone and listed and report.scene == "flight":
-        return f"{alone}, {listed}"
-    return listed or (f"{alone} alone" if report.scene == "flight" else alone) or "none"
+    names = [format_cause(name) for name in report.model]
+    if report.scene == "flight":
+        return ", ".join(["gravity", *names]) if names else "gravity alone"
+    return ", ".join(names) or ("steady motion without any force" if report.scene == "slide" else "none")
 
 
 def format_with_unit(number: str, unit: str) -> str:
