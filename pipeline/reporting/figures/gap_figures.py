@@ -18,8 +18,9 @@ from pipeline.reporting.text.gap_sentences import explains_most, format_error_si
 
 _PLAN_MARGIN = 0.05
 """m, margin around the table in plans."""
-_MAX_EXTENT_RATIO = 10.0
-"""Ratio of the extents of a path along x and y beyond which their scales differ: else it is a stroke."""
+_MAX_LENGTH_RATIO, _MAX_HEIGHT_RATIO = 10.0, 3.0
+"""Ratios of width to height, and of height to width, beyond which the scales of a path differ: else it is a stroke.
+Figures are wide, so that upright paths become strokes sooner."""
 _ERROR_COLOURS = [[0.0, "#4f8fd0"], [0.5, "#8e3fa8"], [1.0, "#b00020"]]
 """Colours of errors from none to the largest: all of them dark enough for dots on white."""
 _ZOOM_REACH = 3.0
@@ -104,7 +105,7 @@ def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str
     if _is_plan(gap):
         _format_plan(whole, table)
     shot = format_shot_name(gap.windows[number].segment.shot, origins)
-    unequal = " (the axes have different scales)" if _is_plan(gap) and not whole.layout.yaxis.scaleanchor else ""
+    unequal = _note_scales(whole) if _is_plan(gap) else ""
     drawn = [(f"Observed, and predicted{both}, on hold-out {shot}{unequal}", whole)]
     if part is not None:
         (left, right), (low, high) = part
@@ -158,7 +159,12 @@ def _name_axes(gap: Gap) -> tuple[str, str]:
 def _has_equal_scales(places: FloatArray) -> bool:
     """Return whether both coordinates of places (K, D) extend far enough to be drawn with equal scales."""
     across, up = float(np.ptp(places[:, 0])), float(np.ptp(places[:, -1]))
-    return max(across, up) <= _MAX_EXTENT_RATIO * min(across, up)
+    return across <= _MAX_LENGTH_RATIO * up and up <= _MAX_HEIGHT_RATIO * across
+
+
+def _note_scales(figure: go.Figure) -> str:
+    """Return an addition to the title of a plan whose axes have different scales; empty where they are equal."""
+    return "" if figure.layout.yaxis.scaleanchor else " (the axes have different scales)"
 
 
 def _find_key_moment(gap: Gap, number: int) -> Moment | None:
@@ -266,10 +272,10 @@ def _build_error_maps(gap: Gap, table: Table | None, patch: LocalPatch | None) -
     largest = max(float(_gather_errors(gap, paths)[0].max()) for _, paths, _ in _list_predictions(gap))
     before = _draw_error_map(gap, gap.before, largest, table, patch)
     if not _has_added_effects(gap):
-        return [("Where predictions are wrong", before)]
+        return [(f"Where predictions are wrong{_note_scales(before)}", before)]
     after = _draw_error_map(gap, gap.after, largest, table, patch)
     return [
-        ("Where predictions of your simulator are wrong, before", before),
+        (f"Where predictions of your simulator are wrong, before{_note_scales(before)}", before),
         ("Where predictions of the improved simulator are wrong, after: the same colours", after),
     ]
 
