@@ -9,12 +9,12 @@ from scipy.stats import norm
 
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from diagnosis.fitting.identity_switch_correction import undo_identity_switches
-from diagnosis.fitting.noise_estimation import apply_noise_estimate
+from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate
 from diagnosis.fitting.shot_split import ShotSplit, split_shots
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, ignore_progress
 from diagnosis.selection.study import run_study
 from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
-from diagnosis.verdicts.verdict import DiagnosisReport
+from diagnosis.verdicts.verdict import DiagnosisReport, ShotUse
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 from models.numerics.executor import SERIAL, Executor
 
@@ -56,7 +56,29 @@ def diagnose(
     reporting_shots = tuple(apply_noise_estimate(split.holdout, study.noise))
     report = build_report(study, reporting_shots, np.random.default_rng([seed, 1]))
     switches = tuple(str(switch) for _, switches in restored for switch in switches)
-    return replace(report, notes=(*switches, *report.notes))
+    return replace(report, notes=(*switches, *report.notes), shot_use=describe_shots(split, study.noise))
+
+
+def describe_shots(split: ShotSplit, noise: NoiseEstimate) -> ShotUse:
+    """Describe which shots were used for what, and their noise.
+
+    Args:
+        split: Recordings by use.
+        noise: Noise of all recordings.
+
+    Returns:
+        Numbers of shots, and the median standard deviation of an observed coordinate; NaN where it was neither stated
+        nor measured.
+    """
+    everything = apply_noise_estimate((*split.fitting, *split.selection, *split.holdout), noise)
+    sigmas = np.concatenate([one.sigma[one.is_observed] for one in everything])
+    is_stated = all(one.is_sigma_stated for one in everything)
+    fitting, selection, holdout = (
+        tuple(one.shot for one in part) for part in (split.fitting, split.selection, split.holdout)
+    )
+    return ShotUse(
+        fitting, selection, holdout, float(np.median(sigmas)) if noise.is_measured or is_stated else float("nan")
+    )
 
 
 def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:

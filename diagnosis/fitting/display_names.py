@@ -12,7 +12,7 @@ CAUSES: Mapping[str, str] = {
     "unknown": "mostly something that trueroll does not know",
     **{effect.name: effect.phrase for effect in BILLIARDS_EFFECTS if effect.phrase},
     **{choice.name: choice.phrase for choice in BILLIARDS_MODEL_CHOICES},
-    "rods": "make of the rods",
+    "rods": "masses and lengths of the rods",
     "magnus": "lift by spin",
     "gravity_tilt": "tilt of the camera against the plumb line",
     "parallax_shift": "shift by parallax",
@@ -22,17 +22,47 @@ LAWS: Mapping[str, str] = {"cushion_law": "the right law of cushions", "ball_law
 """Choices between published contact models, in the order of a report's forms: the missing effect if a form is wrong."""
 PARAMETERS: Mapping[str, str] = {
     "mu": "\N{GREEK SMALL LETTER MU}",
-    "slope_x": "along x",
-    "slope_y": "along y",
+    "slope_x": "fall towards +x",
+    "slope_y": "fall towards +y",
     "wind_x": "along x",
     "wind_y": "along y",
     "p_x": "along x",
     "p_y": "along y",
+    "pull": "gravity over effective length",
     "ratio": "more by",
     "seen": "too large by",
     "dry_2": "dry, second joint",
     "viscous_2": "viscous, second joint",
 }
+_FREE_FORMULAS: Mapping[str, str] = {
+    "sliding_friction": "a = −μ g, against the motion",
+    "viscous_drag": "a = −k v",
+    "air_drag": "a = −k |v| v",
+    "slope": "a = g × fall",
+}
+FORMULAS: Mapping[str, Mapping[str, str]] = {
+    "billiards": {
+        "rolling_resistance": "a = −μ g while rolling",
+        "sliding_friction": "a = −μ g against the slip",
+        "viscous_drag": "a = −k v",
+        "air_drag": "a = −k |v| v",
+        "slope": "a = g × fall; 5/7 of it while rolling",
+    },
+    "slide": _FREE_FORMULAS,
+    "flight": {
+        "air_drag": "a = −k |u| u, with u relative to the air",
+        "viscous_drag": "a = −k u, with u relative to the air",
+        "magnus": "a = s v, across the motion",
+        "wind": "u = v − wind in the drags",
+    },
+    "pendulum": {
+        "rods": "ω̇ = −(g/l) sin θ with one rod",
+        "joint_friction": "ω̇ = −viscous × ω − dry × sign(ω)",
+        "air_drag": "ω̇ = −k |ω| ω",
+        "gravity_tilt": "θ is measured from a tilted vertical",
+    },
+}
+"""Laws of the effects by scene, where one short formula states them; docs/reference/effects.md has all."""
 PHASES: Mapping[str, str] = {
     "free_roll": "in free roll",
     "after_strike": "after a strike",
@@ -53,21 +83,21 @@ GROWTH_VARIABLES: Mapping[str, str] = {
 }
 """Variables with which a gap grows, where the identifier is not a readable name."""
 _GROUPS: Mapping[str, str] = {
-    "all": "everywhere",
+    "all": "in all shots",
     "shot": "in shot {}",
     "body": "of body number {}",
-    "speed": "at speeds of {}",
+    "speed": "at speeds of {} {unit}/s",
     "direction": "in the direction of {}",
-    "place": "around {}",
+    "place": "around (x, y) = {} {unit}",
     "time": "at {} s",
     "since_contact": "{} s after a contact",
     "radius": "at {} px from the centre of the image",
     "row": "at {} px below the centre of the image",
 }
 _DIRECTIONS: Mapping[str, str] = {
-    "along": "along the motion",
-    "across": "across the motion",
-    "waves": "slowly in time",
+    "along": "a shift along the motion",
+    "across": "a shift across the motion",
+    "waves": "a slow drift",
 }
 
 
@@ -133,19 +163,20 @@ def format_growth_variable(name: str) -> str:
     return GROWTH_VARIABLES.get(name, _replace_underscores(name))
 
 
-def format_group(family: str, label: str) -> str:
+def format_group(family: str, label: str, unit: str = "m") -> str:
     """Format a group of observations: a place, a time or a body.
 
     Args:
         family: Family of groups, such as `speed`.
         label: Member of the family, such as "1 to 2".
+        unit: Unit of a coordinate, m or rad.
 
     Returns:
         Words that continue a sentence after a verb.
     """
     if family == "phase":
         return format_phase(label)
-    return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(label)
+    return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(label, unit=unit)
 
 
 def format_direction(name: str, coordinates: Sequence[str]) -> str:
@@ -159,7 +190,7 @@ def format_direction(name: str, coordinates: Sequence[str]) -> str:
         The direction in words.
     """
     if name.isdecimal():
-        return f"in {coordinates[int(name)]}"
+        return f"a shift in {coordinates[int(name)]}"
     return _DIRECTIONS[name]
 
 

@@ -27,6 +27,8 @@ class NamedEffect:
     """The effect itself, and those that these data cannot separate from it."""
     sign_flip_p_value: float
     """See `sign_flip_test.flip_signs`."""
+    sign_flip_limit: float = float("nan")
+    """Smallest such probability that so many shots allow."""
     per_body: tuple[BodyStrength, ...] = ()
     """Strengths of each body; empty where all bodies may have the same."""
 
@@ -155,6 +157,7 @@ def rank_candidates(
     probabilities: dict[str, float],
     named_effects: dict[str, NamedEffect],
     parameter_strengths: dict[str, tuple[Strength, ...]],
+    fitted_beside: dict[str, tuple[str, ...] | None],
 ) -> tuple[CandidateEffect, ...]:
     """Rank candidates, most probable first."""
     order = sorted(probabilities, key=lambda name: probabilities[name], reverse=True)
@@ -165,6 +168,8 @@ def rank_candidates(
             one.group,
             parameter_strengths.get(name, ()),
             one.sign_flip_p_value,
+            one.sign_flip_limit,
+            fitted_beside.get(name),
             one.per_body,
         )
         for name in order

@@ -43,7 +43,7 @@ from diagnosis.verdicts.experiment_design import (
     design_unknown_experiment,
 )
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
-from diagnosis.verdicts.sign_flip_test import flip_signs
+from diagnosis.verdicts.sign_flip_test import flip_signs, smallest_p_value
 from diagnosis.verdicts.verdict import (
     CandidateEffect,
     DiagnosisReport,
@@ -79,6 +79,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     named = best.names if verdict in ("effects", "group") else ()
     phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
     detectable = _detectable_strengths(study)
+    unexplained = _describe_unexplained(study, gap.closure, patch_fit, rng)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
@@ -88,12 +89,12 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
         per_effect=per_effect,
-        unexplained=_describe_unexplained(study, gap.closure, patch_fit, rng),
+        unexplained=unexplained,
         fitted=_summarize_all_strengths(study, study.full if patch_fit is None else patch_fit.fitted, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
         not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
-        film_next=_recommend_experiment(study, verdict, film),
+        film_next=_recommend_experiment(study, verdict, film, unexplained),
         p_value=study.structure_before.p_value,
         notes=(*_note_shortened_shots(study), *(() if patch_fit is None else (_PATCH_NOTE,))),
     )
@@ -159,6 +160,7 @@ def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, 
                 if one not in study.refuted_by_bodies
             ),
             flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
+            smallest_p_value(len(linearized.shot_information.shots)),
             () if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
         )
         alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
@@ -174,12 +176,12 @@ def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, 
     return ("group" if alone else "effects"), named_effects, film
 
 
-def _recommend_experiment(study: Study, verdict: Verdict, apart: str) -> str:
-    """Recommend an experiment: it separates a group (`apart`), shows the residuals, or a weak effect."""
-    if verdict == "unknown":
-        return design_unknown_experiment(study.problem, study.residuals_after)
-    if apart:
+def _recommend_experiment(study: Study, verdict: Verdict, apart: str, rest: Unexplained) -> str:
+    """Recommend an experiment: it separates a group (`apart`), shows where a clear rest is, or a weak effect."""
+    if verdict != "unknown" and apart:
         return apart
+    if verdict == "unknown" or (rest.is_clear and rest.where):
+        return design_unknown_experiment(study.problem, study.residuals_after)
     problem = study.problem
     names = tuple(name for name in problem.candidates if name not in study.full.names)
     information, residuals, lack = study.linearized.shot_information, study.residuals_after, study.full.lack_of_fit
@@ -208,10 +210,11 @@ def _build_candidates(
     if study.body_fit is not None:
         body_spreads = study.body_fit.spread
         shot_spreads = np.where(study.body_fit.own, study.body_fit.shot_spread, shot_spreads)
+    fits = {name: _select_fit_with(study, name) for name in problem.candidates}
     parameter_strengths = {
         name: summarize_strengths(
             problem,
-            _select_fit_with(study, name),
+            fits[name][0],
             detectable,
             (name,),
             *((shot_spreads, body_spreads) if name in study.best.names else ()),
@@ -219,7 +222,8 @@ def _build_candidates(
         for name in problem.candidates
     }
     probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
-    return rank_candidates(put_answer_first(probabilities, answer), named_effects, parameter_strengths)
+    beside = {name: names for name, (_, names) in fits.items()}
+    return rank_candidates(put_answer_first(probabilities, answer), named_effects, parameter_strengths, beside)
 
 
 def _select_answer(verdict: Verdict, names: frozenset[str]) -> frozenset[str]:
@@ -239,12 +243,13 @@ def _detectable_strengths(study: Study) -> FloatArray:
     return strengths
 
 
-def _select_fit_with(study: Study, name: str) -> EffectFit:
-    """Select the best fit in which an effect is free; the base where there is none."""
+def _select_fit_with(study: Study, name: str) -> tuple[EffectFit, tuple[str, ...] | None]:
+    """Select the best fit in which an effect is free, and the effects beside it; the base where there is none."""
     if name in study.best.names:
-        return study.full
-    alone = study.search.hypotheses.get(study.best.names | {name}) or study.search.hypotheses.get(frozenset({name}))
-    return study.base if alone is None else alone.fitted
+        return study.full, tuple(sorted(study.best.names - {name}))
+    hypotheses = study.search.hypotheses
+    one = hypotheses.get(study.best.names | {name}) or hypotheses.get(frozenset({name}))
+    return (study.base, None) if one is None else (one.fitted, tuple(sorted(one.names - {name})))
 
 
 def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatArray) -> tuple[Strength, ...]:
@@ -291,8 +296,10 @@ def _measure_gap(
     shots = tuple(sorted({one.segment.shot for one in windows}))
     horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
     gap = Gap(
-        f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure, windows, before.paths, after.paths, reason
-    )
+        f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure,
+        windows, before.paths, after.paths, reason,
+        () if not windows else _name_coordinates(problem.scene, before.paths[0].shape[2]),
+    )  # fmt: skip
     return gap, _share_closure(study, predictable, before.squares, after.squares, least, closure, rng)
 
 
@@ -357,7 +364,7 @@ def _describe_unexplained(
         size=size,
         times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
         where=localise_gap(study.residuals_after, study.segments_after, frozenset()) if is_systematic else (),
-        shape=describe_structure(study.structure_after, coordinates) if is_systematic else "",
+        shape=describe_structure(study.structure_after, coordinates, study.problem.scene.unit) if is_systematic else "",
         law=law,
         patch=patch,
     )

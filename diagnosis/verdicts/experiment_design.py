@@ -57,7 +57,7 @@ def design_detecting_experiment(
     """Describe in one sentence how many more shots of which kind would show an effect that these shots would miss.
 
     The effect is the one nearest to detection at `usual` strength (P,). The sentence is empty where none would be
-    missed, or where no number of shots like these would show one.
+    missed; where no number of shots like these would show it, the sentence asks for other shots.
     """
     missed = {
         name: _detectable_over_typical(problem, shot_information, free, usual, name, variance_factor) for name in names
@@ -79,7 +79,10 @@ def design_detecting_experiment(
                 f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual"
                 f" strength; {more} more like {like} would."
             )
-    return ""
+    return (
+        f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual strength,"
+        " however often they are repeated: film much slower and much faster motion, and for longer."
+    )
 
 
 def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals) -> str:
@@ -92,11 +95,11 @@ def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals
     }
     most, shot = max(sums, key=lambda one: sums[one])
     place = _describe_shot(problem, residuals, shot)
+    first = f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed,"
+    if problem.scene.unit == "rad":
+        return f"{first} and once with the camera in another place; what changes with the camera comes from it."
     surroundings = "table" if problem.scene.name == "billiards" else "surroundings"
-    return (
-        f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed, and"
-        f" once in another place; what stays with the place comes from the {surroundings} or the camera."
-    )
+    return f"{first} and once in another place; what stays with the place comes from the {surroundings} or the camera."
 
 
 def _detectable_over_typical(
@@ -142,5 +145,5 @@ def _describe_shot(problem: DiagnosisProblem, residuals: FitResiduals, shot: int
     fastest, velocity = f"up to {float(residuals.speed[top]):.1f} {problem.scene.unit}/s", residuals.velocity[top]
     if len(velocity) < 2 or problem.scene.unit != "m":
         return f"shot {shot} ({fastest})"
-    angle = np.degrees(np.arctan2(velocity[1], velocity[0]))
-    return f"shot {shot} ({fastest}, there at {angle:.0f} degrees from x)"
+    angle = float(np.degrees(np.arctan2(velocity[1], velocity[0])))
+    return f"shot {shot} ({fastest}, there at {round(angle)} degrees from x)"

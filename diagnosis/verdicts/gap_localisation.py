@@ -120,17 +120,17 @@ def _find_growth_variable(residuals: FitResiduals, left: FloatArray, here: np.nd
     return name
 
 
-def describe_structure(structure: ResidualStructure, coordinates: Sequence[str]) -> str:
-    """Describe the largest findings in words; `coordinates` are the names of the D coordinates."""
+def describe_structure(structure: ResidualStructure, coordinates: Sequence[str], unit: str) -> str:
+    """Describe the largest findings in words; `coordinates` are the names of the D coordinates, `unit` is theirs."""
     descriptions = [
-        _describe_finding(one.group.family, one.group.label, format_direction(one.direction, coordinates), one.z)
+        _describe_finding(one.group.family, one.group.label, format_direction(one.direction, coordinates), one.z, unit)
         for one in structure.findings
         if one.z > 4
     ]
     return "; ".join(descriptions[:3])
 
 
-def _describe_finding(family: str, label: str, direction: str, z: float) -> str:
+def _describe_finding(family: str, label: str, direction: str, z: float, unit: str) -> str:
     """Describe one finding in words."""
-    place = label if family == "slow" else format_group(family, label)
+    place = label if family == "slow" else format_group(family, label, unit)
     return f"{direction} {place} ({z:.0f} standard deviations of noise)"

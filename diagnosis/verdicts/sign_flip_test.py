@@ -58,6 +58,11 @@ def flip_signs(
     return float(np.mean(largest >= observed * (1 - 1e-9)))
 
 
+def smallest_p_value(count: int) -> float:
+    """Return the smallest p-value that flips of `count` shots allow; NaN where they are too few to test."""
+    return float(2.0 ** (1 - min(count, _MAX_EXACT_SHOTS))) if count >= _MIN_SHOTS else float("nan")
+
+
 def _draw_flips(count: int, rng: np.random.Generator) -> FloatArray:
     """Draw signs (K, Q) of all shots, the observed ones first; a pull has the same size with all signs exchanged."""
     if count <= _MAX_EXACT_SHOTS:

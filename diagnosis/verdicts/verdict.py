@@ -12,6 +12,9 @@ from diagnosis.unexplained.local_patch import LocalPatch
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
+CLEAR_TIMES_FLOOR = 2.0
+"""Ratio of the remaining error to the attainable one from which a rest is stated as such: three quarters of the squared
+error are then no noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,10 @@ class CandidateEffect:
     sign_flip_p_value: float = float("nan")
     """Of a named effect: probability that shots without a missing effect agree as well, whatever their noise; NaN where
     it has no strength, or the shots are too few."""
+    sign_flip_limit: float = float("nan")
+    """Smallest such probability that so many shots allow."""
+    fitted_beside: tuple[str, ...] | None = None
+    """Effects beside which the strengths were fitted, and the simulator's; None where they were not fitted."""
     per_body: tuple[BodyStrength, ...] = ()
     """Of a named effect whose strength differs between bodies: the strengths of each, else empty."""
 
@@ -106,6 +113,11 @@ class Unexplained:
     patch: LocalPatch | None
     """The place where bodies are braked more, or less, than around it."""
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether the remaining error clearly exceeds the attainable one."""
+        return self.times_floor >= CLEAR_TIMES_FLOOR
+
 
 @dataclass(frozen=True, slots=True)
 class Gap:
@@ -123,6 +135,22 @@ class Gap:
     """The same with the effects."""
     floor_reason: str = ""
     """Why the floor is unknown; empty where it is known."""
+    coordinates: tuple[str, ...] = ()
+    """Names of the coordinates; empty where they are not stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShotUse:
+    """Which shots were used for what, and their noise."""
+
+    fitting: tuple[int, ...] = ()
+    """Shots that estimated the strengths."""
+    selection: tuple[int, ...] = ()
+    """Shots that confirmed effects."""
+    holdout: tuple[int, ...] = ()
+    """Shots that measured the gap."""
+    noise: float = float("nan")
+    """Typical standard deviation of an observed coordinate, in m or rad; NaN where it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +177,7 @@ class DiagnosisReport:
     p_value: float
     """Probability that the residuals of the user's simulator are noise."""
     notes: tuple[str, ...]
+    shot_use: ShotUse = ShotUse()
 
     @property
     def probability(self) -> float:

@@ -77,6 +77,12 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         "forms": list(report.forms),
         "unidentifiable": list(report.unidentifiable),
         "not_tested": list(report.not_tested),
+        "shot_use": {
+            "fitting": list(report.shot_use.fitting),
+            "selection": list(report.shot_use.selection),
+            "holdout": list(report.shot_use.holdout),
+            "noise": _finite_or_none(report.shot_use.noise),
+        },
         "film_next": report.film_next,
         "p_value": report.p_value,
         "notes": list(report.notes),
@@ -134,6 +140,8 @@ def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
         "probability": one.probability,
         "group": list(one.group),
         "sign_flip_p_value": _finite_or_none(one.sign_flip_p_value),
+        "sign_flip_limit": _finite_or_none(one.sign_flip_limit),
+        "fitted_beside": None if one.fitted_beside is None else list(one.fitted_beside),
         "parameters": {s.name: _format_strength(s) for s in one.strengths},
         "detectable_from": {s.name: _finite_or_none(s.detectable_from) for s in one.strengths},
         "per_body": [

@@ -27,6 +27,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_body_differences,
     format_gap_closure,
     format_shot_folders,
+    format_shot_use,
     format_unexplained,
     format_verdict,
     list_causes,
@@ -84,6 +85,8 @@ def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, s
     screen = make_output_console()
     screen.print(f"[bold]{escape(format_verdict(report))}[/]")
     screen.print(escape(format_gap_closure(report)))
+    if shot_use := format_shot_use(report):
+        screen.print(escape(shot_use))
     if report.candidates:
         grid = Grid("effect", "probability", "strength", box=None, pad_edge=False)
         for one in list_causes(report)[:_MAX_CAUSES]:

@@ -14,10 +14,15 @@ from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import Gap
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from pipeline.reporting.text.gap_sentences import format_error_size, format_shot_name
+from pipeline.reporting.text.gap_sentences import explains_most, format_error_size, format_shot_name
 
 _PLAN_MARGIN = 0.05
 """m, margin around the table in plans."""
+_MAX_LENGTH_RATIO, _MAX_HEIGHT_RATIO = 10.0, 3.0
+"""Ratios of width to height, and of height to width, beyond which the scales of a path differ: else it is a stroke.
+Figures are wide, so that upright paths become strokes sooner."""
+_ERROR_COLOURS = [[0.0, "#4f8fd0"], [0.5, "#8e3fa8"], [1.0, "#b00020"]]
+"""Colours of errors from none to the largest: all of them dark enough for dots on white."""
 _ZOOM_REACH = 3.0
 """Half the size of the enlarged part, in multiples of the error in its middle."""
 BEFORE, AFTER, OBSERVED, FRAME = "#c62828", "#0f5c42", "#55605a", "#1b2420"
@@ -51,7 +56,7 @@ def build_gap_figures(
     if has_predictions:
         drawn.append(("How the prediction error grows", _draw_error_growth(gap)))
     if has_predictions and _is_plan(gap):
-        drawn.append(("Where predictions are wrong", _draw_error_map(gap, table, patch)))
+        drawn += _build_error_maps(gap, table, patch)
     return drawn
 
 
@@ -98,13 +103,10 @@ def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str
     part = None if moment is None else _compute_zoom(gap, number, moment)
     whole = _draw_window_path(gap, number, moment)
     if _is_plan(gap):
-        _format_plan(whole, table, _coordinate_unit(gap))
-    drawn = [
-        (
-            f"Observed, and predicted{both}, on hold-out {format_shot_name(gap.windows[number].segment.shot, origins)}",
-            whole,
-        )
-    ]
+        _format_plan(whole, table)
+    shot = format_shot_name(gap.windows[number].segment.shot, origins)
+    unequal = _note_scales(whole) if _is_plan(gap) else ""
+    drawn = [(f"Observed, and predicted{both}, on hold-out {shot}{unequal}", whole)]
     if part is not None:
         (left, right), (low, high) = part
         whole.add_shape(type="rect", x0=left, x1=right, y0=low, y1=high, line={"color": FRAME, "width": 1.5})
@@ -133,14 +135,36 @@ def _draw_window_path(gap: Gap, number: int, moment: Moment | None) -> go.Figure
     if moment is not None:
         row, body = moment
         ends = np.stack([gap.before[number][row, body], piece.positions[row, body]])
-        off = f"error of {format_error_size(float(np.linalg.norm(ends[1] - ends[0])), gap.metric)} at this moment"
+        size = format_error_size(float(np.linalg.norm(ends[1] - ends[0])), gap.metric)
+        off = f"error{' before' if _has_added_effects(gap) else ''}, {size} at {piece.t[row]:.2f} s"
         x = ends[:, 0] if _is_plan(gap) else np.full(2, piece.t[row])
         figure.add_scatter(x=x, y=ends[:, -1], name=off, mode="lines+markers", line={"color": FRAME, "width": 2})
-    if _is_plan(gap):
+    if _is_plan(gap) and _has_equal_scales(piece.positions[piece.is_observed]):
         figure.update_yaxes(scaleanchor="x")
-    return figure.update_xaxes(title=_coordinate_unit(gap) if _is_plan(gap) else "s").update_yaxes(
-        title=_coordinate_unit(gap)
+    across, up = _name_axes(gap)
+    return figure.update_xaxes(title=across if _is_plan(gap) else "time in the shot (s)").update_yaxes(title=up)
+
+
+def _name_axes(gap: Gap) -> tuple[str, str]:
+    """Return the titles of the first and the last coordinate."""
+    unit, count = _coordinate_unit(gap), gap.before[0].shape[2]
+    names = gap.coordinates or (
+        ("x", "y", "z")[:count] if unit == "m" else tuple(f"theta{k + 1}" for k in range(count))
     )
+    words = {"z": "height z", "theta1": "angle theta1", "theta2": "angle theta2"}
+    first, last = (f"{words.get(name, name)} ({unit})" for name in (names[0], names[-1]))
+    return first, last
+
+
+def _has_equal_scales(places: FloatArray) -> bool:
+    """Return whether both coordinates of places (K, D) extend far enough to be drawn with equal scales."""
+    across, up = float(np.ptp(places[:, 0])), float(np.ptp(places[:, -1]))
+    return across <= _MAX_LENGTH_RATIO * up and up <= _MAX_HEIGHT_RATIO * across
+
+
+def _note_scales(figure: go.Figure) -> str:
+    """Return an addition to the title of a plan whose axes have different scales; empty where they are equal."""
+    return "" if figure.layout.yaxis.scaleanchor else " (the axes have different scales)"
 
 
 def _find_key_moment(gap: Gap, number: int) -> Moment | None:
@@ -175,11 +199,10 @@ def _interval_around(middle: float, reach: float) -> Interval:
     return middle - reach, middle + reach
 
 
-def _format_plan(figure: go.Figure, table: Table | None, unit: str) -> go.Figure:
-    """Format a plan with equal scales; with a table, draw its cushions and let y run down as in the image."""
-    figure.update_xaxes(title=unit)
-    figure.update_yaxes(scaleanchor="x", title=unit)
+def _format_plan(figure: go.Figure, table: Table | None) -> go.Figure:
+    """With a table, draw its cushions with equal scales and let y run down as in the image."""
     if table is not None:
+        figure.update_yaxes(scaleanchor="x")
         noses = {"x0": 0, "y0": 0, "x1": table.length, "y1": table.width}
         figure.add_shape(type="rect", **noses, line={"color": AFTER, "width": 3}, layer="below")
         across, up = [-_PLAN_MARGIN, table.length + _PLAN_MARGIN], [table.width + _PLAN_MARGIN, -_PLAN_MARGIN]
@@ -212,17 +235,18 @@ def _draw_error_growth(gap: Gap) -> go.Figure:
         t, rms = compute_error_growth(gap, paths)
         shown = [None if np.isnan(value) else 1000 * float(value) for value in rms]
         figure.add_scatter(x=t, y=shown, name=label, line=line, connectgaps=True)
-    floor = gap.closure.floor
+    floor, dotted = gap.closure.floor, {"color": OBSERVED, "width": 1.5, "dash": "dot"}
     if np.isfinite(floor):
-        figure.add_hline(
-            1000 * floor, line={"color": OBSERVED, "width": 1, "dash": "dot"}, annotation_text="attainable, mean"
-        )
+        label = "attainable, over all times"
+        figure.add_scatter(x=[0, gap.horizon], y=[1000 * floor] * 2, name=label, mode="lines", line=dotted)
     figure.update_xaxes(title="time since the start of the prediction (s)")
-    return figure.update_yaxes(title=f"rms error (m{_coordinate_unit(gap)})", rangemode="tozero")
+    return figure.update_yaxes(title=f"rms error at that time (m{_coordinate_unit(gap)})", rangemode="tozero")
 
 
 def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
     """Draw an unexplained acceleration over the quantity with which it varies, with its standard deviations.
+
+    The fitted curve is drawn where it explains most of the acceleration.
 
     Args:
         law: The law.
@@ -234,23 +258,51 @@ def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
     units = {"speed": f"{unit}/s", "time": "s"}
     bars = {"type": "data", "array": law.sigma}
     points = go.Scatter(x=law.at, y=law.acceleration, error_y=bars, mode="markers", marker={"color": BEFORE})
-    fitted = go.Scatter(x=law.curve[0], y=law.curve[1], mode="lines", line={"color": AFTER})
-    figure = go.Figure([points, fitted], {"showlegend": False}).add_hline(0, line={"color": OBSERVED, "width": 1})
+    fitted = [go.Scatter(x=law.curve[0], y=law.curve[1], mode="lines", line={"color": AFTER})]
+    figure = go.Figure([points, *(fitted if explains_most(law) else [])], {"showlegend": False}).add_hline(
+        0, line={"color": OBSERVED, "width": 1}
+    )
     figure.update_xaxes(title=f"{law.variable} ({units.get(law.variable, unit)})")
     direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
     return figure.update_yaxes(title=f"missing acceleration {direction} ({unit}/s²)")
 
 
-def _draw_error_map(gap: Gap, table: Table | None, patch: LocalPatch | None) -> go.Figure:
-    parts = [_prediction_errors(gap, k, gap.before) for k in range(len(gap.windows))]
+def _build_error_maps(gap: Gap, table: Table | None, patch: LocalPatch | None) -> list[tuple[str, go.Figure]]:
+    """Draw where predictions are wrong, before and after effects were added, with the same colours."""
+    largest = max(float(_gather_errors(gap, paths)[0].max()) for _, paths, _ in _list_predictions(gap))
+    before = _draw_error_map(gap, gap.before, largest, table, patch)
+    if not _has_added_effects(gap):
+        return [(f"Where predictions are wrong{_note_scales(before)}", before)]
+    after = _draw_error_map(gap, gap.after, largest, table, patch)
+    return [
+        (f"Where predictions of your simulator are wrong, before{_note_scales(before)}", before),
+        ("Where predictions of the improved simulator are wrong, after: the same colours", after),
+    ]
+
+
+def _gather_errors(gap: Gap, paths: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return errors (K,), mm or mrad, and positions (K, D) of all predictions, the largest errors last."""
+    parts = [_prediction_errors(gap, k, paths) for k in range(len(gap.windows))]
     miss, place = 1000 * np.concatenate([one[1] for one in parts]), np.concatenate([one[2] for one in parts])
+    order = np.argsort(miss, kind="stable")
+    return miss[order], place[order]
+
+
+def _draw_error_map(
+    gap: Gap, paths: tuple[FloatArray, ...], largest: float, table: Table | None, patch: LocalPatch | None
+) -> go.Figure:
+    """Draw errors as colours up to the `largest` at their places; large errors lie on top."""
+    miss, place = _gather_errors(gap, paths)
     bar = {"title": f"error (m{_coordinate_unit(gap)})"}
-    marker = {"color": miss, "colorscale": "YlOrRd", "cmin": 0, "size": 6, "colorbar": bar}
+    marker = {"color": miss, "colorscale": _ERROR_COLOURS, "cmin": 0, "cmax": largest, "size": 6, "colorbar": bar}
     points = go.Scatter(x=place[:, 0], y=place[:, -1], mode="markers", marker=marker)
-    figure = go.Figure(points)
+    across, up = _name_axes(gap)
+    figure = go.Figure(points).update_xaxes(title=across).update_yaxes(title=up)
+    if _has_equal_scales(place):
+        figure.update_yaxes(scaleanchor="x")
     if patch is not None:
         _add_patch(figure, patch)
-    return _format_plan(figure, table, _coordinate_unit(gap))
+    return _format_plan(figure, table)
 
 
 def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:

@@ -23,12 +23,15 @@ from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
+    format_assumed_effects,
     format_body_differences,
     format_gap_closure,
     format_p_value,
     format_share,
     format_shot_folders,
     format_shot_name,
+    format_shot_use,
+    format_strength_note,
     format_undecided,
     format_unexplained,
     format_unidentified,
@@ -62,30 +65,30 @@ def write_gap_page(
     """
     # With the verdict "none" nothing was added to the simulator: draw its prediction once.
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
+    candidates, where = list_causes(report)[:MAX_CANDIDATES], _list_places(report, origins)
+    law = report.unexplained.law
     html = render_template(
         "gap.html",
         name=title,
         report=report,
         sentence=format_verdict(report),
         closed=format_gap_closure(report),
-        candidates=list_causes(report)[:MAX_CANDIDATES],
+        shot_use=format_shot_use(report),
+        is_angle=report.gap.metric.endswith("rad"),
+        candidates=candidates,
+        has_detectable=any(one.detectable for one in candidates),
+        has_rivals=any(one.rivals for one in candidates),
+        strength_note=format_strength_note(report),
         agreement=(*format_body_differences(report), *format_agreement(report)),
-        where=[
-            {
-                "phase": format_phase(one.phase),
-                "share": format_share(one.share),
-                "mostly": ", ".join(_format_subjects(one, report.scene, origins)),
-                "grows_with": format_growth_variable(one.grows_with or ""),
-            }
-            for one in report.where
-        ],
+        where=where,
+        has_mostly=any(one["mostly"] for one in where),
+        has_growth=any(one["grows_with"] for one in where),
         unexplained=format_unexplained(report),
         residual_p_value=format_p_value(report.p_value),
         law=""
-        if report.unexplained.law is None
-        else embed_figure(
-            build_law_figure(report.unexplained.law, report.gap.metric.removeprefix("rms_")), "plot-law", _FIGURE_HEIGHT
-        ),
+        if law is None
+        else embed_figure(build_law_figure(law, report.gap.metric.removeprefix("rms_")), "plot-law", _FIGURE_HEIGHT),
+        law_variable="" if law is None else law.variable,
         per_effect=[
             (format_cause(one.effect), *map(format_share, (one.closed, *one.interval, one.alone)))
             for one in report.per_effect
@@ -97,13 +100,26 @@ def write_gap_page(
         fitted=[_format_parameter(one) for one in report.fitted if _is_listed(one, report)],
         numbered=format_shot_folders(origins),
         laws=" and ".join(format_law(name) for name in report.forms),
-        model=", ".join(format_cause(name) for name in report.model) or "none",
+        model=format_assumed_effects(report),
         undecided=format_undecided(report),
         profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
         plotly=read_plotly_source(),
     )
     with replace_file(path) as target:
         target.write_text(html, encoding="utf-8")
+
+
+def _list_places(report: DiagnosisReport, origins: Mapping[int, str]) -> list[dict[str, str]]:
+    """List where the gap appears, as table rows."""
+    return [
+        {
+            "phase": format_phase(one.phase),
+            "share": format_share(one.share),
+            "mostly": ", ".join(_format_subjects(one, report.scene, origins)),
+            "grows_with": format_growth_variable(one.grows_with or ""),
+        }
+        for one in report.where
+    ]
 
 
 def _format_subjects(one: GapLocation, scene: str, origins: Mapping[int, str]) -> list[str]:

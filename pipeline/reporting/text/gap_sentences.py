@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from scipy.stats import spearmanr
+
 from diagnosis.fitting.display_names import (
+    FORMULAS,
     LAWS,
     format_cause,
     format_growth_variable,
@@ -17,10 +21,24 @@ from diagnosis.fitting.display_names import (
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
-from pipeline.reporting.text.number_format import format_unit, format_value, format_with_sigma
+from pipeline.reporting.text.number_format import (
+    EXTREME_PROBABILITY,
+    format_probability,
+    format_unit,
+    format_value,
+    format_with_sigma,
+)
 
-MANY_TIMES = 3.0
-"""Ratio of the remaining error to the noise from which the first sentence states it: noise is then a tenth of it."""
+SMALL_SHARE = 0.05
+"""Share of the gap below which an effect that may close nothing is called small."""
+MOST_OF_IT = 0.5
+"""Share of an unexplained acceleration from which its law is given as a formula: less than half is left then."""
+_TREND, _MIN_TREND_POINTS = 0.7, 4
+"""Rank correlation from which a quantity rises with another, and number of points from which it is asked."""
+_NEAR_LIMIT = 8.0
+"""Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice."""
+_SMALL_P_VALUE = 0.05
+"""p-value from which readers may take an agreement for chance."""
 _VARIABLES = {
     "speed": "speed",
     "time": "the time in the shot",
@@ -43,6 +61,8 @@ class Cause:
     """Smallest detectable parameter values; empty if none."""
     rivals: str
     """Effects that these shots cannot distinguish from it."""
+    formula: str = ""
+    """Law of the effect; empty where no short one states it."""
 
 
 def format_verdict(report: DiagnosisReport) -> str:
@@ -55,8 +75,7 @@ def format_verdict(report: DiagnosisReport) -> str:
         One sentence.
     """
     if report.verdict == "effects":
-        missing = " and ".join(_format_missing_effect(name, report.forms) for name in report.effects)
-        return f"Your simulator lacks {missing}{_format_large_rest(report)}."
+        return f"Your simulator lacks {_list_missing_effects(report)}{_format_large_rest(report)}."
     if report.verdict == "group":
         rivals = " or ".join(format_cause(name) for name in report.candidates[0].group)
         return (
@@ -83,12 +102,33 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
     """
     named = report.effects or tuple(one.effect for one in report.candidates[:1] if report.verdict == "group")
     return tuple(
-        f"{format_cause(one.effect).capitalize()}: shots without a missing effect would agree about one as well in at"
-        f" most {format_share(one.sign_flip_p_value)} of all cases, whatever the noise within a shot is (the signs of"
-        " whole shots were flipped)."
+        f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for a"
+        " positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives an"
+        f" agreement as good as this in {_format_p_share(one.sign_flip_p_value)} of all cases"
+        f"{_format_flip_limit(one)}.{_format_weak_agreement(one.sign_flip_p_value)}"
         for one in report.candidates
         if one.effect in named and math.isfinite(one.sign_flip_p_value)
     )
+
+
+def _format_p_share(p: float) -> str:
+    """Format a share of cases; never 0."""
+    return format_probability(p).replace("below", "less than") if p < 1 else "100 %"
+
+
+def _format_weak_agreement(p: float) -> str:
+    """Format what a share of cases means that is not small; empty where it is small."""
+    if p < _SMALL_P_VALUE:
+        return ""
+    return " That alone would not exclude chance; the probability above rests on the size of the noise as well."
+
+
+def _format_flip_limit(one: CandidateEffect) -> str:
+    """Format the smallest share that so few shots allow; empty where it is far below the share."""
+    limit, p = one.sign_flip_limit, one.sign_flip_p_value
+    if not limit >= EXTREME_PROBABILITY or p > _NEAR_LIMIT * limit:
+        return ""
+    return f"; with {1 - round(math.log2(limit))} shots this share cannot be below {_format_p_share(limit)}"
 
 
 def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
@@ -122,13 +162,35 @@ def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
 def _format_large_rest(report: DiagnosisReport) -> str:
     """Format that the error that remains is many times the noise; empty where it is not."""
     rest, closed = report.unexplained, report.gap.closure.closed
-    if not rest.times_floor >= MANY_TIMES or not math.isfinite(closed):
+    if not rest.is_clear or not math.isfinite(closed):
         return ""
     closing = "close" if len(report.effects) > 1 else "closes"
+    after = format_error_size(report.gap.closure.after, report.gap.metric)
     return (
-        f", which {closing} {format_share(closed)} of the gap; the error that remains is"
-        f" {format_value(rest.times_floor, 2)} times what measurement noise explains"
+        f", which {closing} {format_share(closed)} of the gap; the error that remains, {after}, is"
+        f" {format_value(rest.times_floor, 2)} times the attainable one"
     )
+
+
+def _list_missing_effects(report: DiagnosisReport) -> str:
+    """List the named effects; those whose share of the gap may be 0 come last, with it."""
+    shares = {one.effect: one for one in report.per_effect}
+    unsure = [name for name in report.effects if name in shares and shares[name].interval[0] <= 0]
+    sure = [name for name in report.effects if name not in unsure]
+    if not sure:
+        sure, unsure = unsure, []
+    together = " and ".join(_format_missing_effect(name, report.forms) for name in sure)
+    return together + "".join(
+        f" and, with {_format_unsure_share(shares[name].closed)}, {_format_missing_effect(name, report.forms)}"
+        for name in unsure
+    )
+
+
+def _format_unsure_share(closed: float) -> str:
+    """Format the share of an effect that may close nothing of the gap."""
+    if format_share(closed) == "0 %" or closed <= 0:
+        return "no measurable share"
+    return f"{'a small' if closed < SMALL_SHARE else 'an uncertain'} share ({format_share(closed)})"
 
 
 def _format_best_share(report: DiagnosisReport) -> str:
@@ -170,9 +232,10 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     grows = f"it grows with {format_growth_variable(first.grows_with)}" if first.grows_with else ""
     details = "".join(f"; {one}" for one in (place, grows) if one)
     if math.isfinite(rest.share) and rest.size > 0:
+        before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
         sentences.append(
-            f"{format_share(rest.share)} of the gap remains: an error of {format_error_size(rest.size, metric)} beyond"
-            f" the attainable one, which no effect that trueroll knows explains{details}."
+            f"{format_share(rest.share)} of the gap (in squared errors) remains: the rms error goes from {before} to"
+            f" {after}, where {floor} is attainable. No effect that trueroll knows explains the rest{details}."
         )
     else:
         sentences.append(f"What remains is more than noise{details}.")
@@ -198,16 +261,42 @@ def _format_law_sentence(law: ForceLaw, metric: str) -> str:
     unit = "rad" if metric.endswith("rad") else "m"
     units = {"speed": f"{unit}/s", "time": "s"}
     direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+    variable = _VARIABLES.get(law.variable, law.variable)
+    share = (
+        f"on other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained acceleration (in"
+        " squares, beyond noise)"
+    )
+    if not explains_most(law):
+        return (
+            f"It acts in part like an acceleration {direction} that {_describe_trend(law)} {variable}; {share}, too"
+            " little for a formula."
+        )
     formula = (
         f": {law.formula}, with a in {unit}/s² and u the {law.variable} in {units.get(law.variable, unit)}"
         if law.formula
         else ", by no short formula"
     )
-    return (
-        f"It acts like an acceleration {direction} that varies with {_VARIABLES.get(law.variable, law.variable)}"
-        f"{formula}; on other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained"
-        " acceleration."
-    )
+    return f"It acts like an acceleration {direction} that varies with {variable}{formula}; {share}."
+
+
+def explains_most(law: ForceLaw) -> bool:
+    """Return whether a law explains most of the unexplained acceleration, so that a formula or a curve stands for it.
+
+    Args:
+        law: The law.
+
+    Returns:
+        Whether its share on other shots is at least `MOST_OF_IT`.
+    """
+    return law.explained >= MOST_OF_IT
+
+
+def _describe_trend(law: ForceLaw) -> str:
+    """Describe how an acceleration varies over a quantity: a verb with its preposition."""
+    if len(law.at) < _MIN_TREND_POINTS:
+        return "varies with"
+    rank = float(spearmanr(law.at, law.acceleration).statistic)
+    return "rises with" if rank >= _TREND else "falls with" if rank <= -_TREND else "varies without a steady trend with"
 
 
 def _format_patch_sentence(patch: LocalPatch) -> str:
@@ -277,31 +366,86 @@ def format_gap_closure(report: DiagnosisReport) -> str:
         return "No hold-out shot that can be predicted is left to measure how much the gap shrinks."
     if not math.isfinite(closing.before):
         return "No hold-out shot could be predicted: its initial state is too uncertain, or nothing moves."
-    before, after, floor = (
-        format_error_size(value, gap.metric) for value in (closing.before, closing.after, closing.floor)
-    )
+    before, after, floor = (format_error_size(value, gap.metric) for value in _list_errors(report))
+    span = f"over the first {gap.horizon:.2f} s of predicting hold-out shots"
     if gap.floor_reason:
         return (
-            f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the error goes from {before} to {after}; how much"
-            f" of that is attainable is unknown, because {gap.floor_reason}."
+            f"The rms error {span} goes from {before} to {after}; how much of that is attainable is unknown, because"
+            f" {gap.floor_reason}."
         )
     if report.verdict == "unknown" and not closing.after < closing.before:
         return (
-            f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}"
-            f" (attainable: {floor}); no effect that trueroll knows reduces it."
+            f"The rms error of the simulator {span} is {before} (attainable: {floor}); no effect that trueroll knows"
+            " reduces it."
         )
     if not closing.floor < closing.before:
-        return f"Predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}, which is noise."
+        return f"The rms error of the simulator {span} is {before}, which is noise."
     if not closing.resolved:
-        return (
-            f"Predicted {gap.horizon:.2f} s ahead, the simulator has an error of {before}, of which {floor} is noise."
-        )
+        return f"The rms error of the simulator {span} is {before}, of which {floor} is noise."
     change = "adding them" if len(report.effects) > 1 else "adding it"
     change = "the most similar effect" if report.verdict == "unknown" else change
     return (
-        f"On hold-out shots, predicted {gap.horizon:.2f} s ahead, {change} reduces the error from {before} "
-        f"to {after} (attainable: {floor}): {format_share(closing.closed)} of the gap closed "
-        f"(95 % interval: {format_share(closing.interval[0])} to {format_share(closing.interval[1])})."
+        f"{change.capitalize()} reduces the rms error {span} from {before} to {after} (attainable: {floor}):"
+        f" {format_share(closing.closed)} of the gap closed (95 % interval: {format_share(closing.interval[0])} to"
+        f" {format_share(closing.interval[1])})."
+    )
+
+
+def _list_errors(report: DiagnosisReport) -> tuple[float, float, float]:
+    """List the error before, after and the attainable one."""
+    closing = report.gap.closure
+    return closing.before, closing.after, closing.floor
+
+
+def format_shot_use(report: DiagnosisReport) -> str:
+    """Format how many shots there are, what each was used for, and their noise.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        One sentence; empty where it is not stated.
+    """
+    used = report.shot_use
+    counts = {
+        "to fit": len(used.fitting),
+        "to confirm effects": len(used.selection),
+        "held out to measure the gap": len(used.holdout),
+    }
+    total = sum(counts.values())
+    if not total:
+        return ""
+    parts = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    noise = f"; noise {format_error_size(used.noise, report.gap.metric)} per coordinate"
+    return f"{total} shot{'s' if total > 1 else ''}: {parts}{noise if math.isfinite(used.noise) else ''}."
+
+
+def format_strength_note(report: DiagnosisReport) -> str:
+    """Format what the strengths of effects mean that are not named.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        Sentences; empty where no such effect was fitted.
+    """
+    named = {*report.effects, *(one.effect for one in report.candidates[:1] if report.verdict == "group")}
+    others = [one for one in report.candidates if one.effect not in named and one.fitted_beside is not None]
+    if not others:
+        return ""
+    if not named:
+        how = "alone, added to your simulator"
+    elif all(one.fitted_beside for one in others):
+        how = "beside the named ones"
+    elif not any(one.fitted_beside for one in others):
+        how = "in place of the named ones"
+    else:
+        alone = " and ".join(format_cause(one.effect) for one in others if not one.fitted_beside)
+        how = f"beside the named ones ({alone}: in place of them)"
+    odds = "that it is missing instead of the named ones" if named else "that it is missing"
+    return (
+        f"Of an effect that is not named, the probability is {odds}; its strength was fitted {how}. That strength may"
+        " differ from 0 although the effect is not needed, because it then also imitates whatever else is unexplained."
     )
 
 
@@ -329,20 +473,21 @@ def list_causes(report: DiagnosisReport) -> tuple[Cause, ...]:
     """
     together = [one for one in report.candidates if one.effect in report.effects]
     if len(together) < 2:
-        return tuple(_build_cause(one) for one in report.candidates)
-    parts = [_build_cause(one) for one in together]
+        return tuple(_build_cause(one, report.scene) for one in report.candidates)
+    parts = [_build_cause(one, report.scene) for one in together]
     whole = Cause(
         name=" and ".join(one.name for one in parts),
         probability=report.probability,
         strength="; ".join(f"{one.name} {one.strength}" for one in parts if one.strength),
         detectable="; ".join(f"{one.name} {one.detectable}" for one in parts if one.detectable),
         rivals=", ".join(one.rivals for one in parts if one.rivals),
+        formula="; ".join(f"{one.name}: {one.formula}" for one in parts if one.formula),
     )
-    rest = (_build_cause(one) for one in report.candidates if one not in together)
+    rest = (_build_cause(one, report.scene) for one in report.candidates if one not in together)
     return tuple(sorted((whole, *rest), key=lambda one: one.probability, reverse=True))
 
 
-def _build_cause(one: CandidateEffect) -> Cause:
+def _build_cause(one: CandidateEffect, scene: str) -> Cause:
     strengths = (format_strength(s) for s in one.strengths)
     detectable = (
         f"{format_parameter(s.name)} {_format_detectable(s)}" for s in one.strengths if math.isfinite(s.detectable_from)
@@ -354,6 +499,7 @@ def _build_cause(one: CandidateEffect) -> Cause:
         "; ".join(filter(None, strengths)),
         "; ".join(detectable),
         ", ".join(rivals),
+        FORMULAS.get(scene, {}).get(one.effect, ""),
     )
 
 
@@ -398,9 +544,36 @@ def format_undecided(report: DiagnosisReport) -> str:
     weighed = {one.effect for one in report.candidates}
     never = [format_cause(name) for name in report.unidentifiable if name not in weighed]
     missed = [format_cause(name) for name in report.unidentifiable if name in weighed]
-    untested = [format_cause(name) for name in report.not_tested]
+    untested = _group_by_reason(report.not_tested)
     lists = ("Not identifiable from any shot", never), ("Not detectable in these shots at usual strength", missed)
     return " ".join(f"{what}: {', '.join(which)}." for what, which in (*lists, ("Not tested", untested)) if which)
+
+
+def _group_by_reason(not_tested: tuple[str, ...]) -> list[str]:
+    """Format effects that were not tested; those of one reason together, with it."""
+    by_reason: defaultdict[str, list[str]] = defaultdict(list)
+    for one in not_tested:
+        name, _, reason = one.partition(": ")
+        by_reason[reason].append(format_cause(name))
+    return [
+        name for reason, names in by_reason.items()
+        for name in ([f"{' and '.join(names)} ({reason})"] if reason else names)
+    ]  # fmt: skip
+
+
+def format_assumed_effects(report: DiagnosisReport) -> str:
+    """Format what the user's simulator contains.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        Names of effects, or what moves bodies without any.
+    """
+    names = [format_cause(name) for name in report.model]
+    if report.scene == "flight":
+        return ", ".join(["gravity", *names]) if names else "gravity alone"
+    return ", ".join(names) or ("steady motion without any force" if report.scene == "slide" else "none")
 
 
 def format_with_unit(number: str, unit: str) -> str:

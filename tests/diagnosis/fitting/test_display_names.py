@@ -22,6 +22,11 @@ SCENES = (
     build_sliding_scene((), ((0.0, 1.0), (0.0, 1.0))),
 )
 EFFECTS: tuple[Effect, ...] = (*BILLIARDS_EFFECTS, *(effect for scene in SCENES for effect in scene.effects))
+SCENE_EFFECTS: dict[str, tuple[Effect, ...]] = {
+    "billiards": BILLIARDS_EFFECTS,
+    **{scene.name: scene.effects for scene in SCENES},
+    "pendulum": build_pendulum_scene(1, ()).effects,
+}
 GAUGES = ("frame_rate", "time_offset", "parallax_shift")
 
 
@@ -51,8 +56,14 @@ def test_every_phase_is_in_the_table() -> None:
 def test_groups_of_observations_are_places_and_times() -> None:
     assert display_names.format_group("since_contact", "0.1 to 0.2") == "0.1 to 0.2 s after a contact"
     assert display_names.format_group("phase", "free_roll") == "in free roll"
-    assert display_names.format_group("all", "all") == "everywhere"
-    assert display_names.format_direction(str(np.int64(1)), ("x", "y")) == "in y"
+    assert display_names.format_group("all", "all") == "in all shots"
+    assert display_names.format_group("speed", "1 to 2", "rad") == "at speeds of 1 to 2 rad/s"
+    assert display_names.format_direction(str(np.int64(1)), ("x", "y")) == "a shift in y"
+
+
+@pytest.mark.parametrize("scene", sorted(display_names.FORMULAS))
+def test_formulas_are_of_effects_that_the_scene_has(scene: str) -> None:
+    assert set(display_names.FORMULAS[scene]) <= {one.name for one in SCENE_EFFECTS[scene]}
 
 
 def test_what_no_table_holds_is_still_legible() -> None:

@@ -103,12 +103,12 @@ def test_what_stands_out_is_told_in_words_where_it_is_beyond_chance() -> None:
     everything = np.ones(ROWS, bool)
     findings = (
         GroupFinding(ObservationGroup("phase", "cushion_contact", everything), "across", 12.4),
-        GroupFinding(ObservationGroup("slow", "everywhere", everything), "waves", 6.0),
+        GroupFinding(ObservationGroup("slow", "in all shots", everything), "waves", 6.0),
         GroupFinding(ObservationGroup("since_contact", "0.1 to 0.2", everything), "along", 4.6),
         GroupFinding(ObservationGroup("speed", "1 to 2", everything), "along", 3.9),
     )
-    assert describe_structure(ResidualStructure(1e-6, findings), ("x", "y")).split("; ") == [
-        "across the motion at cushions (12 standard deviations of noise)",
-        "slowly in time everywhere (6 standard deviations of noise)",
-        "along the motion 0.1 to 0.2 s after a contact (5 standard deviations of noise)",
+    assert describe_structure(ResidualStructure(1e-6, findings), ("x", "y"), "m").split("; ") == [
+        "a shift across the motion at cushions (12 standard deviations of noise)",
+        "a slow drift in all shots (6 standard deviations of noise)",
+        "a shift along the motion 0.1 to 0.2 s after a contact (5 standard deviations of noise)",
     ]

@@ -21,18 +21,23 @@ from diagnosis.verdicts.verdict import (
     EffectShare,
     Gap,
     GapLocation,
+    ShotUse,
     Strength,
     Unexplained,
 )
 from models.core.scene import Table
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.physics.billiards.tables import TABLE_PRESETS
-from pipeline.reporting.figures.gap_figures import build_gap_figures
+from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import (
+    format_agreement,
+    format_assumed_effects,
     format_gap_closure,
     format_shot_folders,
+    format_shot_use,
     format_strength,
+    format_strength_note,
     format_undecided,
     format_unexplained,
     format_verdict,
@@ -113,7 +118,7 @@ def test_millimetres_are_enlarged_until_before_and_after_part(table: Table | Non
     assert "enlarged: 0.036 m" in part
     left, right = close.layout.xaxis.range
     ends = {one.name: float(one.x[-1]) for one in close.data}
-    assert "error of 6 mm at this moment" in ends
+    assert "error before, 6 mm at 0.63 s" in ends
     assert left < ends["observed"] < right
     assert (ends["predicted before"] - ends["observed"]) / (right - left) > 0.1
     assert (ends["predicted after"] - ends["observed"]) / (right - left) < 0.02
@@ -235,7 +240,7 @@ def test_other_scenes_have_bodies_and_walls(tmp_path: Path, scene: str) -> None:
         unexplained=replace(NOTHING_UNEXPLAINED, where=(place, at("slide", 0.0))),
     )  # fmt: skip
     write_gap_page(diagnosis, scene, tmp_path / "gap.html")
-    words = read_page(tmp_path / "gap.html")
+    words = read_page(tmp_path / "gap.html").replace("\N{NO-BREAK SPACE}", " ")
     assert "100 % of the gap appears at walls." in words
     assert "body 7" in words
     assert "or nothing moves" in words
@@ -266,7 +271,7 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     gap = gap_of(straight(), 0.3, 0.1)
     nearest = GapClosure(0.067, 0.05, 0.006, 0.45, (0.3, 0.6), True)
     diagnosis = replace(report("unknown"), gap=replace(gap, closure=nearest))
-    assert "the most similar effect reduces the error from 67 mm to 50 mm" in format_gap_closure(diagnosis)
+    assert "The most similar effect reduces the rms error over the first 0.40 s" in format_gap_closure(diagnosis)
     worse = replace(diagnosis, gap=replace(gap, closure=replace(nearest, after=0.068)))
     assert "no effect that trueroll knows reduces it" in format_gap_closure(worse)
     noise = replace(nearest, before=0.00162, after=0.00162, floor=0.00173, resolved=False)
@@ -292,7 +297,8 @@ def named(rest: Unexplained, closed: float = 0.996) -> DiagnosisReport:
 def test_the_first_sentence_states_a_rest_of_many_times_the_noise() -> None:
     sentence = format_verdict(named(REST))
     assert sentence.startswith("Your simulator lacks joint friction, which closes 99.6 % of the gap")
-    assert "4.5 times what measurement noise explains" in sentence
+    assert "the error that remains, 2.3 mrad, is 4.5 times the attainable one" in sentence
+    assert "2.3 times the attainable one" in format_verdict(named(replace(REST, times_floor=2.3)))
     assert format_verdict(named(replace(REST, times_floor=1.2))) == "Your simulator lacks joint friction."
 
 
@@ -300,7 +306,10 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
     law = ForceLaw("along", "speed", np.ones(3), np.ones(3), np.ones(3), np.ones((2, 3)), "a = -0.3 u^1.50", 0.61)
     patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
     first, second, third = format_unexplained(named(replace(REST, law=law, patch=patch)))
-    assert first.startswith("0.4 % of the gap remains: an error of 2.2 mrad")
+    assert first.startswith(
+        "0.4 % of the gap (in squared errors) remains: the rms error goes from 33.4 mrad to 2.3 mrad"
+    )
+    assert "where 0.5 mrad is attainable" in first
     assert "grows with speed" in first
     assert "a = -0.3 u^1.50" in second
     assert "61 % of the unexplained acceleration" in second
@@ -311,3 +320,133 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
 def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
     diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
     assert "the best that it knows, air drag, would close 31 % of it" in format_verdict(diagnosis)
+
+
+LAW = ForceLaw(
+    "along", "speed", np.arange(1.0, 6.0), np.arange(5.0), np.ones(5), np.ones((2, 3)), "a = 1 u - 1", 0.26
+)  # fmt: skip
+
+
+def test_a_law_of_less_than_half_is_described_in_words_and_has_no_curve() -> None:
+    sentence = format_unexplained(named(replace(REST, law=LAW)))[1]
+    assert "rises with speed" in sentence
+    assert "explains 26 % of the unexplained acceleration" in sentence
+    assert "a = 1" not in sentence
+    falling, wavy = replace(LAW, acceleration=-LAW.at), replace(LAW, acceleration=np.array([0.0, 5.0, 1.0, 4.0, 2.0]))
+    assert "falls with speed" in format_unexplained(named(replace(REST, law=falling)))[1]
+    assert "without a steady trend" in format_unexplained(named(replace(REST, law=wavy)))[1]
+    assert len(build_law_figure(LAW, "m").data) == 1
+    assert len(build_law_figure(replace(LAW, explained=0.6), "m").data) == 2
+
+
+def test_errors_are_of_all_predictions_up_to_a_time() -> None:
+    diagnosis = named(REST)
+    gap = replace(diagnosis.gap, windows=(straight(),))
+    assert format_gap_closure(replace(diagnosis, gap=gap)).startswith(
+        "Adding it reduces the rms error over the first 0.85 s of predicting hold-out shots from 33.4 mrad to 2.3 mrad"
+    )
+
+
+def agreed(p: float, limit: float) -> str:
+    """Return what the page states of shots that agree with this p-value, which is at least the limit."""
+    (friction,) = named(REST).candidates
+    one = replace(friction, sign_flip_p_value=p, sign_flip_limit=limit)
+    return format_agreement(replace(named(REST), candidates=(one,)))[0]
+
+
+def test_few_shots_limit_how_well_they_can_agree() -> None:
+    few = agreed(0.0625, 2.0**-4)
+    assert "in 6 % of all cases; with 5 shots this share cannot be below 6 %" in few
+    assert "would not exclude chance" in few
+    many = agreed(2.0**-12, 2.0**-12)
+    assert "in less than 0.1 % of all cases." in many
+    assert "exclude" not in many
+    assert "cannot be below" not in agreed(0.6, 2.0**-4)
+
+
+def test_an_effect_that_may_close_nothing_is_named_last_with_its_share() -> None:
+    shares = (
+        EffectShare("slope", 0.6, (0.5, 0.65), 0.6),
+        EffectShare("viscous_drag", 0.007, (-0.02, 0.09), 0.0),
+    )
+    diagnosis = replace(report("effects"), effects=("slope", "viscous_drag"), per_effect=shares)
+    assert format_verdict(diagnosis) == ("Your simulator lacks slope and, with a small share (0.7 %), viscous drag.")
+    negative = (shares[0], replace(shares[1], closed=-0.01))
+    assert "with no measurable share, viscous drag" in format_verdict(replace(diagnosis, per_effect=negative))
+    unsure = (replace(shares[1], effect="slope"), shares[1])
+    assert format_verdict(replace(diagnosis, per_effect=unsure)) == "Your simulator lacks slope and viscous drag."
+
+
+def test_the_page_states_shots_and_noise() -> None:
+    diagnosis = replace(named(REST), shot_use=ShotUse((0, 2, 4), (1,), (3,), 0.0009))
+    assert format_shot_use(diagnosis) == (
+        "5 shots: 3 to fit, 1 to confirm effects, 1 held out to measure the gap; noise 0.9 mrad per coordinate."
+    )
+    assert format_shot_use(replace(diagnosis, shot_use=ShotUse((0,)))) == "1 shot: 1 to fit."
+    assert format_shot_use(named(REST)) == ""
+
+
+def test_strengths_of_effects_that_are_not_named_are_explained() -> None:
+    drag = CandidateEffect("air_drag", 0.0, ("air_drag",), (), fitted_beside=("joint_friction",))
+    tilt = CandidateEffect("gravity_tilt", 0.0, ("gravity_tilt",), (), fitted_beside=())
+    diagnosis = named(REST)
+
+    def note(*others: CandidateEffect) -> str:
+        return format_strength_note(replace(diagnosis, candidates=(*diagnosis.candidates, *others)))
+
+    assert "was fitted beside the named ones. That strength may differ from 0" in note(drag)
+    assert "was fitted in place of the named ones" in note(tilt)
+    assert "(tilt of the camera against the plumb line: in place of them)" in note(drag, tilt)
+    assert note() == ""
+    assert "alone, added to your simulator" in format_strength_note(replace(report("none"), candidates=(tilt,)))
+
+
+def test_the_film_that_is_asked_for_has_a_heading(tmp_path: Path) -> None:
+    for film, shown in (("Film shot 3 again.", True), ("", False)):
+        write_gap_page(replace(named(REST), film_next=film), "swing", tmp_path / "gap.html")
+        assert ("What to film next" in read_page(tmp_path / "gap.html")) == shown
+
+
+def test_empty_columns_are_left_out(tmp_path: Path) -> None:
+    rest = replace(REST, where=())
+    write_gap_page(replace(named(rest), where=(at("swing", 1.0),)), "swing", tmp_path / "gap.html")
+    words = read_page(tmp_path / "gap.html")
+    assert not any(heading in words for heading in ("mostly", "grows with", "indistinguishable from"))
+    alike = replace(named(rest).candidates[0], group=("joint_friction", "air_drag"))
+    both = replace(named(rest), candidates=(alike,), where=(at("swing", 1.0, "time"),))
+    write_gap_page(both, "swing", tmp_path / "gap.html")
+    words = read_page(tmp_path / "gap.html")
+    assert all(heading in words for heading in ("grows with", "indistinguishable from"))
+
+
+def test_what_a_simulator_contains_is_never_nothing_in_flight() -> None:
+    thrown = replace(report("none"), scene="flight")
+    assert format_assumed_effects(thrown) == "gravity alone"
+    assert format_assumed_effects(replace(thrown, model=("air_drag",))) == "gravity, air drag"
+    assert format_assumed_effects(report("none")) == "none"
+
+
+def test_effects_of_one_reason_are_listed_together() -> None:
+    diagnosis = replace(
+        report("effects"), unidentifiable=(),
+        not_tested=("perspective", "wall_restitution: no walls are stated", "wall_friction: no walls are stated"),
+    )  # fmt: skip
+    assert format_undecided(diagnosis).endswith("wall restitution and wall friction (no walls are stated).")
+
+
+def test_a_path_that_is_a_stroke_has_its_own_scales() -> None:
+    window = straight()
+    thin = replace(window, segment=replace(window.segment, positions=window.segment.positions * np.array([0.01, 1.0])))
+    (title, figure), *_ = build_gap_figures(gap_of(thin, 0.01, 0.001))
+    assert "different scales" in title
+    assert figure.layout.yaxis.scaleanchor is None
+    assert build_gap_figures(gap_of(straight(), 0.01, 0.001))[0][1].layout.yaxis.scaleanchor == "x"
+
+
+def test_maps_before_and_after_have_the_same_colours_and_large_errors_on_top() -> None:
+    maps = [figure for title, figure in build_gap_figures(gap_of(straight(), 0.01, 0.001)) if "are wrong" in title]
+    before, after = (figure.data[0].marker for figure in maps)
+    assert before.cmax == after.cmax == max(before.color)
+    assert list(before.color) == sorted(before.color)
+    assert max(after.color) < 0.2 * max(before.color)
+    assert maps[0].layout.xaxis.title.text == "x (m)"
