@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
 from models.core.typing import BoolArray, FloatArray
@@ -18,6 +19,8 @@ _PROPOSED_RADII = (*_RADII, 0.27, 0.4)
 """The same for proposals: where the fit of the paths decides, a disc may hold most of the pieces."""
 _MIN_PROPOSED_INSIDE = 2
 """Least number of pieces of motion inside a proposed disc, and outside."""
+_PROPOSAL_SIGNIFICANCE = 0.05
+"""Probability of any proposal in motion that is the same everywhere: a fit that would hardly succeed takes seconds."""
 _MIN_SPEED_SHARE = 0.05
 """Speed from which a body moves, as a share of the largest: a body at rest shows no friction."""
 _MIN_INSIDE = 4
@@ -79,7 +82,8 @@ def propose_discs(excess: ExcessAcceleration, count: int) -> tuple[tuple[Disc, .
         return (), 0
     score = _score_discs(values[:, None], weights[:, None], inside)[:, 0]
     chosen: list[int] = []
-    for k in np.argsort(-score, kind="stable"):
+    clear = score > norm.isf(_PROPOSAL_SIGNIFICANCE / 2 / len(radii))
+    for k in np.flatnonzero(clear)[np.argsort(-score[clear], kind="stable")]:
         apart = np.linalg.norm(centres[chosen] - centres[k], axis=1)
         if (apart > np.minimum(radii[chosen], radii[k])).all():
             chosen.append(int(k))

@@ -25,9 +25,9 @@ from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, LOCAL_PATCH
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 
-_PROPOSALS = 6
+_PROPOSALS = 4
 """Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius."""
-_FOLLOWED = 3
+_FOLLOWED = 2
 """Number of them, of the least cost, that are fitted to the end."""
 _WIDE_BORDERS = (0.3, 0.1)
 """Borders of the first fits, as shares of the radius of the disc."""
@@ -35,7 +35,7 @@ _COARSE = ShootingOptions(iterations=8, shot_iterations=3)
 """Iteration limits of the fits with a wide border."""
 _FINE = ShootingOptions(iterations=40, shot_iterations=10)
 """Iteration limits of the last fit."""
-_RADIUS_FACTORS = (0.7, 0.84, 1.2, 1.44)
+_RADIUS_FACTORS = (0.75, 1.33)
 """Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
 radius changes which paths cross the border."""
 _SIGNIFICANCE = 0.005
