@@ -17,6 +17,8 @@ from diagnosis.fitting.display_names import format_group
 from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
 from models.core.typing import BoolArray, FloatArray
 
+_ROUNDING = 1e-6
+"""Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped."""
 _MIN_OBSERVATIONS = 8
 """Least number of observations of a group."""
 _MIN_REMAINING_SHARE = 0.1
@@ -163,9 +165,10 @@ def _bin_by_value(family: str, values: FloatArray) -> Iterator[ObservationGroup]
     if is_valid.sum() < _BINS * _MIN_OBSERVATIONS or np.ptp(values[is_valid]) == 0:
         return
     edges = np.quantile(values[is_valid], np.linspace(0, 1, _BINS + 1))
+    labels = np.where(np.abs(edges) < _ROUNDING * np.abs(edges).max(), 0.0, edges)
     for k in range(_BINS):
         here = is_valid & (values >= edges[k]) & ((values < edges[k + 1]) | (k == _BINS - 1))
-        yield ObservationGroup(family, f"{edges[k]:.3g} to {edges[k + 1]:.3g}", here)
+        yield ObservationGroup(family, f"{labels[k]:.3g} to {labels[k + 1]:.3g}", here)
 
 
 def _bin_by_position(place: FloatArray) -> Iterator[ObservationGroup]:

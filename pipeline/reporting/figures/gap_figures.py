@@ -298,7 +298,7 @@ def _draw_error_map(
     points = go.Scatter(x=place[:, 0], y=place[:, -1], mode="markers", marker=marker)
     across, up = _name_axes(gap)
     figure = go.Figure(points).update_xaxes(title=across).update_yaxes(title=up)
-    if _has_equal_scales(place):
+    if patch is not None or _has_equal_scales(place):  # a disc is drawn as a circle
         figure.update_yaxes(scaleanchor="x")
     if patch is not None:
         _add_patch(figure, patch)

@@ -206,11 +206,13 @@ def format_share(share: float) -> str:
     """Format a share in per cent; nearly all or nearly nothing with a decimal.
 
     Args:
-        share: Between 0 and 1.
+        share: At most 1; below -1 where an error more than doubles in squares.
 
     Returns:
         The share, such as 61 % or 99.4 %.
     """
+    if share < -1:
+        return "below -100 %"
     return f"{100 * share:.1f} %" if 0.95 < share < 0.9995 or 0.0005 < abs(share) < 0.05 else f"{100 * share:.0f} %"
 
 
@@ -233,8 +235,9 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     details = "".join(f"; {one}" for one in (place, grows) if one)
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
+        share = "All" if rest.share >= 1 else format_share(rest.share)
         sentences.append(
-            f"{format_share(rest.share)} of the gap (in squared errors) remains: the rms error goes from {before} to"
+            f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
             f" {after}, where {floor} is attainable. No effect that trueroll knows explains the rest{details}."
         )
     else:
@@ -242,10 +245,10 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     if rest.law is not None:
         sentences.append(_format_law_sentence(rest.law, metric))
     if rest.patch is not None:
-        sentences.append(_format_patch_sentence(rest.patch))
-    named = {
-        one.effect: one for one in report.candidates if one.effect in {share.effect for share in report.per_effect}
-    }
+        p_value = format_p_value(rest.patch.p_value)
+        sentences.append(f"A patch: {_format_patch(rest.patch)} (p-value {p_value}).")
+    helpful = {share.effect for share in report.per_effect if share.closed > 0}
+    named = {one.effect: one for one in report.candidates if one.effect in helpful}
     sentences += [
         f"The strength of {format_cause(name)} differs between shots:"
         f" {format_parameter(s.name)} scatters by {format_with_unit(format_value(s.shot_spread, 2), s.unit)}."
@@ -299,14 +302,13 @@ def _describe_trend(law: ForceLaw) -> str:
     return "rises with" if rank >= _TREND else "falls with" if rank <= -_TREND else "varies without a steady trend with"
 
 
-def _format_patch_sentence(patch: LocalPatch) -> str:
+def _format_patch(patch: LocalPatch) -> str:
     """Format place, size and strength of a patch."""
     kind = "slowed" if patch.strength < 0 else "sped up"
     return (
-        f"Within {format_with_sigma(1000 * patch.radius, 1000 * patch.radius_sigma, 0)} mm of ({patch.centre[0]:.2f},"
+        f"within {format_with_sigma(1000 * patch.radius, 1000 * patch.radius_sigma, 0)} mm of ({patch.centre[0]:.2f},"
         f" {patch.centre[1]:.2f}) m, bodies are {kind} by"
         f" {format_with_sigma(abs(patch.strength), patch.strength_sigma)} m/s² more than elsewhere"
-        f" (p-value {format_p_value(patch.p_value)})."
     )
 
 
@@ -344,7 +346,9 @@ def format_shot_folders(origins: Mapping[int, str]) -> str:
 
 
 def _format_main_place(report: DiagnosisReport) -> str:
-    """Format where most of the gap is; empty if it is not localised."""
+    """Format where most of the gap is: a patch, or a phase of motion; empty if it is not localised."""
+    if report.unexplained.patch is not None:
+        return f": {_format_patch(report.unexplained.patch)}"
     if not report.where:
         return ""
     most = report.where[0]

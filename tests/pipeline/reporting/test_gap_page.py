@@ -34,6 +34,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_agreement,
     format_assumed_effects,
     format_gap_closure,
+    format_share,
     format_shot_folders,
     format_shot_use,
     format_strength,
@@ -313,13 +314,22 @@ def test_what_remains_is_stated_with_its_size_its_place_and_its_law() -> None:
     assert "grows with speed" in first
     assert "a = -0.3 u^1.50" in second
     assert "61 % of the unexplained acceleration" in second
-    assert third.startswith("Within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed by 0.120 ± 0.020 m/s² more")
+    assert third.startswith("A patch: within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed by 0.120 ± 0.020 m/s²")
     assert format_unexplained(named(replace(REST, where=()))) == ()
 
 
 def test_an_unknown_effect_is_compared_with_the_best_of_the_library() -> None:
     diagnosis = replace(report("unknown"), per_effect=(EffectShare("air_drag", 0.31, (0.2, 0.4), 0.31),))
     assert "the best that it knows, air drag, would close 31 % of it" in format_verdict(diagnosis)
+    patch = LocalPatch(np.array([1.2, 0.4]), 0.02, 0.15, 0.01, -0.12, 0.02, 0.0025)
+    placed = format_verdict(replace(diagnosis, unexplained=replace(REST, patch=patch)))
+    assert "does not know: within 150 ± 10 mm of (1.20, 0.40) m, bodies are slowed" in placed
+
+
+def test_effects_that_make_predictions_worse_leave_the_whole_gap() -> None:
+    first, *_ = format_unexplained(named(replace(REST, share=1.14)))
+    assert first.startswith("All of the gap (in squared errors) remains")
+    assert format_share(-61.09) == "below -100 %"
 
 
 LAW = ForceLaw(
