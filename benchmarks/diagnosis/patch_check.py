@@ -117,7 +117,7 @@ def print_table(rows: list[PatchRow]) -> None:
             Proportion(sum(abs(row.strength - 1) <= GOAL_STRENGTH for row in good), len(good)),
             Proportion(sum(row.bias <= GOAL_BIAS for row in own), len(own)),
         )
-        middle = [float(np.median([getattr(row, name) for row in good])) for name in ("overlap", "strength")]
+        middle = [float(np.median([getattr(row, name) for row in good or own])) for name in ("overlap", "strength")]
         bias = float(np.median([row.bias for row in own]))
         print(
             f"| {scene} | {len(own)} | {' | '.join(map(str, shares))} | overlap {middle[0]:.2f}, strength"
