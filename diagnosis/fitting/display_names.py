@@ -38,7 +38,7 @@ _FREE_FORMULAS: Mapping[str, str] = {
     "sliding_friction": "a = −μ g, against the motion",
     "viscous_drag": "a = −k v",
     "air_drag": "a = −k |v| v",
-    "slope": "a = g × fall",
+    "slope": "a = g × fall / 1000",
 }
 FORMULAS: Mapping[str, Mapping[str, str]] = {
     "billiards": {
@@ -46,7 +46,7 @@ FORMULAS: Mapping[str, Mapping[str, str]] = {
         "sliding_friction": "a = −μ g against the slip",
         "viscous_drag": "a = −k v",
         "air_drag": "a = −k |v| v",
-        "slope": "a = g × fall; 5/7 of it while rolling",
+        "slope": "a = g × fall / 1000; 5/7 of it while rolling",
     },
     "slide": _FREE_FORMULAS,
     "flight": {

@@ -23,6 +23,8 @@ from models.physics.effect import Prior
 
 FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)
 """Iteration limits of a fit that is compared with others."""
+ALL_GUESSES_FIT = replace(FULL_FIT, tries_all_guesses=True)
+"""The same, with `retry_guesses` from all initial guesses of every shot."""
 COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
 """Iteration limits of a first attempt, which decides whether a full fit is worthwhile."""
 _LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
@@ -65,7 +67,7 @@ class DiagnosisProblem:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Generic laws of a place; they describe what is left, and no evidence follows from them."""
+        """Generic laws of a place; they describe what is left, and no cause is named after them."""
         return tuple(e.name for e in self.scene.effects if e.kind == "place")
 
     @property

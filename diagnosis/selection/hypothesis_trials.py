@@ -8,15 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import (
+    ALL_GUESSES_FIT,
     COARSE_FIT,
     DiagnosisProblem,
     EffectFit,
     can_simulate,
     fit_effects,
+    refit_effects,
     select_best_starts,
 )
 from diagnosis.fitting.window_continuation import adopt_better_starts, restart_poor_shots, restart_while_improving
-from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, compute_hypothesis_signatures, get_shot_information
+from diagnosis.selection.hypotheses import (
+    REFUTED_RIVAL_LOG_EVIDENCE,
+    EffectSearch,
+    Hypothesis,
+    compute_hypothesis_signatures,
+    get_shot_information,
+)
+from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 from models.core.typing import BoolArray, FloatArray
 
 CLEAR_GAIN = 50.0
@@ -175,6 +184,27 @@ def restart_poor_windows(search: EffectSearch, one: Hypothesis) -> Hypothesis:
         if one.fitted.lack_of_fit <= POOR_LACK_OF_FIT
         else search.replace_fit(one, restart_while_improving(search.problem, one.fitted))
     )
+
+
+def restart_disagreeing_shots(search: EffectSearch) -> None:
+    """Refit the best hypotheses from all initial guesses, where they leave only noise but shots disagree.
+
+    A side spin that the cloth removes before a contact has no gradient: a fit without it may pass as noise, and then
+    the shot seems to have parameters of its own. Where more than noise is left, a missing effect makes shots disagree.
+
+    Args:
+        search: A finished search; better fits replace its own.
+    """
+    best = search.select_best()
+    agreement = agreement_p_value((get_shot_information(search, best), best.fitted))
+    if agreement > SUSPICIOUS_P_VALUE or best.fitted.lower_excess_cost > 0:
+        return
+    least = search.log_evidence(best) - REFUTED_RIVAL_LOG_EVIDENCE
+    for one in [one for one in search.hypotheses.values() if search.log_evidence(one) >= least]:
+        search.report_step("restarting", one.names)
+        own = one.fitted
+        refitted = refit_effects(search.problem, own.segments, own, own.starts, True, ALL_GUESSES_FIT)
+        search.replace_fit(one, min(own, refitted, key=lambda fitted: fitted.cost))
 
 
 def _may_be_absorbed(problem: DiagnosisProblem, fitted: EffectFit, fresh: NDArray[np.bool_]) -> bool:

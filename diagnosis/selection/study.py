@@ -36,6 +36,7 @@ from diagnosis.selection.cross_shot_evidence import (
 )
 from diagnosis.selection.effect_selection import search_effects
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, ProgressCallback
+from diagnosis.selection.hypothesis_trials import restart_disagreeing_shots
 from diagnosis.selection.unknown_effects import (
     MIN_EXPLAINED_SHARE,
     UnknownEvidence,
@@ -121,6 +122,8 @@ def run_study(
         duration = find_common_duration((*first, *second), ENOUGH_SECONDS)
         first, second = shorten_recordings(first, duration), shorten_recordings(second, duration)
     search = _run_search(problem, (*first, *second), on_progress)
+    if isinstance(scene, ContactRichScene):
+        restart_disagreeing_shots(search)
     choice = compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
     best, body_fit = choice.best, choice.body_fit
     base, full = search.simulator_fit, best.fitted

@@ -56,7 +56,7 @@ from diagnosis.verdicts.verdict import (
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene, Recording
 
-_PATCH_NOTE = "the parameters were fitted together with the patch, which would bias them"
+_PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 _MEDIAN_SIGMAS = 0.674
 """Standard deviations that half of all strengths exceed."""
 
@@ -103,18 +103,22 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
 def _fit_patch(study: Study) -> PatchFit | None:
     """Fit a patch where more than noise remains; None where there is none, or the scene has no law of a place.
 
-    Effects that were named may only imitate a patch: it is fitted beside them where it leaves more than noise alone.
+    Effects that were named may only imitate a patch: it is fitted without and beside them, in the same windows, and by
+    the Bayesian information criterion (Schwarz 1978) they must gain more than their parameters could by chance.
     """
-    problem, base, full = study.problem, study.base, study.full
+    problem, base, full = study.problem, study.search.base.fitted, study.full
     evidence = study.unknown_evidence
     if not (problem.places and evidence.has_systematic_residuals and study.body_fit is None):
         return None
     alone = fit_local_patch(problem, base, full)
-    if not full.names or (alone is not None and alone.fitted.lower_excess_cost == 0):
-        return alone
-    beside = fit_local_patch(problem, full, full)
-    fits = [one for one in (alone, beside) if one is not None]
-    return min(fits, key=lambda one: one.fitted.cost, default=None)
+    beside = fit_local_patch(problem, full, full) if full.names else None
+    fits = [one.fitted for one in (alone, beside) if one is not None]
+    noise = min((one.lack_of_fit for one in fits), default=1.0)
+
+    def criterion(one: PatchFit) -> float:
+        return one.fitted.cost / noise + float(one.fitted.free.sum() * np.log(one.fitted.value_count))
+
+    return min((one for one in (alone, beside) if one is not None), key=criterion, default=None)
 
 
 def _note_shortened_shots(study: Study) -> tuple[str, ...]:

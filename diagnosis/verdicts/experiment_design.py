@@ -80,8 +80,8 @@ def design_detecting_experiment(
                 f" strength; {more} more like {like} would."
             )
     return (
-        f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual strength,"
-        " however often they are repeated: film much slower and much faster motion, and for longer."
+        f"This answer needs no more film. To test {format_cause(name)} of usual strength, film much slower and much"
+        " faster motion, and for longer; more shots like these would not reveal it."
     )
 
 

@@ -92,6 +92,9 @@ class ShootingOptions:
     is_smooth: bool = False
     """Whether paths are smooth functions of start and parameters, without contacts and chaos: the cost of a chain does
     not jump then, and its initial guess leads to its best states."""
+    tries_all_guesses: bool = False
+    """Whether a chain is fitted from all of its initial guesses, also where the first one explains it: noise may hide
+    another one that explains it better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,7 +350,8 @@ def _fit_guesses(
     for starts in guesses:
         guess = _simulate_guess(problem, now, chain, starts)
         fits.append(_fit_chain_states(problem, guess, chain, options.shot_iterations))
-        if fits[-1].costs[chain] <= _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own):
+        explained = _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own)
+        if not options.tries_all_guesses and fits[-1].costs[chain] <= explained:
             return fits[-1]
     best = min(fits, key=lambda one: float(one.costs[chain]))
     if options.is_smooth or best.costs[chain] <= _EXPLAINED_CHI2 * count:

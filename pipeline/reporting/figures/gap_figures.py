@@ -276,7 +276,7 @@ def _build_error_maps(gap: Gap, table: Table | None, patch: LocalPatch | None) -
     after = _draw_error_map(gap, gap.after, largest, table, patch)
     return [
         (f"Where predictions of your simulator are wrong, before{_note_scales(before)}", before),
-        ("Where predictions of the improved simulator are wrong, after: the same colours", after),
+        (f"Where predictions of the improved simulator are wrong, after: the same colours{_note_scales(after)}", after),
     ]
 
 

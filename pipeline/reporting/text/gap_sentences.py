@@ -206,7 +206,7 @@ def format_share(share: float) -> str:
     """Format a share in per cent; nearly all or nearly nothing with a decimal.
 
     Args:
-        share: At most 1; below -1 where an error more than doubles in squares.
+        share: Of a gap in squared errors; below -1 where the gap more than doubles.
 
     Returns:
         The share, such as 61 % or 99.4 %.
@@ -235,10 +235,10 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     details = "".join(f"; {one}" for one in (place, grows) if one)
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
-        share = "All" if rest.share >= 1 else format_share(rest.share)
+        share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share), "the rest")
         sentences.append(
             f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
-            f" {after}, where {floor} is attainable. No effect that trueroll knows explains the rest{details}."
+            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{details}."
         )
     else:
         sentences.append(f"What remains is more than noise{details}.")
@@ -437,8 +437,11 @@ def format_strength_note(report: DiagnosisReport) -> str:
     others = [one for one in report.candidates if one.effect not in named and one.fitted_beside is not None]
     if not others:
         return ""
-    if not named:
+    best = {one.effect for one in report.per_effect} - named
+    if not named and not best:
         how = "alone, added to your simulator"
+    elif not named:
+        how = f"beside {' and '.join(format_cause(name) for name in sorted(best))}, or alone"
     elif all(one.fitted_beside for one in others):
         how = "beside the named ones"
     elif not any(one.fitted_beside for one in others):
