@@ -153,7 +153,7 @@ def compare_certificates(first: Mapping[str, Any], second: Mapping[str, Any]) ->
     rows = []
     for name, one, other in both:
         sigma = math.hypot(one["sigma"], other["sigma"])
-        differs = abs(other["value"] - one["value"]) > limit * sigma
+        differs = bool(abs(other["value"] - one["value"]) > limit * sigma)
         rows.append(NumberComparison(name, one["unit"], one["value"], other["value"], sigma, differs))
     return tuple(rows)
 

@@ -11,7 +11,12 @@ import pytest
 
 from models.core.errors import OptionError
 from models.physics.billiards.tables import TABLE_PRESETS
-from pipeline.io.tables.certificate_files import SCHEMA, compare_certificates, read_certificate
+from pipeline.io.tables.certificate_files import (
+    SCHEMA,
+    compare_certificates,
+    describe_comparison,
+    read_certificate,
+)
 from pipeline.reporting.figures.certificate_figures import build_slope_figure
 from pipeline.reporting.pages import certificate_page
 from pipeline.reporting.pages.certificate_page import (
@@ -102,3 +107,9 @@ def test_the_fall_is_an_arrow_that_ends_in_the_middle_of_its_errors(slope: float
     assert (arrow.x[1], arrow.y[1]) == pytest.approx((np.mean(errors.x[:-1]), np.mean(errors.y[:-1])), abs=1e-9)
     assert np.array_equal(arrow.marker.symbol, symbol)
     assert figure.layout.annotations[0].text == label
+
+
+def test_a_comparison_with_computed_numbers_is_json() -> None:
+    computed = make_certificate(slope_x=(np.float64(1.3), np.float64(0.1)))
+    (row,) = describe_comparison(compare_certificates(computed, make_certificate(slope_x=(0.1, 0.1))))
+    assert json.loads(json.dumps(row))["differs"] is True
