@@ -170,6 +170,7 @@ def test_a_shot_is_played_otherwise(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert answers["aside"]["real"] == answers["same"]["real"]
     for name in ("what_if.json", "what_if.csv", "what_if.png"):
         assert (tmp_path / "aside" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
-    assert Image.open(tmp_path / "aside" / "what_if.png").size[0] == 1280
+    with Image.open(tmp_path / "aside" / "what_if.png") as plan:
+        assert plan.size[0] == 1280
     assert execute_command_line([*words[:2], "--game", "carom"]) == 2
     assert "needs three balls" in capsys.readouterr().err
