@@ -16,6 +16,7 @@ from scipy.stats import norm
 from diagnosis.fitting.display_names import format_group
 from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
 from models.core.typing import BoolArray, FloatArray
+from models.numerics.significance import correct_for_choices
 
 _ROUNDING = 1e-6
 """Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped."""
@@ -117,7 +118,7 @@ def _largest_p_value(largest: float, chance: FloatArray) -> float:
     """
     counted = (1 + int((chance >= largest).sum())) / (1 + len(chance))
     alike = np.log(0.5) / np.log1p(-2 * norm.sf(float(np.median(chance))))
-    beyond = -np.expm1(alike * np.log1p(-min(2 * float(norm.sf(largest)), 1 - 1e-16)))
+    beyond = correct_for_choices(2 * float(norm.sf(largest)), float(alike))
     return float(counted if counted > 5 / len(chance) else min(counted, beyond))
 
 

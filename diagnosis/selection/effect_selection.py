@@ -34,6 +34,7 @@ from diagnosis.selection.hypothesis_trials import (
 )
 from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
+from models.numerics.significance import correct_for_choices
 
 SIGNIFICANCE = 0.01
 """Probability of adding any effect where none is missing."""
@@ -320,12 +321,11 @@ def _refit_from_starts(search: EffectSearch, other: Hypothesis, one: Hypothesis)
 
 
 def effect_p_value(search: EffectSearch, hypothesis: Hypothesis, name: str) -> float:
-    """Return the probability that the best of all choices gains as much by chance (Sidak 1967)."""
+    """Return the probability that the best of all choices gains as much by chance."""
     without = fit_without_effect(search, hypothesis, name)
     gain = (without.cost - hypothesis.fitted.cost) / max(hypothesis.fitted.lack_of_fit, 1.0)
     more = max(int(hypothesis.fitted.free.sum() - without.free.sum()), 1)
-    single = float(chi2.sf(max(gain, 0.0), more))
-    return -float(np.expm1(len(search.choices) * np.log1p(-min(single, 1 - 1e-16))))
+    return correct_for_choices(float(chi2.sf(max(gain, 0.0), more)), len(search.choices))
 
 
 def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[str]]:

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
 from models.core.typing import BoolArray, FloatArray
 
-_SIGNIFICANCE = 0.005
+PATCH_SIGNIFICANCE = 0.005
 """Probability of a patch in motion that is the same everywhere."""
 _RADII = (0.04, 0.06, 0.09, 0.13, 0.18)
 """Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again."""
@@ -132,7 +132,7 @@ def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> Lo
     order = rng.permuted(np.repeat(np.arange(len(values))[:, None], _SHUFFLES, axis=1), axis=0)
     by_chance = _most_significant(values[order], weights[order], inside)[1]
     p_value = float((1 + (by_chance >= largest[0]).sum()) / (1 + _SHUFFLES))
-    if p_value > _SIGNIFICANCE:
+    if p_value > PATCH_SIGNIFICANCE:
         return None
     disc = int(best[0])
     drawn = np.array(list(_draw_discs(excess, values, weights, centres, radii, inside, rng)))

@@ -19,11 +19,12 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_start_states,
     refit_effects,
 )
-from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
-from diagnosis.unexplained.local_patch import Disc, LocalPatch, propose_discs
+from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
+from diagnosis.unexplained.local_patch import PATCH_SIGNIFICANCE, Disc, LocalPatch, propose_discs
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, LOCAL_PATCH
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
+from models.numerics.significance import correct_for_choices
 
 _PROPOSALS = 4
 """Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius."""
@@ -38,8 +39,6 @@ _FINE = ShootingOptions(iterations=40, shot_iterations=10)
 _RADIUS_FACTORS = (0.75, 1.33)
 """Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
 radius changes which paths cross the border."""
-_SIGNIFICANCE = 0.005
-"""Probability of a patch in motion that is the same everywhere."""
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
 """Usual radius of a patch as a share of the extent of the motion, and its relative spread: a local patch is smaller
 than the plane, and paths along one side of it hardly tell how far it reaches."""
@@ -53,21 +52,23 @@ class PatchFit:
     fitted: EffectFit
 
 
-def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: EffectFit) -> PatchFit | None:
+def fit_local_patch(
+    problem: DiagnosisProblem, without: EffectFit, excess: ExcessAcceleration, rival_cost: float = np.inf
+) -> PatchFit | None:
     """Fit a patch to the paths, beside the effects of another fit.
 
     Its significance is that of its gain over the best of the fit without it, of that fit with a generic law of
-    resistance that is the same everywhere, and of a rival, with Sidak's correction for the number of discs.
+    resistance that is the same everywhere, and of a rival, corrected for the number of discs.
 
     Args:
         problem: Scene with the generic law `local_patch`, and priors.
         without: The fit without a patch.
-        rival: Another fit of the same windows without a patch.
+        excess: Accelerations that it lacks.
+        rival_cost: Cost of another fit of the same windows without a patch.
 
     Returns:
         The patch; None where no disc is significant, or where it leaves more than it explains.
     """
-    excess = measure_excess_acceleration(problem, without)
     discs, count = propose_discs(excess, _PROPOSALS)
     if not discs:
         return None
@@ -76,10 +77,10 @@ def fit_local_patch(problem: DiagnosisProblem, without: EffectFit, rival: Effect
     fitted = min((_narrow_border(local, one) for one in coarse[:_FOLLOWED]), key=lambda one: one.cost)
     names = (*without.names, *problem.probes)
     smooth = fit_effects(problem, without.segments, names, without.forms, without.shared, without.starts)
-    gain = (min(without.cost, smooth.cost, rival.cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
+    gain = (min(without.cost, smooth.cost, rival_cost) - fitted.cost) / max(fitted.lack_of_fit, 1.0)
     single = float(chi2.sf(max(gain, 0.0), int(fitted.free.sum() - without.free.sum())))
-    p_value = -float(np.expm1(count * np.log1p(-min(single, 1 - 1e-16))))
-    if p_value > _SIGNIFICANCE or without.cost - fitted.cost < fitted.lower_excess_cost:
+    p_value = correct_for_choices(single, count)
+    if p_value > PATCH_SIGNIFICANCE or without.cost - fitted.cost < fitted.lower_excess_cost:
         return None
     return PatchFit(_describe_patch(local, fitted, p_value), fitted)
 

@@ -23,7 +23,7 @@ from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypothesis_trials import try_hypothesis
 from diagnosis.selection.signatures import compute_signatures
 from diagnosis.selection.study import Study
-from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
+from diagnosis.unexplained.excess_acceleration import ExcessAcceleration, measure_excess_acceleration
 from diagnosis.unexplained.force_law import find_force_law
 from diagnosis.unexplained.local_patch import find_local_patch
 from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
@@ -73,13 +73,14 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         The report.
     """
     scene, best = study.problem.scene, study.best
-    patch_fit = _fit_patch(study)
+    excess = _measure_excess(study)
+    patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
     verdict, named_effects, film = _decide_verdict(study, patch_fit)
     gap, per_effect = _measure_gap(study, recordings, rng)
     named = best.names if verdict in ("effects", "group") else ()
     phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
     detectable = _detectable_strengths(study)
-    unexplained = _describe_unexplained(study, gap.closure, patch_fit, rng)
+    unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
@@ -100,25 +101,33 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
 
 
-def _fit_patch(study: Study) -> PatchFit | None:
-    """Fit a patch where more than noise remains; None where there is none, or the scene has no law of a place.
+def _measure_excess(study: Study) -> ExcessAcceleration | None:
+    """Measure the acceleration that the best hypothesis lacks; None where only noise remains.
+
+    None also where strengths differ between bodies: the excess is beyond strengths that all bodies share.
+    """
+    if not study.unknown_evidence.has_systematic_residuals or study.body_fit is not None:
+        return None
+    return measure_excess_acceleration(study.problem, study.full)
+
+
+def _fit_patch(study: Study, excess: ExcessAcceleration) -> PatchFit | None:
+    """Fit a patch, given the acceleration that the best hypothesis lacks; None where there is none.
 
     Effects that were named may only imitate a patch: it is fitted without and beside them, in the same windows, and by
     the Bayesian information criterion (Schwarz 1978) they must gain more than their parameters could by chance.
     """
     problem, base, full = study.problem, study.search.base.fitted, study.full
-    evidence = study.unknown_evidence
-    if not (problem.places and evidence.has_systematic_residuals and study.body_fit is None):
-        return None
-    alone = fit_local_patch(problem, base, full)
-    beside = fit_local_patch(problem, full, full) if full.names else None
-    fits = [one.fitted for one in (alone, beside) if one is not None]
-    noise = min((one.lack_of_fit for one in fits), default=1.0)
+    both = [fit_local_patch(problem, full, excess)]
+    if full.names:
+        both.append(fit_local_patch(problem, base, measure_excess_acceleration(problem, base), full.cost))
+    fits = [one for one in both if one is not None]
+    noise = min((one.fitted.lack_of_fit for one in fits), default=1.0)
 
-    def criterion(one: PatchFit) -> float:
+    def compute_criterion(one: PatchFit) -> float:
         return one.fitted.cost / noise + float(one.fitted.free.sum() * np.log(one.fitted.value_count))
 
-    return min((one for one in (alone, beside) if one is not None), key=criterion, default=None)
+    return min(fits, key=compute_criterion, default=None)
 
 
 def _note_shortened_shots(study: Study) -> tuple[str, ...]:
@@ -351,15 +360,18 @@ def _share_closure(
 
 
 def _describe_unexplained(
-    study: Study, closure: GapClosure, patch_fit: PatchFit | None, rng: np.random.Generator
+    study: Study,
+    closure: GapClosure,
+    excess: ExcessAcceleration | None,
+    patch_fit: PatchFit | None,
+    rng: np.random.Generator,
 ) -> Unexplained:
     """Describe what remains after the named effects, on the shots that chose them; its size on hold-out shots."""
     is_systematic = study.unknown_evidence.has_systematic_residuals
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
     law, patch = None, None if patch_fit is None else patch_fit.patch
     coordinates = _name_coordinates(study.problem.scene, study.residuals_after.values.shape[1])
-    if is_systematic and study.body_fit is None:  # the excess is beyond strengths that all bodies share
-        excess = measure_excess_acceleration(study.problem, study.full)
+    if excess is not None:
         law = find_force_law(excess, coordinates)
         if study.problem.scene.unit == "m" and not study.problem.places:
             patch = find_local_patch(excess, rng)

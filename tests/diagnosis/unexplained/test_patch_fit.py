@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
+from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
 from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
 from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
@@ -64,7 +65,7 @@ def fit_simulator(brake: Brake, seed: int) -> tuple[DiagnosisProblem, EffectFit]
 def search_patch(brake: Brake, seed: int) -> PatchFit | None:
     """Search a patch beside friction."""
     problem, base = fit_simulator(brake, seed)
-    return fit_local_patch(problem, base, base)
+    return fit_local_patch(problem, base, measure_excess_acceleration(problem, base))
 
 
 @pytest.mark.parametrize("seed", range(2))
