@@ -56,7 +56,6 @@ FORMULAS: Mapping[str, Mapping[str, str]] = {
         "wind": "u = v − wind in the drags",
     },
     "pendulum": {
-        "rods": "ω̇ = −(g/l) sin θ with one rod",
         "joint_friction": "ω̇ = −viscous × ω − dry × sign(ω)",
         "air_drag": "ω̇ = −k |ω| ω",
         "gravity_tilt": "θ is measured from a tilted vertical",
@@ -88,7 +87,7 @@ _GROUPS: Mapping[str, str] = {
     "body": "of body number {}",
     "speed": "at speeds of {} {unit}/s",
     "direction": "in the direction of {}",
-    "place": "around (x, y) = {} {unit}",
+    "place": "around {axes} = {} {unit}",
     "time": "at {} s",
     "since_contact": "{} s after a contact",
     "radius": "at {} px from the centre of the image",
@@ -176,7 +175,9 @@ def format_group(family: str, label: str, unit: str = "m") -> str:
     """
     if family == "phase":
         return format_phase(label)
-    return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(label, unit=unit)
+    return _GROUPS.get(family, f"at {_replace_underscores(family)} {{}}").format(
+        label, unit=unit, axes="(theta1, theta2)" if unit == "rad" else "(x, y)"
+    )
 
 
 def format_direction(name: str, coordinates: Sequence[str]) -> str:

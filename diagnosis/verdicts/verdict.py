@@ -136,7 +136,7 @@ class Gap:
     floor_reason: str = ""
     """Why the floor is unknown; empty where it is known."""
     coordinates: tuple[str, ...] = ()
-    """Names of the coordinates; empty where they are not stated."""
+    """Names of the coordinates; empty without windows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +144,9 @@ class ShotUse:
     """Which shots were used for what, and their noise."""
 
     fitting: tuple[int, ...] = ()
-    """Shots that estimated the strengths."""
+    """Shots that estimated the strengths that selection shots confirmed."""
     selection: tuple[int, ...] = ()
-    """Shots that confirmed effects."""
+    """Shots that confirmed effects; in the end they estimate the strengths, too."""
     holdout: tuple[int, ...] = ()
     """Shots that measured the gap."""
     noise: float = float("nan")

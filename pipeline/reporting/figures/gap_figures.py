@@ -111,7 +111,9 @@ def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str
         (left, right), (low, high) = part
         whole.add_shape(type="rect", x0=left, x1=right, y0=low, y1=high, line={"color": FRAME, "width": 1.5})
         close = _draw_window_path(gap, number, moment).update_xaxes(range=[left, right])
-        close.update_yaxes(range=[low, high] if table is None else [high, low])
+        close.update_yaxes(
+            range=[low, high] if table is None else [high, low], scaleanchor=whole.layout.yaxis.scaleanchor
+        )
         drawn.append(
             (f"Inside the rectangle, enlarged: {high - low:.2g} {_coordinate_unit(gap)} from top to bottom", close)
         )
@@ -147,12 +149,9 @@ def _draw_window_path(gap: Gap, number: int, moment: Moment | None) -> go.Figure
 
 def _name_axes(gap: Gap) -> tuple[str, str]:
     """Return the titles of the first and the last coordinate."""
-    unit, count = _coordinate_unit(gap), gap.before[0].shape[2]
-    names = gap.coordinates or (
-        ("x", "y", "z")[:count] if unit == "m" else tuple(f"theta{k + 1}" for k in range(count))
-    )
     words = {"z": "height z", "theta1": "angle theta1", "theta2": "angle theta2"}
-    first, last = (f"{words.get(name, name)} ({unit})" for name in (names[0], names[-1]))
+    ends = gap.coordinates[0], gap.coordinates[-1]
+    first, last = (f"{words.get(name, name)} ({_coordinate_unit(gap)})" for name in ends)
     return first, last
 
 

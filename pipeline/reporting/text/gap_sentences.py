@@ -98,7 +98,7 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         report: Result of a diagnosis.
 
     Returns:
-        One sentence per named effect that could be tested; with a group, about its first name.
+        A few sentences per named effect that could be tested; with a group, about its first name.
     """
     named = report.effects or tuple(one.effect for one in report.candidates[:1] if report.verdict == "group")
     return tuple(

@@ -58,6 +58,7 @@ def test_groups_of_observations_are_places_and_times() -> None:
     assert display_names.format_group("phase", "free_roll") == "in free roll"
     assert display_names.format_group("all", "all") == "in all shots"
     assert display_names.format_group("speed", "1 to 2", "rad") == "at speeds of 1 to 2 rad/s"
+    assert display_names.format_group("place", "(1, 2)", "rad") == "around (theta1, theta2) = (1, 2) rad"
     assert display_names.format_direction(str(np.int64(1)), ("x", "y")) == "a shift in y"
 
 

@@ -92,7 +92,8 @@ def gap_of(window: PredictionWindow, before: float, after: float) -> Gap:
     """Predictions that are off sideways by so many m at the end."""
     way = np.linspace(0, 1, len(window.segment.t))[:, None, None] * np.array([1.0, 0.0])
     paths = [window.segment.positions + off * way for off in (before, after)]
-    return Gap("rms_m", 0.4, (window.segment.shot,), NOTHING, (window,), (paths[0],), (paths[1],))
+    shot = window.segment.shot
+    return Gap("rms_m", 0.4, (shot,), NOTHING, (window,), (paths[0],), (paths[1],), coordinates=("x", "y"))
 
 
 def test_predictions_after_are_drawn_only_where_something_was_added() -> None:
@@ -126,6 +127,9 @@ def test_millimetres_are_enlarged_until_before_and_after_part(table: Table | Non
     frame = plan.layout.shapes[-1]
     assert (frame.x0, frame.x1) == (left, right)
     assert sorted(close.layout.yaxis.range) == [frame.y0, frame.y1]
+    assert close.layout.yaxis.scaleanchor == plan.layout.yaxis.scaleanchor, (
+        "the enlarged part has the scales of the plan"
+    )
     assert (close.layout.yaxis.range[0] > close.layout.yaxis.range[1]) == (table is not None), "as the plan has it"
 
 
@@ -163,7 +167,8 @@ def test_a_single_coordinate_is_enlarged_along_time_as_well() -> None:
     places = np.sin(t)[:, None, None]
     window = PredictionWindow(Recording(0, np.arange(20), t, ("rod",), places, np.full((20, 1), 1e-3)), 8)
     off = places + 0.004 * t[:, None, None]
-    _, (title, close), *_ = build_gap_figures(Gap("rms_rad", 0.4, (0,), NOTHING, (window,), (off,), (places,)))
+    gap = Gap("rms_rad", 0.4, (0,), NOTHING, (window,), (off,), (places,), coordinates=("theta1",))
+    _, (title, close), *_ = build_gap_figures(gap)
     assert "rad" in title
     assert close.layout.xaxis.range[0] < t[-1] < close.layout.xaxis.range[1]
 

@@ -196,7 +196,7 @@ def make_diagnosis() -> DiagnosisReport:
          CandidateEffect("air_drag", 0.1, ("air_drag",), (none,))),
         (GapLocation("free_roll", 1.0, "cube", 3, (0.0, 0.6), None, "speed"),),
         Gap("rms_m", 0.5, (3, 5), GapClosure(0.03, 0.001, 0.001, 1.0, (0.98, 1.0), True), tuple(windows), tuple(before),
-            tuple(after)),
+            tuple(after), coordinates=("x", "y")),
         (EffectShare("viscous_drag", 0.99, (0.98, 1.0), 0.99),), REST,
         (drag,), (), ("frame_rate",), ("lens_distortion",), "Film faster shots.", 1e-9, (),
     )  # fmt: skip
