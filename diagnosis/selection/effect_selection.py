@@ -34,6 +34,7 @@ from diagnosis.selection.hypothesis_trials import (
 )
 from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
+from models.numerics.least_squares import invert_semidefinite
 from models.numerics.significance import correct_for_choices
 
 SIGNIFICANCE = 0.01
@@ -269,7 +270,7 @@ def _has_strength(problem: DiagnosisProblem, fitted: EffectFit, name: str) -> bo
     own = problem.mask((name, *find_details(problem, frozenset({name})))) & fitted.free
     here = own[fitted.free]
     strength = (fitted.shared - problem.neutral(fitted.forms))[own]
-    square = float(strength @ np.linalg.pinv(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
+    square = float(strength @ invert_semidefinite(fitted.shooting.covariance[np.ix_(here, here)]) @ strength)
     return bool(square > chi2.isf(_STRENGTH_SIGNIFICANCE, len(strength)))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
 from models.core.typing import BoolArray, FloatArray
-from models.numerics.least_squares import solve_damped
+from models.numerics.least_squares import invert_semidefinite, solve_damped
 
 INSEPARABLE_CORRELATION = 0.9
 """Canonical correlation from which two effects cannot be separated."""
@@ -54,7 +54,7 @@ class Signatures:
         strengths = np.full(len(self.score), np.inf)
         identifiable = np.flatnonzero(effect & (np.diag(self.information) > 1e-6 * self.raw))
         if len(identifiable):
-            inverse = np.linalg.pinv(self.information[np.ix_(identifiable, identifiable)], hermitian=True)
+            inverse = invert_semidefinite(self.information[np.ix_(identifiable, identifiable)])
             strengths[identifiable] = DETECTION_SIGMAS * np.sqrt(np.diag(inverse))
         return strengths
 

@@ -126,14 +126,13 @@ def _measure_pieces(
             t = segment.t[rows[here]]
             if np.isin(phases[here], _CONTACT_PHASES).any() or not np.isfinite(path[rows[here], body]).all():
                 continue
-            design = np.vander(t - t.mean(), 3)
-            solved, inverse = np.linalg.pinv(design), np.linalg.pinv(design.T @ design)
+            span = float(np.ptp(t))
+            weights = 2 * np.linalg.pinv(np.vander((t - t.mean()) / span, 3))[0] / span**2  # of a second derivative
             miss = segment.positions[rows[here], body] - path[rows[here], body]
-            sigma = 2 * np.sqrt(inverse[0, 0]) * float(segment.sigma[rows[here], body].mean()) * correlated
             measured.append(
                 (
-                    2 * (solved @ miss)[0],
-                    sigma,
+                    weights @ miss,
+                    float(np.linalg.norm(weights) * segment.sigma[rows[here], body].mean() * correlated),
                     segment.shot,
                     float(t.mean()),
                     covariates.position[here].mean(axis=0),

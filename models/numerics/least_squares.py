@@ -21,6 +21,8 @@ MIN_INFORMATION = 1e-6
 """1/variance of a variable that no row constrains, in its own unit."""
 RIDGE = 1e-10
 """Relative ridge on the diagonal: a thousand times the rounding errors of a large fit."""
+_LEAST_SCALE = 1e-300
+"""Diagonal that stands for zero, so that its inverse is finite."""
 
 Point = TypeVar("Point")
 Linear = TypeVar("Linear")
@@ -194,6 +196,24 @@ def minimize_residuals(
         options,
     )
     return Minimum(best.point[0], best.cost, best.outcome, best.linear)
+
+
+def invert_semidefinite(matrix: FloatArray) -> FloatArray:
+    """Invert an information matrix or a covariance whose variables have different units.
+
+    The matrix is scaled to a unit diagonal first: unscaled, rounding of the largest variable can leave a negative
+    variance of the smallest. A direction that others replace to rounding keeps `RIDGE` of information.
+
+    Args:
+        matrix: (P, P) positive semidefinite but for rounding.
+
+    Returns:
+        (P, P) positive definite.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), _LEAST_SCALE))
+    sizes, axes = np.linalg.eigh(matrix * scale * scale[:, None])
+    half = axes / np.sqrt(np.maximum(sizes, RIDGE)) * scale[:, None]
+    return np.asarray(half @ half.T)
 
 
 def solve_normal_equations(equations: NormalEquations, damping: float) -> FloatArray:

@@ -21,6 +21,7 @@ from models.estimation.springs.dense_shooting import (
     minimize_chain,
     start_chain,
 )
+from models.numerics.least_squares import invert_semidefinite
 from models.physics.pendulum.double_pendulum import TYPICAL_PARAMETERS, advance_pendulum, differentiate_pendulum
 
 ANGLE_NOISE = 1e-3
@@ -141,7 +142,7 @@ def _summarize_fit(
     t: FloatArray, model: PendulumChain, observed: ChainObservations, chain: ChainEstimate
 ) -> PendulumFit:
     numbers = model.physical_parameters(chain.shared)
-    sigma = np.sqrt(np.diag(np.linalg.inv(information_of_shared(build_normal_equations(observed, chain)))))
+    sigma = np.sqrt(np.diag(invert_semidefinite(information_of_shared(build_normal_equations(observed, chain)))))
     sigma[LOGARITHMIC] *= numbers[LOGARITHMIC]
     link_residual = np.sqrt(np.mean((chain.states[1:] - chain.prediction.ends) ** 2, axis=0))
     return PendulumFit(t, chain.states, numbers, sigma, link_residual)

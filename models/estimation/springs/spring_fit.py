@@ -18,6 +18,7 @@ from models.estimation.springs.dense_shooting import (
 )
 from models.estimation.springs.parameter_layout import SpringLayout, build_layout
 from models.estimation.springs.spring_flow import SpringChain
+from models.numerics.least_squares import invert_semidefinite
 from models.physics.springs.spring_system import SpringSystem
 
 FIRST_LINK_SIGMA = 0.3
@@ -168,6 +169,4 @@ def position_residuals(fit: SpringFit) -> FloatArray:
 
 def covariance_of_shared(fit: SpringFit) -> FloatArray:
     """Compute the covariance (P, P) of the shared coordinates."""
-    information = information_of_shared(build_normal_equations(fit.observed, fit.chain))
-    size = 1 / np.sqrt(np.diag(information).clip(1e-300))
-    return np.asarray(np.linalg.pinv(information * size * size[:, None], hermitian=True) * size * size[:, None])
+    return invert_semidefinite(information_of_shared(build_normal_equations(fit.observed, fit.chain)))

@@ -12,6 +12,7 @@ from models.numerics.least_squares import (
     Minimum,
     NormalEquations,
     SearchOptions,
+    invert_semidefinite,
     minimize_cost,
     minimize_residuals,
     solve_damped,
@@ -163,3 +164,20 @@ def test_negative_rounding_errors_leave_the_rest_solved(lower: bool) -> None:
     result = solve_damped(normal, np.array([1.0, 1.0, 8.0]), 0.0, lower=lower)
     assert np.allclose([result[0] + result[1], result[2]], [1.0, 2.0], atol=1e-6)
     assert solve_damped(normal, np.eye(3), 0.0, lower=lower).shape == (3, 3)
+
+
+def test_a_covariance_follows_the_units_of_its_parameters() -> None:
+    jacobian, scale = np.random.default_rng(2).standard_normal((40, 9)), 10.0 ** np.arange(-16, 20, 4)
+    inverse = invert_semidefinite(jacobian.T @ jacobian * scale * scale[:, None])
+    np.testing.assert_allclose(inverse * scale * scale[:, None], np.linalg.inv(jacobian.T @ jacobian), rtol=1e-9)
+
+
+def test_no_variance_is_negative_where_parameters_replace_each_other() -> None:
+    """A third of the directions is missing; without scaling, rounding decides the signs of the small variances."""
+    rng = np.random.default_rng(3)
+    for exponent in range(12):
+        jacobian = rng.standard_normal((40, 6)) @ rng.standard_normal((6, 9)) * np.geomspace(1, 10.0**-exponent, 9)
+        assert (np.diag(invert_semidefinite(jacobian.T @ jacobian)) > 0).all()
+    certain = invert_semidefinite(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 4.0]]))
+    assert certain[2, 2] == pytest.approx(0.25)
+    assert certain[0, 0] > 1e6  # the sum is known, the parts are not
