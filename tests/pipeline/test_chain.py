@@ -24,6 +24,7 @@ from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, publish
 from pipeline.engine.result_cache import CacheEntry
 from pipeline.run_options import RunOptions
 from pipeline.terminal.search_display import COMPILING_NOTE
+from video.io.video_writer import VideoWriter
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
@@ -88,6 +89,16 @@ def copy_start(source: Path, target: Path) -> None:
             if packet.dts is not None and float(packet.dts * stream.time_base) < SECONDS:
                 packet.stream = copy
                 start.mux(packet)
+
+
+def copy_still(source: Path, target: Path, frames: int = 24) -> None:
+    """Repeat the first eight frames of a video, before its strike."""
+    with av.open(str(source)) as film:
+        images = [frame.to_ndarray(format="rgb24") for _, frame in zip(range(8), film.decode(video=0), strict=False)]
+        rate = film.streams.video[0].average_rate
+    with VideoWriter(target, images[0].shape[1], images[0].shape[0], Fraction(rate)) as writer:
+        for k in range(frames):
+            writer.write(images[k % len(images)])
 
 
 @pytest.fixture(scope="module")
@@ -215,6 +226,19 @@ def test_without_video_there_is_a_report_but_no_slow_motion(home: Home) -> None:
     page = (home.folder / "bare" / "report.html").read_text(encoding="utf-8")
     assert page.count('src="slow.mp4"') == 1
     assert 'src="slow.mp4"' not in (home.out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_a_clip_in_which_nobody_strikes_gets_its_report_of_where_the_balls_lie(tmp_path: Path) -> None:
+    still = Home(tmp_path)
+    still.clip.parent.mkdir()
+    copy_still(SAMPLE, still.clip)
+    status, out, err = still.trueroll("run", still.clip, "-o", still.out, "--slow", SLOW)
+    assert status == 0, err
+    assert "No ball moved" in out
+    assert {path.name for path in still.out.iterdir()} == FILES
+    assert set(still.column("tracks.csv", "shot")) == {0.0}
+    assert still.rows("events.csv") == []
 
 
 @pytest.mark.parametrize(("events", "stays"), [("old", True), ("new", False)])

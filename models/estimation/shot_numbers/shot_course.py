@@ -47,7 +47,7 @@ def list_shot_courses(graph: ContactGraph, cue: int | None) -> tuple[ShotCourse,
 
     Returns:
         Shots by time. A strike while balls move is no new shot. Where the clip begins in motion, the first shot has no
-        strike.
+        strike. None where nothing moves.
     """
     moving = [k for k, one in enumerate(graph.segments) if not one.static]
     struck = [
@@ -66,7 +66,7 @@ def list_shot_courses(graph: ContactGraph, cue: int | None) -> tuple[ShotCourse,
     times = [graph.start_time(k) for k in starts]
     return tuple(
         _follow_shot(graph, k, begin, end)
-        for k, begin, end in zip(starts, times, [*times[1:], float("inf")], strict=True)
+        for k, begin, end in zip(starts, times, [*times, float("inf")][1:], strict=True)
     )
 
 

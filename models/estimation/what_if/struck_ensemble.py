@@ -92,9 +92,11 @@ def draw_struck_ensemble(
         The ensemble.
 
     Raises:
-        TrackError: The clip has no such shot.
+        TrackError: The clip has no such shot, or none.
     """
     courses = list_shot_courses(solution.graph, tracks.kinds.index("cue") if "cue" in tracks.kinds else None)
+    if not courses:
+        raise TrackError("no ball moves in this clip, so no shot can be played otherwise; choose a clip with a strike")
     if shot >= len(courses):
         raise TrackError(f"the clip has {len(courses)} shots; shot {shot} is not among them")
     course, rng = courses[shot], np.random.default_rng(seed)

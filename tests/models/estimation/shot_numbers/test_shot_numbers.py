@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.filmed_pot import SCENE, film_pot, true_numbers
+from support.filmed_pot import FPS, LEAD, SCENE, film_pot, true_numbers
 
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.core.errors import TrackError
 from models.core.fit_result import WholeShotSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
@@ -16,6 +17,7 @@ from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.shot_numbers.contact_numbers import classify_spin, evaluate_contact
 from models.estimation.shot_numbers.measure_shots import measure_shots
 from models.estimation.shot_numbers.struck_samples import rewind_samples
+from models.estimation.what_if.struck_ensemble import draw_struck_ensemble
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS, convert_to_starts
@@ -45,6 +47,15 @@ def test_a_contact_without_friction_has_the_angles_of_geometry(cut: float) -> No
     assert throw == pytest.approx(0.0, abs=1e-9)
     assert object_speed == pytest.approx(2.0 * np.cos(np.radians(cut)))
     assert deflection == pytest.approx(cut - 90 if cut > 0 else cut + 90)
+
+
+def test_a_clip_in_which_nothing_moves_has_no_shot() -> None:
+    still = film_pot(0).truncate_after(LEAD - 1 / FPS)
+    fit, solution = fit_with_solution(still, SCENE)
+    assert solution is not None
+    assert measure_shots(fit, solution, still, SCENE.table) == ()
+    with pytest.raises(TrackError, match="no ball moves"):
+        draw_struck_ensemble(fit, solution, still, SCENE.table, 0, 4, 0)
 
 
 @pytest.mark.parametrize(("value", "state"), [(-0.5, "draw"), (0.0, "stun"), (0.5, "follow"), (1.0, "roll")])
