@@ -145,6 +145,21 @@ class _SharedCodeCache(FunctionCache):  # type: ignore[misc]
 
     _impl_class = _SharedCodeImpl
 
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        """Return the key of a signature; numba would pickle what a closure encloses, differently in every process."""
+        return signature, codegen.magic_tuple(), _describe_enclosed(self._py_func)
+
+
+def _describe_enclosed(function: Callable[..., Any]) -> tuple[Any, ...]:
+    """Describe what a closure encloses: numbers, and compiled functions by all the source that they depend on."""
+    values = (cell.cell_contents for cell in function.__closure__ or ())
+    return tuple(
+        (one.py_func.__qualname__, _hash_source_tree(one.py_func.__module__), _describe_enclosed(one.py_func))
+        if isinstance(one, Dispatcher)
+        else repr(one)
+        for one in values
+    )
+
 
 def _find_kernel(reference: _KernelReference) -> Any:
     """Find the compiled function of a reference; something else, or None, where it has another name in its module."""
@@ -166,7 +181,7 @@ def compile_kernel(function: Callable[..., Any]) -> Any:
     and for every variable that begins as one.
 
     Args:
-        function: A function of numbers and arrays at module level.
+        function: A function of numbers and arrays, which may enclose numbers and compiled functions.
 
     Returns:
         The compiled function. It is cached on disk if its module belongs to `CACHED_PACKAGES` and the cache folder is
@@ -228,8 +243,7 @@ def _make_single_compilation(kernel: Any, compile_now: Callable[[Any], Any]) -> 
 def compile_inline_closure(function: Callable[..., Any]) -> Any:
     """Compile a closure inline, as a part of every compiled function that calls it.
 
-    Numba cannot recognise a closure over compiled functions in another process, so it is not cached on disk; the
-    compiled functions that call it are.
+    It is not cached on disk; the compiled functions that call it are.
 
     Args:
         function: A closure over compiled functions.

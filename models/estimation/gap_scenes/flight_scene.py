@@ -14,8 +14,8 @@ from models.estimation.gap_scenes.motion_integrator import (
     AccelerationFunction,
     RealOrComplexArray,
     build_integrator,
-    compile_closure,
 )
+from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
 MIN_DRAG_SPEED = 1e-3
@@ -72,7 +72,7 @@ def build_flight_acceleration(coordinates: int, gravity: float, has_spin_axis: b
     Its parameters are in the order of `flight_effects`; its inputs are the spin axis, where there is one.
     """
 
-    @compile_closure
+    @compile_kernel
     def force(
         place: RealOrComplexArray,
         velocity: RealOrComplexArray,

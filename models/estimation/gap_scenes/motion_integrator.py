@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
+from models.numerics.jit import compile_kernel
 
 RealOrComplexArray = NDArray[np.float64] | NDArray[np.complex128]
 AccelerationFunction = Callable[
@@ -44,9 +43,14 @@ _NEWTON_STEPS = 4
 """Newton iterations for the time of a contact: a path is nearly straight over `MAX_STEP`."""
 
 
-def compile_closure(function: Callable[..., Any]) -> Any:
-    """Compile a function that uses values of its enclosing function; every process compiles it again."""
-    return numba.njit(error_model="numpy", nogil=True)(function)
+@compile_kernel
+def fill_curves(first: FloatArray, last: FloatArray, length: float, curves: FloatArray) -> None:
+    """Fill the coefficients (I, 4) of the cubics with values and rates (I, 2) at both ends of an interval (s)."""
+    for k in range(len(first)):
+        rise = (last[k, 0] - first[k, 0]) / length
+        curves[k, 0], curves[k, 1] = first[k, 0], first[k, 1]
+        curves[k, 2] = (3 * rise - 2 * first[k, 1] - last[k, 1]) / length
+        curves[k, 3] = (first[k, 1] + last[k, 1] - 2 * rise) / length**2
 
 
 @cache
@@ -74,7 +78,7 @@ def build_integrator(
     has_wall_parameters = wall_parameters is not None
     at_restitution, at_friction = wall_parameters or (0, 0)
 
-    @compile_closure
+    @compile_kernel
     def advance(now, h, p, curves, since, work, end):  # type: ignore[no-untyped-def]
         """Fill the state `end` (2D,) a step h after `now`, which is `since` after the row where `curves` begin."""
         at, rate, sum_of_rates, given = work
@@ -107,7 +111,7 @@ def build_integrator(
         for d in range(size):
             end[d] = now[d] + h / 6 * sum_of_rates[d]
 
-    @compile_closure
+    @compile_kernel
     def find_wall(now, end, walls):  # type: ignore[no-untyped-def]
         """Return coordinate (-1: none), side (0 lower, 1 upper) and share of the step of the first contact."""
         half = len(now) // 2
@@ -123,7 +127,7 @@ def build_integrator(
                         axis, upper, first = d, side, share
         return axis, upper, first
 
-    @compile_closure
+    @compile_kernel
     def reflect(state, axis, sign, p):  # type: ignore[no-untyped-def]
         """Change the velocity of a state (2D,) that meets a wall normal to a coordinate."""
         half = len(state) // 2
@@ -146,7 +150,7 @@ def build_integrator(
                 if d != axis:
                     state[half + d] *= left
 
-    @compile_closure
+    @compile_kernel
     def advance_between_walls(now, h, p, curves, since, work, end, walls):  # type: ignore[no-untyped-def]
         """Advance `now` (2D,) by a step h; return the time of the last contact, s after the row, or -1."""
         half = len(now) // 2
@@ -184,7 +188,7 @@ def build_integrator(
         now[:] = end
         return contact
 
-    @compile_closure
+    @compile_kernel
     def march(start, parameters, t, longest, walls, inputs):  # type: ignore[no-untyped-def]
         size, count = start.shape
         states = np.empty((len(t), size, count), start.dtype)
@@ -218,13 +222,3 @@ def build_integrator(
 
     integrator: Integrator = march
     return integrator
-
-
-@compile_closure
-def fill_curves(first: FloatArray, last: FloatArray, length: float, curves: FloatArray) -> None:
-    """Fill the coefficients (I, 4) of the cubics with values and rates (I, 2) at both ends of an interval (s)."""
-    for k in range(len(first)):
-        rise = (last[k, 0] - first[k, 0]) / length
-        curves[k, 0], curves[k, 1] = first[k, 0], first[k, 1]
-        curves[k, 2] = (3 * rise - 2 * first[k, 1] - last[k, 1]) / length
-        curves[k, 3] = (first[k, 1] + last[k, 1] - 2 * rise) / length**2
