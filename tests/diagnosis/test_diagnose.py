@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,9 +32,15 @@ def diagnose_pucks(
     return diagnose(scene, film(np.random.default_rng(seed), FRICTION | truth, filming, extra))
 
 
+@cache
+def diagnose_lack(name: str) -> DiagnosisReport:
+    """Diagnose a simulator that lacks one effect."""
+    return diagnose_pucks(LACKING[name])
+
+
 @pytest.mark.parametrize("name", LACKING)
 def test_the_missing_effect_is_named_and_measured(name: str) -> None:
-    report = diagnose_pucks(LACKING[name])
+    report = diagnose_lack(name)
     assert report.verdict == "effects"
     assert report.effects == (name,)
     assert report.candidates[0].effect == name
@@ -78,7 +85,7 @@ def test_an_effect_taken_out_of_the_library_is_unknown() -> None:
 
 
 def test_probabilities_add_up_and_hold_none_and_unknown() -> None:
-    report = diagnose_pucks(LACKING["slope"])
+    report = diagnose_lack("slope")
     chances = [one.probability for one in report.candidates]
     assert abs(sum(chances) - 1) < 1e-9
     assert chances == sorted(chances, reverse=True)

@@ -143,13 +143,13 @@ def test_a_rendered_ball_is_measured_from_a_rough_centre() -> None:
 @pytest.mark.parametrize("streak", [(14.0, 5.0), (-9.0, 22.0), (38.0, -17.0)])
 def test_a_rendered_streak_is_measured_from_a_rough_detection(streak: tuple[float, float]) -> None:
     rng = np.random.default_rng(1)
-    misses, pulls = [], []
+    regressor, misses, pulls = open_offset_regressor(STREAK), [], []
     for _ in range(8):
         ball = Ball(*rng.uniform((150, 120), (450, 220)), WHITE, streak)
         image = render_balls([ball], rng)
         rough = np.array(streak) * rng.uniform(0.85, 1.15) * rng.choice([-1, 1])
         at = np.array([ball.x, ball.y]) + rng.normal(0, 2.0, 2)
-        measured = measure_streak(open_offset_regressor(STREAK), image, at, SIZE_PX, rough)
+        measured = measure_streak(regressor, image, at, SIZE_PX, rough)
         along = np.array(streak) / np.hypot(*streak)
         miss = measured.centre - (ball.x, ball.y)
         misses.append(miss)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +44,16 @@ SOURCES: dict[str, Callable[[Path], Any]] = {
 by_kind = pytest.mark.parametrize("kind", [DISC, STREAK], ids=lambda kind: kind.name)
 
 
+@cache
+def render_images() -> TrainingShard:
+    """Render twelve images."""
+    return stack_training_images(list(generate_training_images(np.random.default_rng(3), 12)))
+
+
 def fill_folder(folder: Path) -> TrainingShard:
     """Write a short file of rendered images, the same as hold-out files; read its images."""
     folder.mkdir()
-    shard = stack_training_images(list(generate_training_images(np.random.default_rng(3), 12)))
+    shard = render_images()
     for name in ("pictures-00000", "held-out-00000", "held-out-00001"):
         np.savez(folder / f"{name}.npz", rgb=shard.rgb, balls=shard.balls)
     return read_shard(folder / "pictures-00000.npz")
@@ -101,7 +108,7 @@ def test_the_truth_costs_least() -> None:
     assert np.argmin([cost(offsets + 0.1, float(log_sigma)) for log_sigma in np.log([0.03, 0.1, 0.3])]) == 1
 
 
-@pytest.mark.parametrize(("kind", "stop_at", "last"), [(DISC, 60, 90), (STREAK, 40, 60)], ids=["discs", "streaks"])
+@pytest.mark.parametrize(("kind", "stop_at", "last"), [(DISC, 30, 45), (STREAK, 24, 36)], ids=["discs", "streaks"])
 def test_training_reduces_the_loss_and_continues_after_an_interruption(
     tmp_path: Path, kind: OffsetRegressorKind, stop_at: int, last: int
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from diagnosis.diagnose import diagnose
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
 from diagnosis.verdicts.candidate_probabilities import put_answer_first
+from diagnosis.verdicts.verdict import DiagnosisReport
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
 
@@ -17,7 +19,7 @@ NOISE = 0.003
 """m"""
 FLIGHT = build_flight_scene(2)
 NAMES = [f"{effect.name}.{prior.name}" for effect in FLIGHT.effects for prior in effect.parameters]
-ROWS = 40
+ROWS = 30
 """rows, at 30 frames per second"""
 
 
@@ -39,25 +41,30 @@ def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording,
     return tuple(recordings)
 
 
+@cache
+def diagnose_equal_throws(strength: str, value: float) -> DiagnosisReport:
+    """Diagnose eight throws of equal strength."""
+    return diagnose(FLIGHT, throws(strength, np.full(8, value)))
+
+
 def test_a_drag_that_differs_from_shot_to_shot_is_still_named() -> None:
     report = diagnose(FLIGHT, throws("air_drag.k", np.random.default_rng(1).uniform(0.16, 0.24, 8)))
     assert report.effects == ("air_drag",)
     assert 0.01 < report.candidates[0].strengths[0].shot_spread < 0.05
-    alike = diagnose(FLIGHT, throws("air_drag.k", np.full(8, 0.2)))
-    assert alike.candidates[0].strengths[0].shot_spread == 0.0
+    assert diagnose_equal_throws("air_drag.k", 0.2).candidates[0].strengths[0].shot_spread == 0.0
 
 
 def test_a_drag_of_a_law_that_the_library_lacks_is_unknown() -> None:
     """A brake that falls with speed is neither of the two drags."""
-    report = diagnose(FLIGHT, throws("brake_over_speed.c0", np.full(8, 2.0)))
+    report = diagnose_equal_throws("brake_over_speed.c0", 2.0)
     assert report.verdict == "unknown"
     assert report.per_effect, "the best effect of the library is measured too"
 
 
 def test_the_floor_follows_from_the_noise_whatever_the_model_leaves() -> None:
     """A brake that no effect of the library explains: the floor is that of the true law."""
-    wrong = diagnose(FLIGHT, throws("brake_over_speed.c0", np.full(8, 2.0))).gap.closure
-    right = diagnose(FLIGHT, throws("air_drag.k", np.full(8, 0.2))).gap.closure
+    wrong = diagnose_equal_throws("brake_over_speed.c0", 2.0).gap.closure
+    right = diagnose_equal_throws("air_drag.k", 0.2).gap.closure
     assert wrong.after > 1.5 * wrong.floor
     assert wrong.floor < 2 * right.floor
 

@@ -85,7 +85,7 @@ print(hashlib.sha256(Path(sys.argv[1]).read_bytes()).hexdigest())
 def test_the_bytes_do_not_depend_on_previous_memory_contents(tmp_path: Path) -> None:
     """At this size the macroblock tree of x264 reads uninitialised memory."""
     digests = set()
-    for fill_byte in ("0", "1", "2", "3"):
+    for fill_byte in ("0", "3"):
         environment = os.environ | {"MALLOC_PERTURB_": fill_byte, "PYTHONPATH": str(ROOT)}
         command = [sys.executable, "-c", DIRTY, str(tmp_path / f"{fill_byte}.mp4")]
         digests.add(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
