@@ -8,7 +8,7 @@ OUT ?= out
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test check docs wheel clean
+.PHONY: run test check mutants docs wheel clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT)
@@ -23,6 +23,9 @@ check: .venv/.tools
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python -m pytest tests/test_layering.py tests/test_names.py
+
+mutants: .venv/.tools
+	$(BIN)/python -m benchmarks.mutants $(ARGS)
 
 docs: .venv/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
