@@ -335,7 +335,7 @@ def run_tests(folder: Path, tests: Sequence[str], limit: float) -> tuple[bool | 
     Args:
         folder: The tree.
         tests: Test files or tests of it, and options of pytest.
-        limit: CPU time, s; the elapsed time is limited to four times as much.
+        limit: CPU time, s; the elapsed time is limited to ten times as much.
 
     Returns:
         Whether all tests pass (None at the limit), the last lines of pytest, and the CPU time, s.
@@ -353,7 +353,7 @@ def run_tests(folder: Path, tests: Sequence[str], limit: float) -> tuple[bool | 
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (ceil(limit), ceil(limit))),
         )
         try:
-            done.wait(4 * limit)
+            done.wait(10 * limit)
         except subprocess.TimeoutExpired:
             os.killpg(done.pid, signal.SIGKILL)
             done.wait()

@@ -129,3 +129,23 @@ def test_a_ball_at_rest_does_not_move_because_of_the_network_alone() -> None:
     )
     assert np.linalg.norm(detections.centre[0] - (resting.x, resting.y)) < 0.5
     assert (detections.streak == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("left", "left_at_rest", "length", "is_streak"),
+    [
+        (0.12, 0.28, 2.0, True),  # a moving ball leaves less than half of what one at rest leaves
+        (0.12, 0.20, 2.0, False),  # the motion explains little that a ball at rest does not
+        (0.13, 1.0, 2.0, True),
+        (0.18, 1.0, 2.0, False),  # something else is in the image
+        (0.05, 1.0, 0.9, True),
+        (0.05, 1.0, 0.7, False),  # hardly longer than the blur of an outline
+        (0.05, 1.0, 6.5, True),
+        (0.05, 1.0, 8.5, False),  # a cue
+    ],
+)
+def test_a_streak_is_what_a_moving_ball_explains_far_better_than_one_at_rest(
+    left: float, left_at_rest: float, length: float, is_streak: bool
+) -> None:
+    displacement = np.array([0.6, 0.8]) * length * RADIUS_PX
+    assert MotionBlurFit(np.zeros(2), displacement, left, left_at_rest).is_streak(RADIUS_PX) == is_streak

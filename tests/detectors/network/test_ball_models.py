@@ -235,3 +235,13 @@ def test_what_is_too_large_for_a_ball_of_the_table_is_none() -> None:
         build_test_scene(), [(0, render_balls([], np.random.default_rng(0)))], Pointer(20.0)
     )
     assert len(detector.detect(render_balls([], np.random.default_rng(1)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("times", "count"),
+    [(2, 4), (4, 12), (5, 12), (40, 12)],  # four rows of three are as many as a frame may cost
+)
+def test_an_image_of_tiny_balls_costs_a_dozen_runs_at_most(times: int, count: int) -> None:
+    """A ball of 14 px in the input of the network is large enough; here it has 1 / `times` of that."""
+    tiles = split_into_tiles(np.zeros((300, 400, 3), np.uint8), 0.999 * 7.0 * 400 / 640 / (times - 0.5), (640, 640))
+    assert len(tiles) == count

@@ -21,7 +21,7 @@ SWITCH_FRAME = 6
 """Frame after which balls go other ways."""
 
 
-def make_detections(ways: list[Way], colours: FloatArray) -> TableDetections:
+def make_detections(ways: list[Way], colours: FloatArray, error_px: float = 0.5) -> TableDetections:
     """Detections of balls on their paths, the contacts half way between two frames; row by row."""
     switch, scene = (T[SWITCH_FRAME - 1] + T[SWITCH_FRAME]) / 2, overhead()
     xy = np.array([
@@ -30,7 +30,7 @@ def make_detections(ways: list[Way], colours: FloatArray) -> TableDetections:
     ])  # fmt: skip
     count = len(T) * len(ways)
     one, colour = np.ones(count), np.tile(colours, (len(T), 1))
-    noise = np.random.default_rng(1).normal(0, 0.5, (count, 2))
+    noise = np.random.default_rng(1).normal(0, error_px, (count, 2))
     px = scene.camera.to_pixels(xy.reshape(-1, 2), R) + noise
     frame = np.repeat(np.arange(len(T)), len(ways))
     coat = (colour, 0.1 * one, 0.1 * one, 0.6 * one)
@@ -86,3 +86,13 @@ def test_a_ring_of_three_is_corrected() -> None:
     wrong = [join_paths(detections, k, (k + 1) % 3, 3) for k in range(3)]
     for k, corrected in enumerate(correct_identity_switches(wrong, detections, T, R)):
         np.testing.assert_array_equal(corrected.row, join_paths(detections, k, k, 3).row)
+
+
+@pytest.mark.parametrize(("radii", "is_switch"), [(0.85, False), (1.15, True)])
+def test_a_kink_below_a_balls_radius_is_no_switch(radii: float, is_switch: bool) -> None:
+    """Detections err by less, and two balls that roll side by side are farther apart."""
+    side_by_side = [((1.0, 0.6 + k * radii * R), (1.0, 0.0), (1.0, 0.0)) for k in (0, 1)]
+    detections = make_detections(side_by_side, ALIKE, error_px=0.0)
+    kinked = [join_paths(detections, 0, 1, 2), join_paths(detections, 1, 0, 2)]
+    corrected = correct_identity_switches(kinked, detections, T, R)
+    assert any(one is not two for one, two in zip(corrected, kinked, strict=True)) == is_switch

@@ -202,3 +202,15 @@ def test_processes_that_create_a_cache_together_share_one_mark(tmp_path: Path, m
 
     with ThreadPoolExecutor(6) as pool:
         assert len(set(pool.map(begin, range(6)))) == 1
+
+
+@pytest.mark.parametrize(("age", "stays"), [(50.0, True), (70.0, False)])
+def test_a_file_of_a_worker_that_tests_the_folder_stays_for_a_minute(
+    cache: ResultCache, age: float, stays: bool
+) -> None:
+    store_text(cache, "first")
+    probe = cache.root / "building" / "test-of-the-folder"
+    probe.touch()
+    os.utime(probe, (time.time() - age,) * 2)
+    cache.remove_leftovers()
+    assert probe.exists() == stays

@@ -113,3 +113,11 @@ def test_a_comparison_with_computed_numbers_is_json() -> None:
     computed = make_certificate(slope_x=(np.float64(1.3), np.float64(0.1)))
     (row,) = describe_comparison(compare_certificates(computed, make_certificate(slope_x=(0.1, 0.1))))
     assert json.loads(json.dumps(row))["differs"] is True
+
+
+@pytest.mark.parametrize(
+    ("shots", "contacts", "enough"), [(7, 45, True), (6, 40, True), (5, 45, False), (7, 35, False)]
+)
+def test_a_certificate_rests_on_six_shots_with_forty_contacts(shots: int, contacts: int, enough: bool) -> None:
+    text = format_too_few({"shots": shots, "cushion_contacts": contacts})
+    assert (text == "") == enough

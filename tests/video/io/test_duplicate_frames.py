@@ -168,3 +168,18 @@ def test_rendered_clips_without_duplicates_stay_whole(name: str) -> None:
     clip = open_clip(SAMPLES / f"{name}.mp4")
     assert not clip.is_duplicate.any()
     assert isinstance(clip.fps, Fraction)
+
+
+@pytest.mark.parametrize(
+    ("copies", "frames", "found"),
+    [
+        ([10, 31], 60, 0),  # two: a cue that reverses twice
+        ([10, 31, 47], 60, 3),
+        ([10, 31, 77], 90, 3),  # one in thirty, as in a clip converted from 29 to 30 fps
+        ([10, 31, 77], 130, 0),  # one in forty: no container repeats frames so rarely
+    ],
+)
+def test_a_container_repeats_frames_often_enough_to_tell(copies: list[int], frames: int, found: int) -> None:
+    change = np.full(frames, 60.0)
+    change[copies] = 1.0
+    assert find_duplicate_frames(change, np.full(frames, 90.0)).sum() == found

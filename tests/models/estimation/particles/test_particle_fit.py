@@ -7,7 +7,13 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.estimation.particles.body_names import group_by_name
-from models.estimation.particles.particle_fit import Particles, build_spline_fit, estimate_holdout_errors, fit_particles
+from models.estimation.particles.particle_fit import (
+    Particles,
+    build_spline_fit,
+    estimate_holdout_errors,
+    fit_particles,
+    list_candidate_fits,
+)
 from models.estimation.particles.particle_prediction import (
     build_extrapolation,
     fit_error_growth,
@@ -112,3 +118,22 @@ def test_names_group_only_points_with_constant_distances() -> None:
 def test_too_few_samples_are_refused(rows: int) -> None:
     with pytest.raises(ValueError, match="at least 4"):
         Particles(np.arange(rows, dtype=float), np.zeros((rows, 2, 2)))
+
+
+@pytest.mark.parametrize(("corners", "is_body"), [(2, False), (3, True)])
+def test_three_points_make_a_rigid_body_and_two_a_stick_that_springs_explain(corners: int, is_body: bool) -> None:
+    t = np.linspace(0, 1, 15)
+    shape = np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 0.8]])[:corners]
+    turned = np.stack([np.cos(2 * t), np.sin(2 * t), -np.sin(2 * t), np.cos(2 * t)], axis=1).reshape(-1, 2, 2)
+    x: FloatArray = np.concatenate([shape @ turned + [3 * k, 0.0] for k in (1, 5)], axis=1)
+    fits = list_candidate_fits(Particles(t, x, np.repeat([0, 1], corners)))
+    assert ("rigid bodies" in fits) == is_body
+
+
+@pytest.mark.parametrize(("count", "power"), [(3, 1.5), (2, 0.0)])
+def test_the_growth_of_errors_takes_three_of_them(count: int, power: float) -> None:
+    """Through two errors every power law passes."""
+    leads, moving = np.array([0.1, 0.4, 0.9])[:count], irregular_motion()
+    growth = fit_error_growth(leads, 0.2 * leads**1.5, moving)
+    extent = float(np.std(moving.x))
+    assert growth.sigma_at(np.array([2.0]))[0] == pytest.approx(0.2 * 2**1.5 if power else extent, rel=0.3)

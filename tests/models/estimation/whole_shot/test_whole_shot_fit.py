@@ -13,7 +13,7 @@ from models.core.options import FitOptions
 from models.core.tracks import Tracks
 from models.estimation.whole_shot import whole_shot_fit
 from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
-from models.estimation.whole_shot.whole_shot_fit import MAX_CHI2, MAX_MOVING_BALLS, fit_shot_laws
+from models.estimation.whole_shot.whole_shot_fit import MAX_CHI2, fit_shot_laws
 from models.physics.billiards.simulation.parametrised_shot import convert_to_states, pack_start, simulate_start
 
 SECONDS = 4.0
@@ -85,9 +85,11 @@ def test_a_spent_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_break_shot_is_not_fitted_whole() -> None:
+    """Two balls that meet two others are fitted; every ball more multiplies the orders of contacts."""
     fit, tracks, _ = simulate_fit(3)
-    many = replace(fit, moving=np.ones((len(tracks.t), MAX_MOVING_BALLS + 1), bool))
-    assert "too many" in fit_shot_laws(many, tracks, TABLE, FitOptions()).whole_shot_refusal
+    five, four = (replace(fit, moving=np.ones((len(tracks.t), count), bool)) for count in (5, 4))
+    assert "5 balls" in fit_shot_laws(five, tracks, TABLE, FitOptions()).whole_shot_refusal
+    assert whole_shot_fit._find_refusal(four, tracks) == ""
 
 
 def test_a_clip_without_motion_is_not_fitted() -> None:
