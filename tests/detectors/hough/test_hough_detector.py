@@ -19,6 +19,8 @@ from support.rendered_balls import (
 from detectors.detect import detect_in_image
 from detectors.detect_options import DetectOptions
 from detectors.hough.hough_detector import build_hough_detector
+from detectors.measurement.frame_change import ForegroundScan
+from detectors.measurement.frame_detections import FrameDetections
 from models.core.errors import ModelError
 
 HOUGH = DetectOptions(detector="hough")
@@ -137,3 +139,21 @@ def test_a_network_that_is_not_there_is_refused_in_one_sentence() -> None:
     blank = np.full((HEIGHT, WIDTH, 3), CLOTH, dtype=np.uint8)
     with pytest.raises(ModelError, match=r"none\.onnx"):
         detect_in_image(blank, build_test_scene(), DetectOptions(detector="onnx", model="none.onnx"))
+
+
+@pytest.mark.parametrize(("explained", "is_intruder"), [(0.76, False), (0.68, True)])
+def test_a_shape_is_an_intruder_where_balls_explain_less_than_three_quarters(
+    explained: float, is_intruder: bool
+) -> None:
+    """A pack of balls with its shadows leaves a quarter; an arm on which discs were found leaves more."""
+    detector = build_hough_detector(build_test_scene(), [(0, render_balls([], np.random.default_rng(0)))])
+    shape, radius = np.zeros(detector.view.radius.shape, bool), detector.view.median_radius
+    top, left, height, width = 60, 60, 120, 240
+    shape[top : top + height, left : left + width] = True
+    scan = ForegroundScan(np.zeros((*shape.shape, 3), np.float32), np.zeros(shape.shape, np.float32), shape, ~shape)
+    x, y = np.meshgrid(np.arange(left, left + explained * width - 1.15 * radius, 3), np.arange(top, top + height, 3))
+    working = np.stack([x.ravel(), y.ravel()], axis=1)
+    one = np.ones(len(working))
+    centre = detector.view.reference_to_frame(detector.view.to_reference(working), 0)
+    found = detector._find_intruders(FrameDetections(centre, radius * one, 0 * working, one, one, one), scan, 0)
+    assert found[top + height // 2, left + width // 2] == is_intruder

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from support.rendered_balls import Ball, build_test_scene, render_balls
+import pytest
+from support.rendered_balls import PX_PER_M, RADIUS, Ball, build_test_scene, render_balls
 
 from detectors.measurement.cloth_background import learn_cloth_background
 from detectors.measurement.working_view import WorkingView, build_view
@@ -14,6 +15,7 @@ from detectors.network.peak_decoding import APPEARANCES, CandidateDetections
 from detectors.network.second_pass import ENLARGED_RADIUS_PX, SearchedFrame, run_second_pass
 
 DOT = (255, 0, 255)
+RADIUS_PX = RADIUS * PX_PER_M
 BALLS = ((300.0, 170.0), (309.0, 176.0), (450.0, 120.0))
 
 
@@ -99,3 +101,16 @@ def test_lone_balls_get_one_pass() -> None:
     detections = pass_twice(lonely, view, model, candidates)
     assert model.input_sizes == []
     assert np.array_equal(detections.centre, candidates.centre)
+
+
+@pytest.mark.parametrize(("side", "passes"), [((10, 5), 2), ((8, 4), 1)])
+def test_foreground_as_large_as_a_fifth_of_a_ball_may_be_one(side: tuple[int, int], passes: int) -> None:
+    """The rest of a ball behind another one, and a piece of chalk."""
+    image = render_balls([Ball(*BALLS[0])], np.random.default_rng(1), noise=0.0)
+    (x, y), (height, width) = BALLS[0], side
+    left, top = int(x + 1.3 * RADIUS_PX), int(y - height // 2)
+    image[top : top + height, left : left + width] = (235, 230, 225)
+    view, model = build_view(build_test_scene()), DotModel()
+    candidates = peaks(view.to_working(np.array(BALLS[:1])), view.median_radius, 0.9)
+    pass_twice(image, view, model, candidates)
+    assert len(model.input_sizes) == passes - 1

@@ -10,6 +10,7 @@ import pytest
 from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import OptionError
+from pipeline.experiments.gapcheck.measured_cases import MEASURED_SETS
 from pipeline.experiments.gapcheck.real_sets import list_real_sets
 
 trueroll = pytest.fixture(make_terminal)
@@ -83,3 +84,26 @@ def test_answers_that_cannot_be_read_are_one_sentence(tmp_path: Path, content: s
 def test_a_folder_of_something_else_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="holds neither"):
         list_real_sets(tmp_path, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("height", "climb", "turn", "speed", "slides"),
+    [
+        (0.0017, 0.042, 0.85, 0.092, True),
+        (0.0023, 0.0, 0.0, 0.3, False),  # an edge in the air
+        (0.0, 0.058, 0.0, 0.3, False),
+        (0.0, 0.0, 1.15, 0.3, False),  # it turns by 13 degrees in the 30 frames
+        (0.0, 0.0, 0.0, 0.068, False),  # at rest within the errors of its velocity
+    ],
+)
+def test_a_cube_slides_where_it_lies_flat_and_moves_without_turning(
+    height: float, climb: float, turn: float, speed: float, slides: bool, tmp_path: Path
+) -> None:
+    toss = np.zeros((60, 13))
+    toss[:, 2] = 0.0524 + 0.1  # in the air
+    toss[20:50, 2], toss[20:50, 7], toss[20:50, 9], toss[20:50, 12] = 0.0524 + height, speed, climb, turn
+    still = np.zeros((60, 13))
+    (tmp_path / "contactnets_cube").mkdir()
+    np.savez(tmp_path / "contactnets_cube" / "cube_tosses_SI_64.npz", toss=toss, still=still)
+    (cube,) = [one for one in MEASURED_SETS if one.name == "sliding_cube"]
+    assert [len(frames) for frames, *_ in cube.read(tmp_path)] == ([30] if slides else [])

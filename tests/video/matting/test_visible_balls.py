@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from support import staged_shot as shot
 
@@ -44,3 +45,17 @@ def test_a_hand_over_the_place_of_a_ball_is_no_ball() -> None:
     x, y = np.rint(shot.place(float(TIMES[ROW]))[0] * shot.SCALE + shot.MARGIN).astype(int)
     image[y - 30 : y + 30, x - 30 : x + 30] = (220, 170, 140)
     assert not shows_cue(image)
+
+
+@pytest.mark.parametrize(
+    ("observed", "radii", "is_matted"),
+    [(False, 1.7, False), (False, 2.3, True), (True, 0.85, False), (True, 1.15, True)],
+)
+def test_a_slow_ball_that_overlaps_another_is_not_matted(observed: bool, radii: float, is_matted: bool) -> None:
+    """Its matte would hold half of the other ball; an undetected ball must leave it by more."""
+    timeline = build_ball_timeline(shot.scene(), shot.tracks(TIMES), shot.fit(TIMES))
+    centre, seen, radius = timeline.centre.copy(), timeline.observed.copy(), float(timeline.radius[ROW, 0])
+    centre[ROW, 1] = centre[ROW, 0] + [1.5 * radius, 0.0]
+    centre[ROW + 1] = centre[ROW] + [[-radii * radius, 0.0], [0.0, 0.0]]
+    seen[ROW, 0] = observed
+    assert (0 in replace(timeline, centre=centre, observed=seen).balls_to_matte(ROW)) == is_matted

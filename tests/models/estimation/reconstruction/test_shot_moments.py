@@ -1,4 +1,4 @@
-"""Close passes of a recorded shot that are tested again with another cloth."""
+"""Moments of a recorded shot: close passes that are tested again, motion without a cause, and doubts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import pytest
 from support import staged_shot as shot
 
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH
 from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.reconstruction import shot_moments
+from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 
 
 def test_only_close_passes_are_tested_again_with_the_friction_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,3 +39,31 @@ def test_only_close_passes_are_tested_again_with_the_friction_of_the_record(monk
     assert first == strike
     assert second.best.cause == "ball"
     assert second.best.probability > 0.5
+
+
+@pytest.mark.parametrize(("deceleration", "is_explained"), [(3.0, True), (4.0, False)])
+def test_a_ball_that_brakes_harder_than_cloth_can_is_unexplained(deceleration: float, is_explained: bool) -> None:
+    """Sliding on the roughest cloth brakes by 3 m/s^2; a finger on the ball brakes harder."""
+    times = np.arange(11) / 10
+    position = np.zeros((3, 4, 2))
+    position[:, 0], position[:2, 1] = shot.place(0.0)[[0, 0, 1]], [4.0, 0.0]
+    position[1, 0] += [0.4 * 4.0, 0.0]
+    position[1, 2] = [-deceleration / 2, 0.0]
+    calm = shot.trajectory(1.0)
+    braked = replace(calm, start=np.array([0.0, 0.4, 0.0]), end=np.array([0.4, 1.0, 1.0]), position=position)
+    moments = mark_unexplained_motion(ShotExplanation(), braked, shot.tracks(times)).moments
+    assert (len(moments) == 0) == is_explained
+    assert all(one.ball == "cue" and 0.3 < one.t < 1.0 for one in moments)
+
+
+@pytest.mark.parametrize(("away", "concerns"), [(0.12, True), (0.18, False)])
+def test_a_doubt_concerns_what_happens_within_a_few_frames(away: float, concerns: bool) -> None:
+    """Four to five frames at 30 fps: the samples from which a velocity is measured."""
+    times = np.arange(31) / shot.RATE
+    fit, scene = shot.fit(times), shot.scene()
+    hidden = Moment("cue", 0.5, 1e-3, np.zeros(2), (CauseHypothesis("none", "", 1.0),), ("hidden",))
+    record = make_shot_record(
+        shot.tracks(times), fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation((hidden,))
+    )
+    sentence = call_answers._explain_doubt(record, 0.5 + away, ("cue", "red"))
+    assert (call_answers.DOUBT_SENTENCES["hidden"] in sentence) == concerns

@@ -43,7 +43,13 @@ def test_what_is_no_table_is_refused_with_an_example(text: str) -> None:
         parse_table(text)
 
 
-@pytest.mark.parametrize("radius", [0.0, -0.03, 28.575, float("nan")])
+@pytest.mark.parametrize("radius", [0.0, -0.03, 28.575, 0.0615, 0.0085, float("nan")])
 def test_a_ball_radius_that_is_not_in_metres_is_refused(radius: float) -> None:
+    """One is the diameter of a carom ball, one the radius of a marble."""
     with pytest.raises(OptionError, match=r"0\.028575"):
         replace_ball_radius(TABLE_PRESETS["pool-9ft"], radius)
+
+
+@pytest.mark.parametrize("radius", [0.012, 0.0535])  # the balls of a toy table, and of bocce
+def test_balls_of_other_games_have_radii_too(radius: float) -> None:
+    assert replace_ball_radius(TABLE_PRESETS["pool-9ft"], radius).ball_radius == radius
