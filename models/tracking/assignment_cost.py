@@ -43,8 +43,8 @@ the cost of such a detection for a ball of another colour.
 """
 MAX_CLOTH_SHARE = 0.6
 """Largest share of the cloth's colour in the mean colour of a streak."""
-STILL_HITS = 3
-"""Initial hit count of a new ball that the next frames show at rest."""
+CONFIRMED_HITS = 3
+"""Frames with a detection from which a ball is confirmed; one that the next frames show at rest is so at birth."""
 FREE, PREDICTED_CONTACT, UNPREDICTED_CONTACT, STRUCK, OUTLIER = range(5)
 """Modes of a ball between two frames: free motion, a predicted contact, an unpredicted contact, a strike, or a
 displaced detection.
@@ -72,7 +72,7 @@ class TrackHypothesis:
     """(N, 3) and (N,): mean colour, L*a*b*, and its standard deviation."""
     hit_count: IntArray
     miss_count: IntArray
-    """(N,) frames with a detection (`STILL_HITS` at birth for a ball at rest), and frames since the last detection."""
+    """(N,) frames with a detection (`CONFIRMED_HITS` at birth for a ball at rest), and frames since the last one."""
     last_detection: IntArray
     """(N,) detection in the last frame, -1 for none."""
     cost: float = 0.0
@@ -81,7 +81,7 @@ class TrackHypothesis:
     @property
     def is_confirmed(self) -> NDArray[np.bool_]:
         """(N,) balls with enough detections."""
-        return self.hit_count >= 3
+        return self.hit_count >= CONFIRMED_HITS
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from models.core.progress import Progress, ignore_progress
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.tracking.assignment_cost import (
+    CONFIRMED_HITS,
     FREE,
     OUTLIER,
     OUTLIER_RADII,
     PREDICTED_CONTACT,
-    STILL_HITS,
     STRUCK,
     UNPREDICTED_CONTACT,
     AssignmentCosts,
@@ -206,11 +206,8 @@ def _update_hypothesis(
         colour[i] += share * (detections.colour[d] - colour[i])
     is_active = _select_active_balls(hypothesis, is_detected, xy, table)
     births = _find_births(chosen, detections, now, xy[is_detected], table)
-    cost = (
-        LATE_BIRTH_COST
-        * float(np.sum(is_detected & (hypothesis.hit_count == 2)) + np.sum(detections.is_still[births]))
-        * (not early)
-    )
+    is_confirmed_now = is_detected & (hypothesis.hit_count == CONFIRMED_HITS - 1)
+    cost = LATE_BIRTH_COST * float(np.sum(is_confirmed_now) + np.sum(detections.is_still[births])) * (not early)
     z = detections.xy[births]
     one = np.ones(len(births))
     speed = np.where(detections.is_still[births], 0.01, NEW_BALL_SPEED_SIGMA)
@@ -222,7 +219,7 @@ def _update_hypothesis(
         np.concatenate([colour[is_active], detections.colour[births]]),
         np.concatenate([spread[is_active], 8.0 * one]),
         np.concatenate(
-            [(hypothesis.hit_count + is_detected)[is_active], np.where(detections.is_still[births], STILL_HITS, 1)]
+            [(hypothesis.hit_count + is_detected)[is_active], np.where(detections.is_still[births], CONFIRMED_HITS, 1)]
         ),
         np.concatenate(
             [np.where(is_detected, 0, hypothesis.miss_count + 1)[is_active], np.zeros(len(births), np.int64)]

@@ -31,6 +31,7 @@ from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.missed_cushions import guess_rebound
+from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
 
 HAND_ODDS = 1000.0
 """Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess."""
@@ -40,8 +41,6 @@ HAND_TIME_FRAMES = 0.5
 """Frame intervals: standard deviation of a time that a person chose between two frames."""
 HELD_GAIN = 1e5
 """chi2: stands for the gain of a marked contact while the structure is searched, which does not question it."""
-CLEAR_GAIN = 20.0
-"""chi2 from which the motion shows a contact: its price in the structure search."""
 REACH_RADII = 1.0
 """Ball radii between two surfaces beyond which they cannot have met."""
 STRIKE_SAMPLES = 6
@@ -98,7 +97,7 @@ def settle_marks(
             gain = _evaluate_gain(solution, number, fit)
             graph = solution.graph.replace_contact(number, replace(solution.graph.contacts[number], gain=gain))
             solution = replace(solution, graph=graph)
-            outcome = ("confirmed" if gain >= CLEAR_GAIN else "no_change", gain)
+            outcome = ("confirmed" if gain >= REQUIRED_GAIN else "no_change", gain)
         outcomes.append(describe_outcome(mark, ids, *outcome))
     return solution, tuple(outcomes)
 

@@ -35,12 +35,11 @@ from models.estimation.shot_hypotheses.rival_causes import (
 )
 from models.estimation.structure_search.ball_encounters import frame_interval
 from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
+from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 MIN_LISTED_PROBABILITY = 0.1
 """Least probability of a listed event; below, it is a hypothesis of the explanation only."""
-MIN_GAIN = 20.0
-"""chi2 from which a velocity change is certain, whatever its cause: the price of a contact."""
 MAX_TIME_FRAMES = 2.0
 """Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much."""
 RIVAL_TIME_SHARE = 0.25
@@ -226,7 +225,7 @@ def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evi
             )
     rest = max(1 - sum(one.probability for one in hypotheses), 0.0)
     contact = shot.solution.graph.contacts[main.contact] if main.contact >= 0 else None
-    is_certain = contact is not None and (contact.kind in CAUSELESS_KINDS or contact.gain >= MIN_GAIN)
+    is_certain = contact is not None and (contact.kind in CAUSELESS_KINDS or contact.gain >= REQUIRED_GAIN)
     hypotheses.append(CauseHypothesis("unexplained" if is_certain else "none", "", rest))
     doubts: list[Doubt] = []
     for is_doubt, doubt in (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
@@ -48,8 +49,8 @@ CERTAIN_CHANGE = 1e3
 """chi2 that stands for the gain of a stop, or of a start from rest, which is not evaluated; but it is where the rest is
 as short as `MAX_REST_SAMPLES` at the start of a clip: a ball that comes from there may fit as well.
 """
-REQUIRED_GAIN = 20.0
-"""chi2: least gain of a contact that the whole clip needs."""
+REQUIRED_GAIN = FitOptions().break_price
+"""chi2: least gain of a contact that the whole clip needs, the usual price of a contact."""
 GRACE_PRICES = 3.0
 """Prices by which local revisions may raise the total cost until needless contacts are removed."""
 MAX_INSERTION_ROUNDS = 6

@@ -12,7 +12,7 @@ from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies, group_rigid_points
 from models.estimation.rigid_bodies.body_trajectories import BodySimulator, BodyState, start_without_contacts
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
-from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld
+from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, guess_worlds
 
 GRAVITY = 1000.0
 FLOOR = np.array([[0.0, -1.0, 0.0]])
@@ -215,3 +215,15 @@ def test_wandering_points_are_not_fitted_as_colliding_bodies() -> None:
     bodies = scene(*[box(24, 30)] * 4)
     x = bodies.point_positions(np.cumsum(steps, axis=0) + 100 * np.arange(4)[:, None])
     assert fit_rigid_bodies(np.arange(25) / 30, x, bodies.body).warnings
+
+
+@pytest.mark.parametrize(("growth", "is_gravity"), [(0.042, True), (0.06, False)])
+def test_gravity_is_an_acceleration_that_hardly_changes(growth: float, is_gravity: bool) -> None:
+    """Drag of a fast body changes its acceleration by more from one sample to the next."""
+    bodies, t = scene(*[box(24, 30)] * 4), np.arange(5) / 50
+    acceleration = GRAVITY * (1 + growth) ** np.arange(3)
+    y = np.concatenate([[0.0, 0.0], np.cumsum(np.cumsum(acceleration))]) * (t[1] - t[0]) ** 2
+    places = np.zeros((5, 4, 3))
+    places[..., 0], places[..., 1] = 100.0 * np.arange(4), y[:, None] - 500
+    fastest = guess_worlds(bodies, t, places, 1e-6)[0]
+    assert (fastest.gravity[1] > 0.9 * GRAVITY) == is_gravity

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from models.estimation.segmentation.contact_graph import Contact
+from models.estimation.shot_hypotheses import weigh_hypotheses
 from models.estimation.shot_hypotheses.event_evidence import (
     EVIDENCE_NAMES,
     EventEvidence,
@@ -16,6 +21,7 @@ from models.estimation.shot_hypotheses.event_probability import (
     estimate_event_probability,
     read_event_model,
 )
+from models.estimation.shot_hypotheses.event_row import EventRow
 
 
 def test_the_coefficients_cover_all_evidence_and_categories() -> None:
@@ -49,3 +55,13 @@ def test_missed_frames_are_counted_between_the_samples_around_a_time() -> None:
     assert count_missed_frames(times, 0.25, 0.1) == pytest.approx(2.0)
     assert count_missed_frames(times, 0.45, 0.1) == pytest.approx(0.0)
     assert count_missed_frames(times, 0.9, 0.1) == 0.0
+
+
+@pytest.mark.parametrize(("gain", "remainder"), [(17.0, "none"), (23.0, "unexplained")])
+def test_a_velocity_change_that_the_fit_needs_is_certain_whatever_its_cause(gain: float, remainder: str) -> None:
+    """What it needs is what it would pay for: a contact costs a chi2 of 20."""
+    graph = SimpleNamespace(contacts=[Contact("ball", 0.5, (0,), (1,), gain=gain)])
+    shot = SimpleNamespace(solution=SimpleNamespace(graph=graph))
+    row = EventRow("ball", 0.5, 1e-3, "cue", "red", np.zeros(2), "ball", 0, probability=0.3)
+    moment = weigh_hypotheses._make_moment(shot, [(row, EventEvidence())], EventEvidence())  # type: ignore[arg-type]
+    assert moment.best.cause == remainder
