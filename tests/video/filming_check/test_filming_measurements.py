@@ -149,3 +149,10 @@ def test_a_sample_of_a_long_clip_is_its_liveliest_part(tmp_path: Path) -> None:
     assert min(last, 400) - max(first, 300) > 80, "most of the motion is inside"
     assert np.abs(sample.stills[0].astype(int) - still).mean() < 60
     assert 0.625 * 2 ** (10 / 6) < sample.quantiser_step < 0.625 * 2 ** (26 / 6), "constant rate factor 20"
+
+
+@pytest.mark.parametrize(("streak", "exposure_ms"), [(38.0, 0.95 * 1e3 / 30), (48.0, float("nan"))])
+def test_no_shutter_is_open_for_longer_than_a_frame(streak: float, exposure_ms: float) -> None:
+    """A longer streak belongs to something else."""
+    balls = detections([(k, 40.0 + 40.0 * k, 60.0, streak) for k in range(3)])
+    assert measure_exposure_time(balls, np.arange(3) / 30) == pytest.approx(exposure_ms, nan_ok=True)
