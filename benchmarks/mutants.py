@@ -337,7 +337,7 @@ def run_tests(folder: Path, tests: Sequence[str], limit: float) -> tuple[bool | 
     Args:
         folder: The tree.
         tests: Test files or tests of it, and options of pytest.
-        limit: CPU time, s, of pytest and what it starts; the elapsed time is limited to forty times as much, for a loaded machine.
+        limit: CPU time, s, of pytest and what it starts; forty times as much may elapse, on a loaded machine.
 
     Returns:
         Whether all tests pass (None at the limit), the last lines of pytest, and the CPU time, s.

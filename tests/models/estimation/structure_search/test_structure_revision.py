@@ -28,7 +28,7 @@ def test_a_ball_that_passes_within_half_a_radius_of_touching_may_be_the_cause(ra
     contact = Contact("free", 0.5, (0,), (1,))
     solution = JointSolution(
         ContactGraph(segments, (contact,)),
-        ClothFriction(0.2, 0.0),
+        ClothFriction(0.2, 0.01),
         1.0,
         np.zeros(4),
         np.zeros(3),
