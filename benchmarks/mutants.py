@@ -447,7 +447,8 @@ def main() -> int:
     arguments = parser.parse_args()
     tree = SourceTree(ROOT)
     constants = [one for one in list_decision_constants(tree) if fnmatchcase(str(one), arguments.only)]
-    mutants = draw_mutants(constants, arguments.seed, arguments.count, arguments.factors)
+    drawn = draw_mutants(constants, arguments.seed, arguments.count, arguments.factors)
+    mutants = sorted(drawn, key=lambda one: tree.is_compiled(one[0].module))  # those that compile kernels take longest
     finished = {(row.constant, row.new): row for row in read_rows(arguments.rows, Row)}
     if arguments.list:
         for one, new in mutants:

@@ -218,3 +218,10 @@ def test_potted_balls_disappear_from_the_video(tmp_path: Path) -> None:
     render_slow_motion(clip, appearance, tracks, potted, path, RenderOptions(slow=4.0))
     render_poster(clip, appearance, tracks, potted, tmp_path / "poster.png")
     assert path.stat().st_size > 1000
+
+
+def test_the_default_slow_motion_is_that_of_the_published_cost() -> None:
+    """The tables of the page are in units of what encoding this many frames costs."""
+    page = Path(__file__).parents[3] / "docs" / "explanation" / "scaling.md"
+    assert "encoding its eightfold slow motion" in page.read_text(encoding="utf-8")
+    assert RenderOptions().slow == 8
