@@ -6,12 +6,11 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 OUT ?= out
 export OMP_NUM_THREADS ?= 1
-export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test check docs wheel clean
+.PHONY: run test test-kernels check docs notebooks wheel clean
 
 run: .venv/.program
-	$(BIN)/trueroll batch sample_videos -o $(OUT)
+	$(BIN)/trueroll batch sample_videos -o $(OUT) --jobs 2
 	@echo "Look at $(OUT)/*/slow.mp4, $(OUT)/*/report.html and $(OUT)/summary.csv; or: $(BIN)/trueroll view $(OUT)/overhead_pool"
 
 test: .venv/.tools
@@ -28,6 +27,9 @@ docs: .venv/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Look at site/index.html; or, with full-text search: $(BIN)/mkdocs serve"
 
+notebooks: .venv/.notebooks
+	$(BIN)/jupyter lab docs/notebooks
+
 wheel: .venv/.tools
 	.ci/check_wheel
 
@@ -40,17 +42,19 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "python's venv module is needed and was not found; install it (Debian: apt-get install python3-venv)" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 
-# torch first and capped: its newest builds bring gigabytes of CUDA.
-.venv/.program: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet "torch>=2.6,<=2.13.0"
-	$(BIN)/python -m pip install --quiet -e .
-	@echo "The first clip compiles numerical code for this machine, once: it takes one to two minutes more."
+.venv/.program: pyproject.toml .ci/install.py | $(BIN)/python
+	@echo "Setting up .venv: about 500 MB to download, 2.3 GB on the disk."
+	$(BIN)/python .ci/install.py -e .
 	@touch $@
 
 .venv/.tools: .venv/.program
-	$(BIN)/python -m pip install --quiet -e ".[dev,check,train]"
+	$(BIN)/python .ci/install.py -e ".[dev,check,train]"
 	@touch $@
 
 .venv/.docs: .venv/.program
-	$(BIN)/python -m pip install --quiet -e ".[docs]"
+	$(BIN)/python .ci/install.py -e ".[docs]"
+	@touch $@
+
+.venv/.notebooks: .venv/.program
+	$(BIN)/python .ci/install.py -e ".[notebooks]"
 	@touch $@
