@@ -6,6 +6,8 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 OUT ?= out
 export OMP_NUM_THREADS ?= 1
+KERNELS ?= Haswell Nehalem
+NUMERICAL_TESTS := tests/models/numerics tests/models/estimation tests/diagnosis tests/pipeline/test_degenerate_tracks.py
 
 .PHONY: run test test-kernels check docs notebooks wheel clean
 
@@ -15,6 +17,13 @@ run: .venv/.program
 
 test: .venv/.tools
 	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
+
+# Kernels of OpenBLAS round differently, so what passes under one can fail on another processor.
+test-kernels: .venv/.tools
+	@for kernel in $(KERNELS); do \
+		echo "Tests of linear algebra with the kernel $$kernel of OpenBLAS"; \
+		OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -n auto --dist worksteal $(ARGS) $(NUMERICAL_TESTS) || exit 1; \
+	done
 
 check: .venv/.tools
 	$(BIN)/ruff check .

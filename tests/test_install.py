@@ -123,6 +123,7 @@ def test_pip_installs_torch_first_and_capped_where_uv_cannot(
                 [sys.executable, "-c", "import sys; sys.exit('no such index')"], stderr=subprocess.PIPE, text=True
             )
 
+    monkeypatch.setattr(install, "print_largest", lambda: None)
     monkeypatch.setattr(install.subprocess, "run", run)
     monkeypatch.setattr(install.subprocess, "Popen", Failing)
     install.install(["--constraint", "limits.txt", "-e", "."])

@@ -120,7 +120,7 @@ def plot_boxes_series(series: WithheldSeries, bodies: np.ndarray) -> ThesisFigur
     figure.update_yaxes(range=[high[1], low[1]], scaleanchor="x", constrain="domain")
     figure.update_yaxes(title="y (px)", row=1, col=1)
     title = f"Figure 7: a ball at {series.case.variant} px/s into fifty boxes"
-    return _finish_figure(figure, 380, "figure-7-boxes", title)
+    return _finish_figure(figure, 270, "figure-7-boxes", title)
 
 
 def _outline_boxes(points: np.ndarray, bodies: np.ndarray) -> Iterator[np.ndarray]:
@@ -144,7 +144,7 @@ def plot_errors_by_method(
     )  # fmt: skip
     for k, cell in enumerate(cells):
         here = {"row": k // columns + 1, "col": k % columns + 1}
-        _plot_setting(figure, cell, [trial for trial in trials if _is_in_setting(trial, cell)], here)
+        _plot_setting(figure, cell, methods, [trial for trial in trials if _is_in_setting(trial, cell)], here)
         is_lowest = k + columns >= len(cells)
         figure.update_xaxes(
             type="log", dtick=2, exponentformat="power", title="mse (px²)" if is_lowest else None, **here
@@ -155,14 +155,18 @@ def plot_errors_by_method(
             figure.add_scatter(
                 x=[None], y=[None], mode="markers", name=kind, marker={"color": colour, "size": 9, "symbol": "square"}
             )
-    figure.add_scatter(x=[None], y=[None], mode="lines", name="linear interpolation", line={"color": LINE, "width": 2})
     return _finish_figure(figure, height, name, title)
 
 
-def _plot_setting(figure: go.Figure, cell: SettingResult, trials: list[Trial], here: dict[str, int]) -> None:
+def _plot_setting(
+    figure: go.Figure, cell: SettingResult, methods: list[str], trials: list[Trial], here: dict[str, int]
+) -> None:
     """Plot the errors of one setting."""
     linear = max(cell.mse["linear"], MIN_PLOTTED_MSE)
-    figure.add_vline(linear, line={"color": LINE, "width": 2}, layer="below", **here)
+    figure.add_scatter(
+        x=[linear, linear], y=[methods[0], methods[-1]], mode="lines", line={"color": LINE, "width": 2},
+        name="linear interpolation", showlegend=here == {"row": 1, "col": 1}, **here,
+    )  # fmt: skip
     shown = [trial for trial in trials if trial.method in cell.mse]
     dots = {"color": [method_colour(trial.method) for trial in shown], "size": 6, "opacity": 0.6}
     figure.add_scatter(
