@@ -52,7 +52,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv .venv
 
 .venv/.program: pyproject.toml .ci/install.py | $(BIN)/python
-	@echo "Setting up .venv: about 500 MB to download, 2.3 GB on the disk."
+	@echo "Setting up .venv: some 65 packages are downloaded and installed."
 	$(BIN)/python .ci/install.py -e .
 	@touch $@
 

@@ -60,7 +60,8 @@ def test_every_package_that_is_installed_is_imported() -> None:
     required = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
     names = {re.split(r"[\[<>=]", one)[0] for one in required}
     imported = {top(module) for path, module, _ in all_imports() if path.parts[0] in PACKAGES}
-    provided = {canonicalize_name(name) for module in imported for name in packages_distributions().get(module, [])}
+    packages = packages_distributions()
+    provided = {canonicalize_name(name) for module in imported for name in packages.get(module, [])}
     assert names <= provided, f"nothing imports {names - provided}"
 
 
