@@ -6,16 +6,24 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 OUT ?= out
 export OMP_NUM_THREADS ?= 1
-export PIP_DISABLE_PIP_VERSION_CHECK := 1
+KERNELS ?= Haswell Nehalem
+NUMERICAL_TESTS := tests/models/numerics tests/models/estimation tests/diagnosis tests/pipeline/test_degenerate_tracks.py
 
-.PHONY: run test check mutants docs wheel clean
+.PHONY: run test test-kernels check mutants docs notebooks wheel clean
 
 run: .venv/.program
-	$(BIN)/trueroll batch sample_videos -o $(OUT)
+	$(BIN)/trueroll batch sample_videos -o $(OUT) --jobs 2
 	@echo "Look at $(OUT)/*/slow.mp4, $(OUT)/*/report.html and $(OUT)/summary.csv; or: $(BIN)/trueroll view $(OUT)/overhead_pool"
 
 test: .venv/.tools
 	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
+
+# Kernels of OpenBLAS round differently, so what passes under one can fail on another processor.
+test-kernels: .venv/.tools
+	@for kernel in $(KERNELS); do \
+		echo "Tests of linear algebra with the kernel $$kernel of OpenBLAS"; \
+		OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -n auto --dist worksteal $(ARGS) $(NUMERICAL_TESTS) || exit 1; \
+	done
 
 check: .venv/.tools
 	$(BIN)/ruff check .
@@ -31,6 +39,9 @@ docs: .venv/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Look at site/index.html; or, with full-text search: $(BIN)/mkdocs serve"
 
+notebooks: .venv/.notebooks
+	$(BIN)/jupyter lab docs/notebooks
+
 wheel: .venv/.tools
 	.ci/check_wheel
 
@@ -43,17 +54,19 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "python's venv module is needed and was not found; install it (Debian: apt-get install python3-venv)" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 
-# torch first and capped: its newest builds bring gigabytes of CUDA.
-.venv/.program: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet "torch>=2.6,<=2.13.0"
-	$(BIN)/python -m pip install --quiet -e .
-	@echo "The first clip compiles numerical code for this machine, once: it takes one to two minutes more."
+.venv/.program: pyproject.toml .ci/install.py | $(BIN)/python
+	@echo "Setting up .venv: some 65 packages are downloaded and installed."
+	$(BIN)/python .ci/install.py -e .
 	@touch $@
 
 .venv/.tools: .venv/.program
-	$(BIN)/python -m pip install --quiet -e ".[dev,check,train]"
+	$(BIN)/python .ci/install.py -e ".[dev,check,train]"
 	@touch $@
 
 .venv/.docs: .venv/.program
-	$(BIN)/python -m pip install --quiet -e ".[docs]"
+	$(BIN)/python .ci/install.py -e ".[docs]"
+	@touch $@
+
+.venv/.notebooks: .venv/.program
+	$(BIN)/python .ci/install.py -e ".[notebooks]"
 	@touch $@

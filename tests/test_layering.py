@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
 from functools import cache
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
+from packaging.utils import canonicalize_name
 from support.code_structure import find_cycles, import_graph, package_graph, read_modules
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -50,6 +54,15 @@ def test_worlds_and_the_program_do_not_import_each_other() -> None:
     from_worlds = [f"{p} imports {m}" for p, m, _ in all_imports() if p.parts[0] == "worlds" and top(m) in PACKAGES]
     from_program = [f"{p} imports {m}" for p, m, _ in all_imports() if p.parts[0] != "worlds" and top(m) in APART]
     assert not from_worlds + from_program
+
+
+def test_every_package_that_is_installed_is_imported() -> None:
+    required = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    names = {re.split(r"[\[<>=]", one)[0] for one in required}
+    imported = {top(module) for path, module, _ in all_imports() if path.parts[0] in PACKAGES}
+    packages = packages_distributions()
+    provided = {canonicalize_name(name) for module in imported for name in packages.get(module, [])}
+    assert names <= provided, f"nothing imports {names - provided}"
 
 
 def test_imports_are_absolute() -> None:

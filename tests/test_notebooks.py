@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -19,6 +20,13 @@ def test_the_three_notebooks_are_stored_without_output() -> None:
     assert [path.stem for path in NOTEBOOKS] == ["clip", "diagnosis", "thesis"]
     cells = [cell for path in NOTEBOOKS for cell in nbformat.read(path, as_version=4).cells]
     assert not [cell.source for cell in cells if cell.get("outputs")]
+
+
+def test_every_notebook_begins_with_the_command_that_opens_it() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for path in NOTEBOOKS:
+        (command,) = re.findall(r"run `make ([a-z-]+)`, which", nbformat.read(path, as_version=4).cells[0].source)
+        assert f"\n{command}: " in makefile
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook libraries themselves

@@ -3,13 +3,14 @@
     python -m benchmarks.diagnosis.decision_figures [-o FOLDER]
 
 Balls fly with air drag and a lift by their spin, simulated by `worlds`; the simulator under test has gravity alone.
-The figures are PNG files in docs/images/diagnosis (default). Needs matplotlib (extra `check`). About ten seconds.
+The figures are PNG files in docs/images/diagnosis (default). Needs matplotlib (extra `dev`). About ten seconds.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs/images/diagnosis", help="folder of the figures")
     out: Path = parser.parse_args().out
+    if find_spec("matplotlib") is None:
+        parser.error("the figures need matplotlib; install trueroll with the extra dev: pip install -e '.[dev]'")
     import matplotlib as mpl
 
     mpl.use("Agg")

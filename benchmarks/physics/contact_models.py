@@ -11,6 +11,7 @@ of finite stiffness makes in a cut shot; and its changes where three balls touch
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +170,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plot", type=Path, help="PNG file for a plot of the cushion models")
     arguments = parser.parse_args()
+    if arguments.plot and find_spec("matplotlib") is None:
+        parser.error("--plot needs matplotlib; install trueroll with the extra dev: pip install -e '.[dev]'")
     print_cushions()
     print_cut()
     print_three()

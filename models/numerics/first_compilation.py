@@ -1,12 +1,13 @@
-"""Notification of the first compilation of kernels: a new installation compiles all of them, which takes a minute."""
+"""Notification and timing of compilations: a new installation compiles all kernels, which takes a minute."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from numba.core.caching import FunctionCache
-from numba.core.event import Event, Listener, install_listener
+from numba.core.event import Event, Listener, TimingListener, install_listener
+
+from models.numerics.jit import COMPILATION_EVENT
 
 
 @contextmanager
@@ -19,23 +20,31 @@ def notify_first_compilation(notify: Callable[[], None]) -> Iterator[None]:
     Yields:
         None; the notification is active inside the `with` block.
     """
-    with install_listener("numba:compile", _CachedCompilationListener(notify)):
+    with install_listener(COMPILATION_EVENT, _CompilationListener(notify)):
         yield
 
 
-class _CachedCompilationListener(Listener):  # type: ignore[misc]
-    """Listens to compilations of cached functions.
-
-    Functions that every process compiles again are ignored: they are few and small.
-    """
+class _CompilationListener(Listener):  # type: ignore[misc]
+    """Listens to compilations of cached functions."""
 
     def __init__(self, notify: Callable[[], None]) -> None:
         self._notify: Callable[[], None] | None = notify
 
     def on_start(self, event: Event) -> None:
-        if self._notify is not None and isinstance(event.data["dispatcher"]._cache, FunctionCache):
+        if self._notify is not None:
             notify, self._notify = self._notify, None
             notify()
 
     def on_end(self, event: Event) -> None:
         return None
+
+
+@contextmanager
+def measure_compilation() -> Iterator[Callable[[], float]]:
+    """Measure for how long this process compiles functions that are cached on disk, or waits for them.
+
+    Yields:
+        A function that returns the time since the `with` block began, s.
+    """
+    with install_listener(COMPILATION_EVENT, TimingListener()) as timer:
+        yield lambda: timer.duration if timer.done else 0.0

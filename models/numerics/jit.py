@@ -33,6 +33,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.codegen import ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.event import trigger_event
 from numba.core.sigutils import normalize_signature
 from numba.core.types.misc import unliteral
 
@@ -42,6 +43,8 @@ COMPLEX_STEP = 1e-30
 """Length of the complex step, along the imaginary axis."""
 CACHED_PACKAGES = ("models.", "video.")
 """Packages whose compiled functions are cached on disk."""
+COMPILATION_EVENT = "trueroll:compilation"
+"""Numba event of a process in which a cached function is compiled, or which waits while another one compiles it."""
 _MAX_COPIED_INSTRUCTIONS = 250
 """Instructions of a function beyond which its callers refer to its code. LLVM inlines about 55 (cost 275 at 5 each),
 more where arguments are constants. With 100, derivatives of Mathavan's model are 7 % slower; with 250, as fast as
@@ -234,7 +237,7 @@ def _make_single_compilation(kernel: Any, compile_now: Callable[[Any], Any]) -> 
             if key in cache_entry._cache_file._load_index():
                 return compile_now(signature)
             cache_entry._impl.locator.ensure_cache_path()
-            with FileLock(lock):
+            with trigger_event(COMPILATION_EVENT), FileLock(lock):
                 return compile_now(signature)
 
     return compile_once

@@ -18,7 +18,7 @@ from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.pages.page_template import render_template
 from pipeline.reporting.text.text_formatting import escape_text
 
-COST_COLUMNS = ("seconds", "peak_mb", "tries", "cached")
+COST_COLUMNS = ("seconds", "compiling", "peak_mb", "tries", "cached")
 """Columns that differ from run to run. The csv omits them, so that equal results are equal files."""
 
 

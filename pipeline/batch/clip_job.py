@@ -84,6 +84,8 @@ class ClipResult:
     """Whether the clip was split into shots, with a folder each."""
     seconds: float = 0.0
     """Wall-clock time of this run, s."""
+    compiling: float = 0.0
+    """Part of it in which numerical code was compiled, s; only the first clips on a machine need any."""
     peak_mb: float = 0.0
     """Largest resident memory of its process, MB."""
     tries: int = 1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from models.numerics.first_compilation import measure_compilation
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
 from pipeline.batch.long_clip import find_recording_shots, run_shots
 from pipeline.chain import FinishedRun, run_clip
@@ -55,10 +57,12 @@ def run_job(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     Returns:
         Its result.
     """
-    try:
-        return _run_clip_or_shots(job, watcher)
-    except Exception as error:  # no error of one clip may stop the batch
-        return build_failed_result(job.name, format_error(error))
+    with measure_compilation() as measure:
+        try:
+            result = _run_clip_or_shots(job, watcher)
+        except Exception as error:  # no error of one clip may stop the batch
+            result = build_failed_result(job.name, format_error(error))
+        return replace(result, compiling=round(measure(), 3))
 
 
 def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:

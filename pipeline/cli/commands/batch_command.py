@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -82,6 +83,7 @@ def batch(
     from pipeline.batch.folder_watch import watch_folder
     from pipeline.batch.run_batch import Batch, run_batch
 
+    began = time.monotonic()
     if not folder.is_dir():
         raise OptionError(f"A folder with clips was expected; {folder} is none")
     if cluster is not None and jobs != 1:
@@ -108,7 +110,7 @@ def batch(
         if not watch:
             raise
     rows = work.results
-    _print_results(rows, out, as_json)
+    _print_results(rows, out, time.monotonic() - began, as_json)
     if gaps:
         _print_diagnosis(rows, out)
     if any(row.status == "failed" for row in rows):
@@ -152,8 +154,8 @@ def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
         console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 
 
-def _print_results(rows: list[ClipResult], out: Path, as_json: bool) -> None:
-    """Print a line per clip and the paths of the results."""
+def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: bool) -> None:
+    """Print a line per clip, the paths of the results, and what the batch spent its time on."""
     if as_json:
         print(json.dumps([asdict(row) for row in rows]))
         return
@@ -165,3 +167,16 @@ def _print_results(rows: list[ClipResult], out: Path, as_json: bool) -> None:
     make_output_console().print(grid)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")
+    print(_describe_duration(rows, seconds))
+
+
+def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
+    """Describe what a batch spent its time (s) on."""
+    from pipeline.batch.clip_job import format_duration
+
+    total = sum(row.seconds for row in rows)
+    compiling = seconds * sum(row.compiling for row in rows) / total if total else 0.0
+    processing = f"Processing took {format_duration(seconds - compiling)}"
+    if compiling < 1:
+        return f"{processing}."
+    return f"{processing}, and compiling numerical code {format_duration(compiling)}: once on this machine."

@@ -17,6 +17,7 @@ from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from pipeline.engine.helper_executor import open_executor
+from pipeline.extras import name_remedy
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console
 
 if TYPE_CHECKING:
@@ -83,9 +84,10 @@ def gapcheck(
     kinds = [kind for kind in selected if not kind.engine or find_spec(kind.engine)]
     if lacking := sorted({kind.engine for kind in selected} - {kind.engine for kind in kinds}):
         console.print(
-            f"{len(selected) - len(kinds)} kinds are left out: their simulators need {', '.join(lacking)}; install"
-            " trueroll with the extra check: .[check]",
+            f"{len(selected) - len(kinds)} kinds are left out: their simulators need {', '.join(lacking)}; "
+            f"{name_remedy('check')}",
             markup=False,
+            soft_wrap=True,
         )
     with TemporaryDirectory() as scratch:
         place = Path(scratch) if keep is None else keep

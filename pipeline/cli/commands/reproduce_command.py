@@ -110,6 +110,8 @@ def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list
     planned = list_tasks(plan)
     if not planned:
         raise OptionError(" ".join(explain_omissions(plan)))
+    for sentence in explain_omissions(plan):
+        console.print(sentence, markup=False, soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
     with Progress(*PROGRESS_COLUMNS, console=console, disable=not console.is_terminal) as bars:
@@ -125,7 +127,7 @@ def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list
 
 def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> None:
     from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
-    from pipeline.experiments.thesis.experiment_plan import describe_training, explain_omissions
+    from pipeline.experiments.thesis.experiment_plan import describe_training
     from pipeline.experiments.thesis.terminal_tables import build_grids
     from pipeline.experiments.thesis.thesis_page import TITLES
     from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
@@ -140,6 +142,4 @@ def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> 
             screen.print(grid)
         screen.print(escape(describe_extra_inputs(scene, {trial.method for trial in trials})), soft_wrap=True)
     screen.print(f"\n{describe_training(plan)}", soft_wrap=True)
-    for sentence in explain_omissions(plan):
-        screen.print(escape(sentence), soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")

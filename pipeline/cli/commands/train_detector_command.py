@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from models.core.errors import ModelError, OptionError
 from pipeline.chain import require_writable_folder
+from pipeline.extras import name_remedy
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
 
 REQUIRED_PACKAGES = ("onnx", "onnxscript")
@@ -93,10 +94,7 @@ def train_detector(
     """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX."""
     missing = [name for name in REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
-        raise OptionError(
-            f"Writing ONNX needs {' and '.join(missing)}; install trueroll with the extra train: "
-            "python -m pip install -e .[train]"
-        )
+        raise OptionError(f"Writing ONNX needs {' and '.join(missing)}; {name_remedy('train')}")
     if part is not NetworkPart.BALLS and start is not None:
         raise OptionError(f"--from goes with --part balls; {part.value} are trained from random weights")
     if part is not NetworkPart.STREAKS and seer is not None:

@@ -33,6 +33,7 @@ from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
 )
 from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries
+from pipeline.extras import name_remedy
 
 SCENES = ("double-pendulum", "real", "boxes", "pool")
 RATES, NOISES = (60.0, 30.0, 15.0), (0.0, 0.1, 0.5)
@@ -115,7 +116,7 @@ def list_cases(plan: ExperimentPlan) -> list[ExperimentCase]:
 
 def _iterate_settings(scene: str, plan: ExperimentPlan) -> Iterator[tuple[str, float, float]]:
     """Yield variants, frame rates and noises of a scene, the setting of the thesis first."""
-    if scene == "double-pendulum" or (scene == "boxes" and _has_boxes(plan)):
+    if scene == "double-pendulum" or (scene == "boxes" and _has_boxes()):
         yield from _iterate_grid(scene, tuple(SPRING_KINDS) if scene == "double-pendulum" else SPEEDS, plan.depth)
     elif scene == "real" and plan.data is not None:
         slow = REAL_RATES[-1]
@@ -127,9 +128,9 @@ def _iterate_settings(scene: str, plan: ExperimentPlan) -> Iterator[tuple[str, f
         yield from ((shot, fps, 0.0) for shot, fps in list_shots(plan.run))
 
 
-def _has_boxes(plan: ExperimentPlan) -> bool:
-    """Return whether the boxes run: without their simulator only where nothing else is asked for, which then fails."""
-    return plan.scenes == ("boxes",) or find_spec("pymunk") is not None
+def _has_boxes() -> bool:
+    """Return whether the boxes can run: their simulator is a package of an extra."""
+    return find_spec("pymunk") is not None
 
 
 def _iterate_grid(scene: str, variants: tuple[str, ...], depth: Depth) -> Iterator[tuple[str, float, float]]:
@@ -215,8 +216,8 @@ def explain_omissions(plan: ExperimentPlan) -> list[str]:
         One sentence for every scene that is left out.
     """
     omissions = []
-    if "boxes" in plan.scenes and not _has_boxes(plan):
-        omissions.append("The boxes are left out: install pymunk (the extra `check`).")
+    if "boxes" in plan.scenes and not _has_boxes():
+        omissions.append(f"The boxes are left out: they need pymunk; {name_remedy('check')}")
     if "real" in plan.scenes and plan.data is None:
         omissions.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
     if "pool" in plan.scenes and plan.run is None:

@@ -1,10 +1,9 @@
-"""The results as files: trials.csv, one PNG per figure, and one self-contained page."""
+"""The results as files: trials.csv, and one self-contained page with tables and figures."""
 
 from __future__ import annotations
 
 import csv
 import io
-from base64 import b64encode
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +39,7 @@ from pipeline.experiments.thesis.thesis_sentences import (
     trial_setting,
 )
 from pipeline.experiments.thesis.trials import Trial
-from pipeline.reporting.pages.page_template import render_template
+from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 
 TITLES = {
     "double-pendulum": "Scene I: the double pendulum",
@@ -81,7 +80,7 @@ class ResultTable:
 
 
 def write_results(plan: ExperimentPlan, trials: Sequence[Trial], planned: int, folder: Path) -> None:
-    """Write tables, figures and the page; each file appears whole or not at all.
+    """Write the table of trials and the page; each file appears whole or not at all.
 
     Args:
         plan: The requested experiments.
@@ -93,9 +92,6 @@ def write_results(plan: ExperimentPlan, trials: Sequence[Trial], planned: int, f
     figures = {scene: _plot_scene(scene, results, trials, plan) for scene in SCENES}
     with replace_file(folder / "trials.csv") as path:
         path.write_text(format_csv(trials), encoding="utf-8")
-    for drawn in [one for some in figures.values() for one in some]:
-        with replace_file(folder / f"{drawn.name}.png") as path:
-            path.write_bytes(drawn.png)
     with replace_file(folder / "reproduce.html") as path:
         path.write_text(_render_page(plan, trials, planned, results, figures), encoding="utf-8")
 
@@ -216,7 +212,7 @@ def _render_page(
             "said": describe_scene_results(scene, results, plan.budget(scene).effort),
             "given": describe_extra_inputs(scene, {trial.method for trial in trials if trial.case.scene == scene}),
             "tables": [*build_tables(scene, results), *filter(None, [build_learning_table(scene, trials)])],
-            "figures": [{"title": one.title, "data": b64encode(one.png).decode()} for one in figures[scene]],
+            "figures": [(one.title, embed_figure(one.figure, one.name, one.height)) for one in figures[scene]],
         }
         for scene in SCENES
         if any(cell.scene == scene for cell in results)
@@ -225,6 +221,7 @@ def _render_page(
         "reproduce.html",
         seeds=len({trial.case.seed for trial in trials}), trained=describe_training(plan),
         done=len(trials), planned=planned, left_out=explain_omissions(plan), scenes=scenes, notes=_count_notes(trials),
+        plotly=read_plotly_source(),
     )  # fmt: skip
 
 

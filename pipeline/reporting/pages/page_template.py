@@ -50,7 +50,7 @@ def embed_figure(figure: go.Figure, name: str, height: int) -> str:
     """Format a figure as HTML that plotly.js draws, in an element with the id `name`; height in px."""
     drawn = figure.to_plotly_json()
     margin = {"l": 60, "r": 14, "t": 14, "b": 48} | drawn["layout"].get("margin", {})
-    legend = {"orientation": "h", "y": -0.24}
+    legend = {"orientation": "h", "y": -0.24} | drawn["layout"].get("legend", {})
     # Set in the dictionary: plotly validates every property set on a figure, which takes longer than everything else.
     drawn["layout"] |= {
         "template": _load_figure_template(),

@@ -59,15 +59,24 @@ LONG_CALLEE = LONG_CALLEE.replace(
         for k in range(40)
     ),
 )
+MEASURE = """
+from models.billiards.caller import outer
+from models.numerics.first_compilation import measure_compilation, notify_first_compilation
+notes = []
+with notify_first_compilation(lambda: notes.append(1)), measure_compilation() as measure:
+    before = measure()
+    outer(1)
+print(len(notes), int(before > 0), int(measure() > 0))
+"""
 PARTS = "caller.outer", "callee.inner"
-COPIED = ("core/source_imports.py", "numerics/jit.py")
+COPIED = ("core/source_imports.py", "numerics/jit.py", "numerics/first_compilation.py")
 
 
-def call_in_new_process(folder: Path) -> list[int]:
-    """Return the value of `outer(1)` in a new process, and its number of cache hits."""
+def call_in_new_process(folder: Path, script: str = CALL) -> list[int]:
+    """Return the numbers that a new process prints: the value of `outer(1)`, and its number of cache hits."""
     environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
     run = subprocess.run(
-        [sys.executable, "-P", "-c", CALL], env=environment, cwd=folder, capture_output=True, text=True, check=True
+        [sys.executable, "-P", "-c", script], env=environment, cwd=folder, capture_output=True, text=True, check=True
     )
     return [int(word) for word in run.stdout.split()]
 
@@ -94,6 +103,12 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) 
     assert call_in_new_process(tmp_path) == [20, 1]
     (package / "callee.py").write_text(dedent(CALLEE.format(number=2)))
     assert call_in_new_process(tmp_path) == [30, 0]
+
+
+def test_only_the_first_process_has_something_to_compile_and_says_so(tmp_path: Path) -> None:
+    copy_package(tmp_path, CALLEE.format(number=1))
+    assert call_in_new_process(tmp_path, MEASURE) == [1, 0, 1]
+    assert call_in_new_process(tmp_path, MEASURE) == [0, 0, 0]
 
 
 def test_a_caller_finds_the_code_of_a_long_function_after_it_was_lost(tmp_path: Path) -> None:
