@@ -8,7 +8,7 @@ OUT ?= out
 export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test check docs wheel clean
+.PHONY: run test check docs figures wheel clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT)
@@ -27,6 +27,9 @@ check: .venv/.tools
 docs: .venv/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Look at site/index.html; or, with full-text search: $(BIN)/mkdocs serve"
+
+figures: .venv/.tools
+	$(BIN)/python -m benchmarks.update_figures $(ARGS)
 
 wheel: .venv/.tools
 	.ci/check_wheel
