@@ -162,4 +162,5 @@ def run_quick(script: str, measure: Callable[[], Sequence[Figure]], inputs: str,
 
 def _format_number(value: float, digits: int = 3) -> str:
     """Format significant digits without an exponent."""
-    return np.format_float_positional(value, digits, unique=False, fractional=False, min_digits=digits).rstrip(".")
+    text = f"{value:#.{digits}g}"
+    return np.format_float_positional(float(text), trim="-") if "e" in text else text.rstrip(".")
