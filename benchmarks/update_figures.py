@@ -19,7 +19,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.support.figures import BLOCK, ROOT, SKIPPED, compare_figures, find_pages, parse_figures, read_record
+from benchmarks.support.figures import (
+    BLOCK,
+    LEFT_OUT,
+    ROOT,
+    SKIPPED,
+    compare_figures,
+    find_pages,
+    parse_figures,
+    read_record,
+)
 
 TIMEOUT_S = 600
 
@@ -76,7 +85,8 @@ def update_script(run: QuickRun, root: Path, check: bool) -> bool:
     if not check:
         for page in find_pages(root)[run.script]:
             replace_block(run.block, run.script, page)
-    print(f"{took}, {len(figures)} figures, {len(changes)} moved", *changes, sep="\n    ", flush=True)
+    notes = [line for line in run.stdout.splitlines() if LEFT_OUT in line]
+    print(f"{took}, {len(figures)} figures, {len(changes)} moved", *changes, *notes, sep="\n    ", flush=True)
     return not changes
 
 

@@ -23,6 +23,7 @@ BLOCK = re.compile(
 HEAD = "| figure | value | noise | unit | n |"
 SKIPPED = 77
 """Exit status of a script whose inputs are not on this machine (the convention of automake)."""
+LEFT_OUT = "is left out"
 LOAD_FACTOR = 2.0
 """Times vary by this factor: other processes take the caches, the memory bus and the clock rate of a laptop."""
 RESAMPLES = 1000
@@ -120,6 +121,12 @@ def read_record(script: str, root: Path = ROOT) -> dict[str, Figure]:
     if len(blocks) != 1:
         raise ValueError(f"{script} needs one table of figures in README.md and docs, not {len(blocks)} different ones")
     return parse_figures(blocks.pop())
+
+
+def keep_recorded(script: str, rival: str, reason: object) -> list[Figure]:
+    """Return the recorded figures of a rival that is not on this machine, and print that it is left out."""
+    print(f"{rival} {LEFT_OUT}, its figures stay as recorded: {reason}")
+    return [figure for name, figure in read_record(script).items() if name.startswith(f"{rival}: ")]
 
 
 def compare_figures(record: dict[str, Figure], figures: dict[str, Figure]) -> list[str]:
