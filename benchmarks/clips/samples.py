@@ -31,6 +31,8 @@ from benchmarks.support.run_folder import ROOT, RunFolder, read_columns, read_ru
 SAMPLES = ROOT / "sample_videos"
 QUICK_CLIPS = ("many_contacts", "carom_match")
 """Clips for `--quick`, the first with the contact models of the fit, the second with others."""
+PATH_PARTS = 5
+"""Parts of the path of a ball that count as cases of the noise: errors of successive frames are correlated."""
 MATCHING_SECONDS = 0.1
 """Largest time between a reported and a true contact of the same balls that still match, s."""
 MODEL_LABELS = {False: "same", True: "other"}
@@ -48,8 +50,8 @@ class SampleScore:
     contact_ms: list[float]
     missed: list[str]
     extra: list[str]
-    ball_px: list[float]
-    """RMS per axis of the fitted path of each ball that moves, px."""
+    part_px: list[float]
+    """RMS per axis of the fitted path, px, of each part of each path."""
 
 
 def pair_balls(run: RunFolder, truth: dict[str, np.ndarray]) -> dict[str, str]:
@@ -95,7 +97,7 @@ def score_sample(clip: Path, run: RunFolder) -> SampleScore:
     facts: dict[str, Any] = json.loads(clip.with_suffix(".truth.json").read_text())
     truth = read_columns(clip.with_suffix(".truth.csv"))
     pairs = pair_balls(run, truth)
-    measured, fitted_px, fitted_m, ball_px = [], [], [], []
+    measured, fitted_px, fitted_m, part_px = [], [], [], []
     for name, ball in pairs.items():
         mine, true = _common_rows(run.tracks, ball, truth, name)
         measured.append((mine - true).ravel())
@@ -106,13 +108,13 @@ def score_sample(clip: Path, run: RunFolder) -> SampleScore:
         for axis, column in enumerate("xy"):
             fitted_m.append(np.interp(t[inside], times, run.trajectory[column][rows]) - xy[inside, axis])
             fitted_px.append(np.interp(t[inside], times, path_px[:, axis]) - px[inside, axis])
-        if inside.any():
-            ball_px.append(_compute_rms(fitted_px[-2:]))
+        parts = np.array_split(np.column_stack(fitted_px[-2:]), PATH_PARTS)
+        part_px += [_compute_rms([part]) for part in parts if len(part)]
     errors, missed, extra = score_contacts(run, facts["events"], pairs)
     missed += [f"ball {name}" for name in dict.fromkeys(truth["id"]) if name not in pairs]
     return SampleScore(
         clip.stem, bool(facts["foreign"]), _compute_rms(measured), _compute_rms(fitted_px),
-        1000 * _compute_rms(fitted_m), errors, missed, extra, ball_px
+        1000 * _compute_rms(fitted_m), errors, missed, extra, part_px
     )  # fmt: skip
 
 
@@ -169,7 +171,7 @@ def measure_figures(folder: Path) -> list[Figure]:
         label = f"{MODEL_LABELS[score.foreign]} contact models"
         figures += [
             estimate_median(f"{label}: error of contact times, median", np.abs(score.contact_ms), "ms"),
-            estimate_rms(f"{label}: error of positions per axis, RMS over balls", score.ball_px, "px"),
+            estimate_rms(f"{label}: error of positions per axis, RMS", score.part_px, "px"),
         ]
     return figures
 
@@ -182,7 +184,7 @@ def main() -> int:
     parser.add_argument("--reuse", action="store_true", help="score existing run folders")
     arguments = parser.parse_args()
     if arguments.quick:
-        inputs = f"clips {' and '.join(QUICK_CLIPS)} of `sample_videos/`; contacts and moving balls are the cases"
+        inputs = f"clips {' and '.join(QUICK_CLIPS)} of `sample_videos/`; n counts contacts, and fifths of paths"
         run_quick("clips.samples", lambda: measure_figures(arguments.out), inputs)
         return 0
     print("| clip | models | measured px | fitted px | fitted mm | contact median ms | contacts | missed | extra |")
