@@ -78,6 +78,12 @@ def estimate_share(name: str, hits: int, n: int) -> Figure:
     return Figure(name, 100 * hits / n, 200 * float(np.sqrt(share * (1 - share) / (n + 4))), "%", n)
 
 
+def estimate_count(name: str, counts: Sequence[int], unit: str) -> Figure:
+    """Estimate a mean count per case, and its Poisson noise with one event more: none does not prove a rate of 0."""
+    total, n = sum(counts), len(counts)
+    return Figure(name, total / n, 2 * float(np.sqrt(total + 1)) / n, unit, n)
+
+
 def state_cost(name: str, value: float, unit: str, samples: int, factor: float = LOAD_FACTOR) -> Figure:
     """State a time or a memory, which vary with the machine and its load by a factor rather than with seeds."""
     return Figure(name, value, value * (factor - 1), unit, samples)

@@ -33,6 +33,7 @@ from benchmarks.support.figures import (
     Figure,
     MissingInputError,
     add_quick_option,
+    estimate_count,
     estimate_mean,
     estimate_share,
     keep_recorded,
@@ -172,8 +173,8 @@ def measure_figures(truth: Path) -> list[Figure]:
         estimate_share("contacts found", found, contacts),
         estimate_share("contacts found in the opening", counts["early_matched"], counts["early"]),
         estimate_share("reported contacts that are true", correct, reported),
-        estimate_mean("trueroll: identity switches per break", [count_own_switches(one) for one in filmed], ""),
-        *(estimate_mean(f"{name}: identity switches per break",
+        estimate_count("trueroll: identity switches per break", [count_own_switches(one) for one in filmed], ""),
+        *(estimate_count(f"{name}: identity switches per break",
                         [count_rival_switches(tracker, one) for one in filmed], "")
           for name, tracker in rivals.items()),
         *measure_kit(filmed),
@@ -203,7 +204,7 @@ def measure_kit(films: list[FilmedBreak]) -> list[Figure]:
     for tracker in TRACKERS:
         best = min((o for o in switches if o[0] == tracker), key=lambda o: float(np.mean(switches[o])))
         figures += [
-            estimate_mean(f"{tracker}: identity switches per break", switches[best], ""),
+            estimate_count(f"{tracker}: identity switches per break", switches[best], ""),
             estimate_mean(f"{tracker}: detections without a track", missing[best], "%"),
         ]
     return figures

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from benchmarks.support import figures
-from benchmarks.support.figures import Figure, estimate_median, estimate_rms, estimate_share, format_block, state_cost
+from benchmarks.support.figures import (
+    Figure,
+    estimate_count,
+    estimate_median,
+    estimate_rms,
+    estimate_share,
+    format_block,
+    state_cost,
+)
 from benchmarks.update_figures import QuickRun, update_figures
 
 ERROR = Figure("error", 0.5, 0.1, "ms", 20)
@@ -100,6 +108,8 @@ def test_noise_is_two_standard_errors(n: int) -> None:
     for estimate in (estimate_median, estimate_rms):
         drawn = [estimate("x", x, "") for x in draws]
         assert np.mean([f.noise for f in drawn]) == pytest.approx(2 * np.std([f.value for f in drawn]), rel=0.2)
+    counts = [estimate_count("x", rng.poisson(2.0, n).tolist(), "") for _ in range(200)]
+    assert np.mean([f.noise for f in counts]) == pytest.approx(2 * np.std([f.value for f in counts]), rel=0.2)
     shares = [estimate_share("x", int((x > 0).sum()), n) for x in draws]
     assert np.mean([f.noise for f in shares]) == pytest.approx(2 * np.std([f.value for f in shares]), rel=0.2)
 
@@ -110,3 +120,4 @@ def test_noise_that_cannot_be_estimated_is_an_error() -> None:
     with pytest.raises(ValueError, match="all finite"):
         estimate_rms("x", [1.0, np.nan], "")
     assert estimate_share("x", 30, 30).noise > 0
+    assert estimate_count("x", [0, 0, 0, 0], "").noise == 0.5
