@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 KERNELS ?= Haswell Nehalem
 NUMERICAL_TESTS := tests/models/numerics tests/models/estimation tests/diagnosis tests/pipeline/test_degenerate_tracks.py
 
-.PHONY: run test test-kernels check mutants docs notebooks wheel clean
+.PHONY: run test test-kernels check mutants figures docs notebooks wheel clean
 
 run: .venv/.program
 	$(BIN)/trueroll batch sample_videos -o $(OUT) --jobs 2
@@ -41,6 +41,9 @@ docs: .venv/.docs
 
 notebooks: .venv/.notebooks
 	$(BIN)/jupyter lab docs/notebooks
+
+figures: .venv/.tools
+	$(BIN)/python -m benchmarks.update_figures $(ARGS)
 
 wheel: .venv/.tools
 	.ci/check_wheel

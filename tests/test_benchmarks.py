@@ -8,7 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from benchmarks.support.figures import find_pages, read_record
 
 ROOT = Path(__file__).resolve().parent.parent
 OPTIONAL_PACKAGES = {"matplotlib", "mujoco", "onnx", "pooltool", "pymunk"}
@@ -57,6 +60,14 @@ def test_a_benchmark_script_names_its_command_and_is_in_the_index(script: str) -
     docstring = ast.get_docstring(ast.parse((ROOT / f"{script.replace('.', '/')}.py").read_text())) or ""
     assert f"    python -m {script}" in docstring
     assert f"`{script.removeprefix('benchmarks.')}`" in (ROOT / "benchmarks" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("script", sorted(find_pages(ROOT)))
+def test_a_script_behind_a_table_measures_it_again_and_the_table_is_filled(script: str) -> None:
+    source = (ROOT / "benchmarks" / f"{script.replace('.', '/')}.py").read_text()
+    assert f'run_quick(\n            "{script}"' in source or f'run_quick("{script}"' in source
+    assert all(np.isfinite([figure.value, figure.noise]).all() for figure in read_record(script, ROOT).values())
+    assert read_record(script, ROOT)
 
 
 def test_base_names_of_benchmarks_are_unique() -> None:

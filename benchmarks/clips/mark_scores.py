@@ -117,11 +117,12 @@ def score_carom(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
             switches += bool(np.linalg.norm(offset) > 10)
             offsets.append(offset)
     errors = np.array(offsets)
-    rms = float(np.sqrt(np.mean((errors - errors.mean(axis=0)) ** 2) * 2)) if len(errors) else np.inf
+    distances = np.linalg.norm(errors - errors.mean(axis=0), axis=1) if len(errors) else np.array([np.inf])
+    rms = float(np.sqrt(np.mean(distances**2)))
     matched, marked, extra = _score_carom_events(run, truth.get("events") or [])
     events = (f"{matched}/{marked}", f"{extra[0]}/{extra[1]}") if marked else ("-", "-")
     cells = (f"{rms:.2f}", f"{missing}/{total}", str(switches), *events)
-    return MarkScore(stem, cells, {"rms": [rms]})
+    return MarkScore(stem, cells, {"distance": distances.tolist(), "switches": [switches], "rows": [total]})
 
 
 def _rows_by_frame(run: RunFolder, ball: str) -> dict[int, np.ndarray]:
@@ -181,4 +182,4 @@ def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
         f"{named}/{matched} = {named / max(matched, 1):.0%}",
         "; ".join(missed),
     )
-    return MarkScore(stem, cells, {"found": [matched], "boxed": [boxed]})
+    return MarkScore(stem, cells, {"found": [matched], "boxed": [boxed], "true": [true], "claimed": [claimed]})

@@ -1,6 +1,6 @@
 """Run the chain on every real clip and score it against the marks that come with the footage.
 
-    python -m benchmarks.clips.real_clips [-o DIR] [--only WORD] [--reuse] [--no-sheets]
+    python -m benchmarks.clips.real_clips [--quick] [-o DIR] [--only WORD] [--reuse] [--no-sheets]
 
 Needs the footage of ../shared/data; takes half a minute or more per clip. Prints one table per claim; DIR gets, per
 clip, a run folder, a sheet of 20 frames and a strip for every contact.
@@ -11,15 +11,29 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.clips.contact_sheets import write_contact_strips, write_frames_sheet
 from benchmarks.clips.mark_scores import MarkScore, score_carom, score_pool, score_snooker
+from benchmarks.support.figures import (
+    Figure,
+    MissingInputError,
+    add_quick_option,
+    estimate_mean,
+    estimate_median,
+    estimate_rms,
+    estimate_share,
+    run_quick,
+)
 from benchmarks.support.run_folder import FOOTAGE, ROOT, Outcome, RunFolder, read_run, run_clip
 
 SEED = 2022
+SCORERS = {"snooker": score_snooker, "carom": score_carom, "pool8": score_pool}
+QUICK_CLIPS = ("carom_F3", "pool8_game3_clip1", "snooker_video_13_0030_0034")
+"""Clips for `--quick`: one of each game, the shortest to process."""
 
 
 def print_table(title: str, header: tuple[str, ...], scores: list[MarkScore]) -> None:
@@ -39,8 +53,37 @@ def score_chain(stem: str, outcome: Outcome, run: RunFolder | None) -> MarkScore
     return MarkScore(stem, (f"{outcome.seconds:.0f} s", trust["light"], f"{share:.0%}", counts), {"accepted": [share]})
 
 
+def measure_figures(folder: Path) -> list[Figure]:
+    """Measure the figures of the documentation on one clip of each game."""
+    if not FOOTAGE.is_dir():
+        raise MissingInputError(f"real footage is not at {FOOTAGE}")
+    samples: dict[str, list[float]] = defaultdict(list)
+    for stem in QUICK_CLIPS:
+        outcome = run_clip(FOOTAGE / f"{stem}.mp4", folder / stem, "--no-video")
+        if outcome.status:
+            raise SystemExit(f"{stem}: {outcome.sentence}")
+        run = read_run(folder / stem)
+        score = SCORERS[stem.split("_")[0]](stem, run, json.loads((FOOTAGE / f"{stem}.gt.json").read_text()))
+        for name, values in (score_chain(stem, outcome, run).samples | score.samples).items():
+            samples[name] += values
+    found, boxed, true, claimed, switches, rows = (
+        int(sum(samples[name])) for name in ("found", "boxed", "true", "claimed", "switches", "rows")
+    )
+    frames = np.array(samples["frame"])
+    return [
+        estimate_rms("carom: centres of three balls, RMS distance", samples["distance"], "px"),
+        estimate_share("carom: rows with another ball", switches, rows),
+        estimate_share("pool: balls of first and last frame found", found, boxed),
+        estimate_share("pool: reported balls that are true", true, claimed),
+        estimate_median("snooker: path against marks by hand, median", samples["place"], "px"),
+        estimate_share("snooker: events within three frames", int(np.sum(frames <= 3)), len(frames)),
+        estimate_mean("share of moving time that an accepted fit explains", 100 * np.array(samples["accepted"]), "%"),
+    ]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument(
         "-o", "--out", type=Path, default=ROOT / "out" / "real_clips", help="folder of the runs and sheets"
     )
@@ -48,11 +91,13 @@ def main() -> int:
     parser.add_argument("--reuse", action="store_true", help="score existing run folders")
     parser.add_argument("--no-sheets", action="store_true", help="print scores only, write no sheets")
     arguments = parser.parse_args()
+    if arguments.quick:
+        run_quick("clips.real_clips", lambda: measure_figures(arguments.out), f"clips {', '.join(QUICK_CLIPS)}")
+        return 0
     if not FOOTAGE.is_dir():
         print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
         return 1
     tables: dict[str, list[MarkScore]] = {"chain": [], "snooker": [], "carom": [], "pool8": []}
-    scorers = {"snooker": score_snooker, "carom": score_carom, "pool8": score_pool}
     for clip in sorted(FOOTAGE.glob("*.mp4")):
         if arguments.only not in clip.stem:
             continue
@@ -68,8 +113,8 @@ def main() -> int:
             continue
         family = clip.stem.split("_")[0]
         truth = clip.with_name(clip.stem + ".gt.json")
-        if family in scorers and truth.is_file():
-            tables[family].append(scorers[family](clip.stem, run, json.loads(truth.read_text())))
+        if family in SCORERS and truth.is_file():
+            tables[family].append(SCORERS[family](clip.stem, run, json.loads(truth.read_text())))
         if not arguments.no_sheets:
             write_frames_sheet(clip, run, arguments.out / f"{clip.stem}_frames.png", SEED)
             write_contact_strips(clip, run, arguments.out / f"{clip.stem}_contacts.png")

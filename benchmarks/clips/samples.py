@@ -1,6 +1,6 @@
 """Run the chain on the sample clips and score it against their exact truth.
 
-    python -m benchmarks.clips.samples [-o DIR] [--only WORD] [--reuse]
+    python -m benchmarks.clips.samples [--quick] [-o DIR] [--only WORD] [--reuse]
 
 Takes up to a minute per clip without a cache. Prints one row per clip: positions (px, RMS per axis over visible moving
 balls in all frames), contact times (ms), missed and extra contacts. Half of the clips (`other` models) move by contact
@@ -18,9 +18,21 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.support.figures import (
+    Figure,
+    add_quick_option,
+    estimate_median,
+    estimate_rms,
+    estimate_share,
+    run_quick,
+)
 from benchmarks.support.run_folder import ROOT, RunFolder, read_columns, read_run, run_clip
 
 SAMPLES = ROOT / "sample_videos"
+QUICK_CLIPS = ("many_contacts", "carom_match")
+"""Clips for `--quick`, the first with the contact models of the fit, the second with others."""
+PATH_PARTS = 5
+"""Parts of the path of a ball that count as cases of the noise: errors of successive frames are correlated."""
 MATCHING_SECONDS = 0.1
 """Largest time between a reported and a true contact of the same balls that still match, s."""
 MODEL_LABELS = {False: "same", True: "other"}
@@ -38,6 +50,8 @@ class SampleScore:
     contact_ms: list[float]
     missed: list[str]
     extra: list[str]
+    part_px: list[float]
+    """RMS per axis of the fitted path, px, of each part of each path."""
 
 
 def pair_balls(run: RunFolder, truth: dict[str, np.ndarray]) -> dict[str, str]:
@@ -83,7 +97,7 @@ def score_sample(clip: Path, run: RunFolder) -> SampleScore:
     facts: dict[str, Any] = json.loads(clip.with_suffix(".truth.json").read_text())
     truth = read_columns(clip.with_suffix(".truth.csv"))
     pairs = pair_balls(run, truth)
-    measured, fitted_px, fitted_m = [], [], []
+    measured, fitted_px, fitted_m, part_px = [], [], [], []
     for name, ball in pairs.items():
         mine, true = _common_rows(run.tracks, ball, truth, name)
         measured.append((mine - true).ravel())
@@ -94,11 +108,13 @@ def score_sample(clip: Path, run: RunFolder) -> SampleScore:
         for axis, column in enumerate("xy"):
             fitted_m.append(np.interp(t[inside], times, run.trajectory[column][rows]) - xy[inside, axis])
             fitted_px.append(np.interp(t[inside], times, path_px[:, axis]) - px[inside, axis])
+        parts = np.array_split(np.column_stack(fitted_px[-2:]), PATH_PARTS)
+        part_px += [_compute_rms([part]) for part in parts if len(part)]
     errors, missed, extra = score_contacts(run, facts["events"], pairs)
     missed += [f"ball {name}" for name in dict.fromkeys(truth["id"]) if name not in pairs]
     return SampleScore(
         clip.stem, bool(facts["foreign"]), _compute_rms(measured), _compute_rms(fitted_px),
-        1000 * _compute_rms(fitted_m), errors, missed, extra
+        1000 * _compute_rms(fitted_m), errors, missed, extra, part_px
     )  # fmt: skip
 
 
@@ -137,12 +153,40 @@ def score_contacts(
     return errors, missed, extra
 
 
+def measure_figures(folder: Path) -> list[Figure]:
+    """Measure the figures of the documentation on one clip of each kind of contact models."""
+    scores = []
+    for name in QUICK_CLIPS:
+        clip = SAMPLES / f"{name}.mp4"
+        outcome = run_clip(clip, folder / name, "--no-video")
+        if outcome.status:
+            raise SystemExit(f"{name}: {outcome.sentence}")
+        scores.append(score_sample(clip, read_run(folder / name)))
+    found, extra = sum(len(s.contact_ms) for s in scores), sum(len(s.extra) for s in scores)
+    figures = [
+        estimate_share("contacts found", found, found + sum(len(s.missed) for s in scores)),
+        estimate_share("false contacts", extra, found + extra),
+    ]
+    for score in scores:
+        label = f"{MODEL_LABELS[score.foreign]} contact models"
+        figures += [
+            estimate_median(f"{label}: error of contact times, median", np.abs(score.contact_ms), "ms"),
+            estimate_rms(f"{label}: error of positions per axis, RMS", score.part_px, "px"),
+        ]
+    return figures
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "samples", help="folder of the runs")
     parser.add_argument("--only", default="", help="only clips whose name contains this word")
     parser.add_argument("--reuse", action="store_true", help="score existing run folders")
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"clips {' and '.join(QUICK_CLIPS)} of `sample_videos/`; n counts contacts, and fifths of paths"
+        run_quick("clips.samples", lambda: measure_figures(arguments.out), inputs)
+        return 0
     print("| clip | models | measured px | fitted px | fitted mm | contact median ms | contacts | missed | extra |")
     print("|---|---|---|---|---|---|---|---|---|")
     scores, failed = [], False

@@ -1,6 +1,6 @@
 """Measure recall, precision and errors of the Hough detector and the network on rendered images and on real footage.
 
-    python -m benchmarks.detection.detectors [--model FILE.onnx] [--images 24]
+    python -m benchmarks.detection.detectors [--quick] [--model FILE.onnx] [--images 24]
         [--sets rendered,other,low,high,stills,pool,carom] [--detectors hough,onnx]
 
 `rendered` images show scenes of kinds that training never uses (cloth, lamp, camera, ball set). `other` ones have
@@ -33,13 +33,35 @@ from benchmarks.detection.detector_cases import (
     render_cases,
 )
 from benchmarks.detection.detector_scores import HEADER, DetectorTally, format_row, score_detections
+from benchmarks.support.figures import Figure, add_quick_option, estimate_rms, estimate_share, run_quick
 from detectors.hough.hough_detector import HoughDetector, build_hough_detector
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, BallModel, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
 
+QUICK_IMAGES = 8
+
+
+def measure_figures(model: BallModel) -> list[Figure]:
+    """Measure the figures of the documentation on rendered images of kinds that training never uses."""
+    tallies = {detector: DetectorTally() for detector in ("hough", "onnx")}
+    prepared: dict[tuple[str, int], PreparedDetector] = {}
+    for case in render_cases(QUICK_IMAGES):
+        for detector, tally in tallies.items():
+            _run_case(case, detector, model, tally, prepared)
+    figures = []
+    for name, tally in tallies.items():
+        true = tally.detections - tally.false_positives
+        figures += [
+            estimate_share(f"{name}: balls found", tally.hits, tally.required),
+            estimate_share(f"{name}: detections that are balls", true, tally.detections),
+            estimate_rms(f"{name}: error of centres per axis, RMS", np.array(tally.centre_errors)[:, :2], "px"),
+        ]
+    return figures
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("--model", type=Path, default=SHIPPED_BALL_MODEL, help="ONNX file of the network")
     parser.add_argument("--images", type=int, default=24, help="rendered images per set (default 24)")
     parser.add_argument("--sets", default="rendered,stills,pool,carom", help="names of the sets, separated by commas")
@@ -47,6 +69,10 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     model = open_ball_model(arguments.model)
+    if arguments.quick:
+        inputs = f"{QUICK_IMAGES} images of the set `rendered`, seed of the set; balls are the cases"
+        run_quick("detection.detectors", lambda: measure_figures(model), inputs)
+        return
     sources = {
         "rendered": lambda: render_cases(arguments.images),
         "other": lambda: render_cases(arguments.images, 99),

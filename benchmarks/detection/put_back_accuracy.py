@@ -1,6 +1,6 @@
 """Measure how exactly `trueroll put-back` finds where balls lay, and how exactly it brings them back.
 
-    python -m benchmarks.detection.put_back_accuracy [--halls 40] [--seed 7] [--sets halls,stills]
+    python -m benchmarks.detection.put_back_accuracy [--quick] [--halls 40] [--seed 7] [--sets halls,stills]
 
 Each rendered hall is a table with a camera 25 to 90 degrees above it, 1280 or 1920 px wide; every second one has cloth,
 lamps and balls that no training used. A first image gives the wanted places, with the calibration that the image itself
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.detection.detector_cases import DATA, MARK_OFFSET, place_camera
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_share, run_quick
 from detectors.detect import detect_in_image
 from detectors.still_images import classify_detections
 from models.core.errors import TableNotFound
@@ -73,13 +74,37 @@ class PlacementErrors:
     failed: list[str] = field(default_factory=list)
 
 
+QUICK_HALLS = 6
+
+
+def measure_figures(seed: int) -> list[Figure]:
+    """Measure the figures of the documentation in few halls, all elevations together."""
+    errors = PlacementErrors()
+    for elevation, random_scene, rng in generate_halls(QUICK_HALLS, seed):
+        measure_hall(random_scene, rng, errors, f"hall at {elevation:.0f} degrees")
+    return [
+        estimate_share("halls calibrated", QUICK_HALLS - len(errors.failed), QUICK_HALLS),
+        estimate_median("place relative to the cushions, median error", errors.place_mm, "mm"),
+        estimate_median("the same with the exact camera", errors.exact_mm, "mm"),
+        estimate_median("stated sigma of a place, median", errors.predicted_mm, "mm"),
+        estimate_median("move that brings a ball back, median error", errors.move_mm, "mm"),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("--halls", type=int, default=40, help="rendered halls (default 40)")
     parser.add_argument("--seed", type=int, default=7, help="random seed (default 7)")
     parser.add_argument("--sets", default="halls,stills", help="names of the sets, separated by commas")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
+    if arguments.quick:
+        inputs = (
+            f"{QUICK_HALLS} halls, camera 25 to 90 degrees above the table, seed {arguments.seed}; balls are the cases"
+        )
+        run_quick("detection.put_back_accuracy", lambda: measure_figures(arguments.seed), inputs)
+        return
     print(
         f"{'set':22s}{'balls':>6s}{'found':>7s} | place, mm: median  95 %  sigma | exact camera: median  95 %"
         " | move, mm: median  95 %  right ball | s"

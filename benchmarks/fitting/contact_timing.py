@@ -1,6 +1,6 @@
 """Compare errors of fitted contact times with the Cramer-Rao bound and with interpolation.
 
-    python -m benchmarks.fitting.contact_timing [--seeds N] [--truth DIR]
+    python -m benchmarks.fitting.contact_timing [--quick] [--seeds N] [--truth DIR]
 
 Truth: worlds/billiards.py, run as a process (fixed steps, Alciatore's ball friction). Closing speed about 1 m/s along
 the line of centres, 1 mm noise per axis, frames within 0.3 s of the contact. The bound is computed for every contact
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,20 @@ from benchmarks.fitting.ball_pairs import (
     overhead_scene,
     simulate_meetings,
 )
+from benchmarks.support.figures import (
+    Figure,
+    add_quick_option,
+    estimate_rms,
+    estimate_share,
+    estimate_statistic,
+    run_quick,
+)
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.fit_shot import fit_shot
 from models.physics.billiards.cloth.closed_form_motion import ClothFriction, evaluate_kinematics
 
-RATES = (30, 60, 240)
+RATES, QUICK_RATES = (30, 60, 240), (30, 60)
+QUICK_SEEDS = 10
 NOISE, CLOSING = 1e-3, 1.0
 FISHER_STEP = 1e-6
 """Step of the central differences for the Fisher information."""
@@ -161,38 +171,91 @@ def interpolate_contact(name: str, tracks: Tracks) -> float:
     return float(t[inside[0] if len(inside) else np.argmin(gap)])
 
 
-def format_row(case: str, fps: int, goal: float, meetings: list[Meeting], truths: list[Truth]) -> str:
-    errors: dict[str, list[float]] = {name: [] for name in ("fit", *RIVALS)}
-    bounds, known_bounds, pulls = [], [], []
+@dataclass(frozen=True)
+class ContactErrors:
+    """Errors of contact times and their bounds, one row per meeting, ms; NaN without a detected contact."""
+
+    fit: np.ndarray
+    pull: np.ndarray
+    """Error divided by its stated sigma."""
+    bound: np.ndarray
+    bound_with_known_physics: np.ndarray
+    rivals: dict[str, np.ndarray]
+
+    @property
+    def is_found(self) -> np.ndarray:
+        return np.isfinite(self.fit)
+
+
+def measure_errors(meetings: list[Meeting], truths: list[Truth], fps: int) -> ContactErrors:
+    rows = []
     for seed, (meeting, truth) in enumerate(zip(meetings, truths, strict=True)):
         tracks = film_pair(truth, fps, np.random.default_rng([seed, fps]), noise=NOISE)
-        bounds.append(timing_bound(meeting, truth, tracks.t))
-        known_bounds.append(timing_bound(meeting, truth, tracks.t, physics_known=True))
         estimate, sigma = fit_contact_time(tracks)
-        errors["fit"].append(estimate - truth.contact)
-        pulls.append((estimate - truth.contact) / sigma)
-        for name in RIVALS:
-            errors[name].append(interpolate_contact(name, tracks) - truth.contact)
-    fit_errors = np.array(errors["fit"])
-    is_found = np.isfinite(fit_errors)
-    rms = {name: 1e3 * float(np.sqrt(np.mean(np.array(e)[is_found] ** 2))) for name, e in errors.items()}
-    least, informed = (1e3 * float(np.sqrt(np.mean(np.square(np.array(b)[is_found])))) for b in (bounds, known_bounds))
-    bias = 1e3 * float(fit_errors[is_found].mean())
+        bounds = (timing_bound(meeting, truth, tracks.t, known) for known in (False, True))
+        rivals = (interpolate_contact(name, tracks) - truth.contact for name in RIVALS)
+        error = estimate - truth.contact
+        rows.append([error, *bounds, *rivals, error / sigma])
+    fit, bound, informed, *rivals, pull = np.array(rows).T
+    return ContactErrors(
+        1e3 * fit, pull, 1e3 * bound, 1e3 * informed, {k: 1e3 * e for k, e in zip(RIVALS, rivals, strict=True)}
+    )
+
+
+def format_row(case: str, fps: int, goal: float, errors: ContactErrors) -> str:
+    found = errors.is_found
+    fit, least, informed = (
+        _root_mean_square(e[found]) for e in (errors.fit, errors.bound, errors.bound_with_known_physics)
+    )
     cells = [
-        case, str(fps), f"{is_found.sum()}/{len(is_found)}", f"{informed:.3f}", f"{least:.3f}", f"{rms['fit']:.3f}",
-        f"{rms['fit'] / least:.2f} (<= {goal})", f"{bias:+.3f}",
-        f"{np.sqrt(np.mean(np.array(pulls)[is_found] ** 2)):.2f}",
-        *(f"{rms[name]:.2f}" for name in RIVALS),
+        case, str(fps), f"{found.sum()}/{len(found)}", f"{informed:.3f}", f"{least:.3f}", f"{fit:.3f}",
+        f"{fit / least:.2f} (<= {goal})", f"{errors.fit[found].mean():+.3f}",
+        f"{_root_mean_square(errors.pull[found]):.2f}",
+        *(f"{_root_mean_square(e[found]):.2f}" for e in errors.rivals.values()),
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
 
+def _root_mean_square(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def measure_figures(folder: Path) -> list[Figure]:
+    """Measure the figures of the documentation, all cases together."""
+    meetings = [
+        draw(np.random.default_rng([number, seed]))
+        for number, (draw, _) in enumerate(CASES.values()) for seed in range(QUICK_SEEDS)
+    ]  # fmt: skip
+    truths = simulate_meetings(meetings, folder)
+    figures = []
+    for fps in QUICK_RATES:
+        errors = measure_errors(meetings, truths, fps)
+        found = errors.is_found
+        fit, bound = errors.fit[found], errors.bound[found]
+        figures += [
+            estimate_share(f"{fps} fps: contacts found", int(found.sum()), len(found)),
+            estimate_rms(f"{fps} fps: fit", fit, "ms"),
+            estimate_statistic(
+                f"{fps} fps: fit over bound", np.column_stack([fit, bound]), "",
+                lambda x: _root_mean_square(x[:, 0]) / _root_mean_square(x[:, 1]),
+            ),
+            estimate_rms(f"{fps} fps: error over stated sigma", errors.pull[found], ""),
+            *(estimate_rms(f"{fps} fps: {name} interpolation", e[found], "ms") for name, e in errors.rivals.items()),
+        ]  # fmt: skip
+    return figures
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("--seeds", type=int, default=60, help="contacts per row of the table")
     parser.add_argument("--truth", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_pairs",
                         help="folder in which simulated shots are kept")  # fmt: skip
     arguments = parser.parse_args()
+    if arguments.quick:
+        cases = f"{', '.join(CASES)}, seeds 0 to {QUICK_SEEDS - 1} of each"
+        run_quick("fitting.contact_timing", lambda: measure_figures(arguments.truth), cases)
+        return
     head = (
         "contact",
         "fps",
@@ -210,7 +273,7 @@ def main() -> None:
         meetings = [draw(np.random.default_rng([number, seed])) for seed in range(arguments.seeds)]
         truths = simulate_meetings(meetings, arguments.truth)
         for fps in RATES:
-            print(format_row(case, fps, goal, meetings, truths), flush=True)
+            print(format_row(case, fps, goal, measure_errors(meetings, truths, fps)), flush=True)
 
 
 if __name__ == "__main__":

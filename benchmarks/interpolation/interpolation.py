@@ -1,19 +1,20 @@
 """Withhold frames of clips, interpolate them, and compare trueroll with its rivals and an oracle.
 
-    python -m benchmarks.interpolation.interpolation [-o DIR] [--only WORD] [--step 2] [--gaps 40] [--reuse]
+    python -m benchmarks.interpolation.interpolation [--quick] [-o DIR] [--only WORD] [--step 2] [--gaps 40] [--reuse]
         [--rendered] [--new-shots N]
 
 Prints one table per clip and one over all: PSNR on the paths of the balls by class of gap (contact, fast: further than
 a radius, slow), distance from the ball's real position, missing and doubled balls, and the rest of the frame
 (`changing`: where something else moves). The oracle is the best translated sprite on the real frame; elsewhere it has
 no meaning. For rendered clips (the samples, and N new shots from each), the reference is the same shot filmed again,
-with other noise. DIR gets sheets of the worst, of random and of all contact frames. Needs ffmpeg, and for real clips
-the footage of ../shared/data; takes tens of minutes.
+with other noise. DIR gets sheets of the worst, of random and of all contact frames. Needs the footage of ../shared/data
+for real clips; RIFE gets an environment of its own and is left out where that cannot be made. Takes tens of minutes.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,10 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.interpolation.frame_scores import FrameTally, WithheldFrame, score_frame
+from benchmarks.interpolation.frame_scores import FrameTally, WithheldFrame, score_frame, to_decibels
 from benchmarks.interpolation.frame_sheets import write_sheet
 from benchmarks.interpolation.interpolation_rivals import FlowBothWays, blend_frames, run_minterpolate
-from benchmarks.interpolation.rendered_clips import film_sample, generate_samples
+from benchmarks.interpolation.rendered_clips import film_sample, generate_samples, read_sample_film
+from benchmarks.interpolation.rife_frames import run_rife
 from benchmarks.interpolation.withheld_frames import WithheldClip, interpolate_with_trueroll, read_all_frames, withhold
 from benchmarks.interpolation.withheld_truth import (
     CLASSES,
@@ -35,12 +37,24 @@ from benchmarks.interpolation.withheld_truth import (
     make_ball_locator,
     render_oracle,
 )
+from benchmarks.support.figures import (
+    Figure,
+    MissingInputError,
+    add_quick_option,
+    estimate_median,
+    estimate_share,
+    estimate_statistic,
+    keep_recorded,
+    run_quick,
+)
 from benchmarks.support.run_folder import FOOTAGE, ROOT, read_run, run_clip
 from video.io.chroma import subsample_chroma
 
 CLIPS = ("carom_F1", "pool8_game2_clip1", "snooker_video_13_0030_0034")
 SEED, RANDOM, WORST = 7, 8, 12
-RIVALS = ("blend", "DIS both ways", "minterpolate")
+RIVALS = ("blend", "DIS both ways", "minterpolate", "RIFE")
+QUICK_CLIP, QUICK_GAPS = "carom_match", 10
+"""Sample clip and number of scored frames for `--quick`."""
 FramesByMethod = dict[str, dict[int, np.ndarray]]
 """Frames by method and index."""
 Tallies = dict[str, dict[str, FrameTally]]
@@ -54,8 +68,8 @@ def load_or_make_rivals(stem: Path, reuse: bool, make: Callable[[], FramesByMeth
         stored = {rival: np.load(file) for rival, file in files.items()}
         return {rival: {int(k): file[k] for k in file.files} for rival, file in stored.items()}
     frames = make()
-    for rival, file in files.items():
-        np.savez(file, **{str(k): v for k, v in frames[rival].items()})
+    for rival, made in frames.items():
+        np.savez(files[rival], **{str(k): v for k, v in made.items()})
     return frames
 
 
@@ -72,7 +86,23 @@ def make_rival_frames(withheld: WithheldClip, frames: list[np.ndarray], places: 
             blends[place] = blend_frames(*flow.frames, share)
             flows[place] = flow.synthesize(share)
             compensated[place] = by_ffmpeg[place - low * withheld.step]
-    return dict(zip(RIVALS, (blends, flows, compensated), strict=True))
+    made = dict(zip(RIVALS, (blends, flows, compensated), strict=False))
+    return made | make_rife_frames(withheld, frames, places)
+
+
+def make_rife_frames(withheld: WithheldClip, frames: list[np.ndarray], places: list[int]) -> FramesByMethod:
+    """Make the frames of RIFE; none, and a sentence, where its environment cannot be made or the step suits it not."""
+    step, rows = withheld.step, sorted({place // withheld.step for place in places})
+    if step & (step - 1):
+        print(f"RIFE is left out: it halves gaps, and {step} is not a power of 2", file=sys.stderr)
+        return {}
+    first, second = (np.stack([frames[(row + side) * step] for row in rows]) for side in (0, 1))
+    try:
+        filled = run_rife(first, second, step)
+    except MissingInputError as error:
+        print(f"RIFE is left out: {error}", file=sys.stderr)
+        return {}
+    return {"RIFE": {place: filled[rows.index(place // step), place % step - 1] for place in places}}
 
 
 def select_gaps(balls: dict[int, list[Passing]], most: int, rng: np.random.Generator) -> list[int]:
@@ -216,8 +246,29 @@ def pool_tallies(all_tallies: list[Tallies]) -> Tallies:
     return total
 
 
+def measure_figures(out: Path) -> list[Figure]:
+    """Measure the figures of the documentation on a sample clip, all classes of gaps together."""
+    film = read_sample_film(QUICK_CLIP, out)
+    case = InterpolationCase(film.withheld, read_all_frames(film.withheld), film.passings, film.locate_balls)
+    tallies = score_case(case, argparse.Namespace(out=out, gaps=QUICK_GAPS, reuse=False))
+    figures = []
+    for method, by_class in tallies.items():
+        errors = np.concatenate([by_class[kind].squared_errors for kind in CLASSES])
+        centres = np.concatenate([by_class[kind].centre_errors for kind in CLASSES])
+        figures += [
+            estimate_statistic(f"{method}: PSNR on the paths of balls", errors, "dB", lambda x: to_decibels(x.mean())),
+            estimate_median(f"{method}: distance of a ball from its place, median", centres, "px"),
+        ]
+    if "RIFE" not in tallies:
+        figures += keep_recorded("interpolation.interpolation", "RIFE", "its environment cannot be made")
+    ours = [tallies["trueroll"][kind] for kind in CLASSES]
+    count, wrong = sum(len(t.centre_errors) for t in ours), sum(t.missing + t.doubled for t in ours)
+    return [*figures, estimate_share("trueroll: balls missing or doubled", wrong, count)]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "out" / "interpolation", help="folder of the sheets")
     parser.add_argument(
         "--only", default="", help="only clips whose name contains this word; default: three real clips"
@@ -231,6 +282,10 @@ def main() -> int:
     parser.add_argument("--new-shots", type=int, default=1, help="new shots from each sample, with --rendered")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
+    if arguments.quick:
+        inputs = f"every other frame of `{QUICK_CLIP}` withheld (30 to 15 fps), {QUICK_GAPS} gaps, seed {SEED}"
+        run_quick("interpolation.interpolation", lambda: measure_figures(arguments.out), inputs)
+        return 0
     all_tallies = []
     for case in render_cases(arguments) if arguments.rendered else read_real_cases(arguments):
         all_tallies.append(score_case(case, arguments))

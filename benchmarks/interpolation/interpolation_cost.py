@@ -1,6 +1,6 @@
 """Measure the CPU time of frame interpolation on one core: to prepare a gap, and for each of seven frames in it.
 
-    python -m benchmarks.interpolation.interpolation_cost [CLIP ...]
+    python -m benchmarks.interpolation.interpolation_cost [--quick] [CLIP ...]
 
 Without CLIPs, three real ones of ../shared/data. Takes a minute once their runs are in the cache. Decoding and encoding
 are not counted; the preparation of the whole clip is reported separately. Goal: 25 ms per frame and 150 ms per gap at
@@ -16,6 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.support.figures import ROOT, Figure, add_quick_option, run_quick, state_cost
+from benchmarks.support.run_folder import FOOTAGE
 from models.core.progress import Progress, ignore_progress
 from pipeline.chain import build_fit_graph, run_fit_graph
 from pipeline.engine.result_cache import ResultCache, default_cache_root
@@ -25,7 +27,7 @@ from video.matting.ball_timeline import build_ball_timeline
 from video.overlay.frame_balls import balls_at_times
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance, prepare_interval
 
-FOOTAGE = Path(__file__).resolve().parents[3] / "shared" / "data" / "billiards"
+QUICK_CLIP = ROOT / "sample_videos" / "many_contacts.mp4"
 FACTOR, GAPS = 8, 12
 CLIPS = ("snooker_null_grad_stoss_1_0003_0009", "pool8_game2_clip1", "carom_F1")
 
@@ -71,11 +73,27 @@ def measure_clip(clip: Path) -> tuple[tuple[int, int], float, np.ndarray]:
     return (opened_clip.width, opened_clip.height), preparation, np.array(costs)
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation on a sample clip of 720p."""
+    _, _, costs = measure_clip(QUICK_CLIP)
+    gap, frame = 1e3 * costs.T
+    return [
+        state_cost("CPU time to prepare a gap, median", float(np.median(gap)), "ms", len(gap)),
+        state_cost("CPU time of a frame in it, median", float(np.median(frame)), "ms", len(frame)),
+    ]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="*", type=Path, help="clips; default: three real ones")
-    clips = parser.parse_args().clips or [FOOTAGE / f"{name}.mp4" for name in CLIPS]
+    add_quick_option(parser)
+    arguments = parser.parse_args()
     cv2.setNumThreads(1)
+    if arguments.quick:
+        inputs = f"`{QUICK_CLIP.name}`, 1280 x 720, factor {FACTOR}, {GAPS} gaps; noise: twice the time, for the load"
+        run_quick("interpolation.interpolation_cost", measure_figures, inputs, alone=True)
+        return 0
+    clips = arguments.clips or [FOOTAGE / f"{name}.mp4" for name in CLIPS]
     print("| clip | size | preparation s | gap ms | most | frame ms | most |\n|---|---|---|---|---|---|---|")
     for clip in clips:
         (width, height), preparation, costs = measure_clip(clip)

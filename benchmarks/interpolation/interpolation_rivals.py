@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
+from collections.abc import Iterator
+from fractions import Fraction
 
+import av
 import cv2
 import numpy as np
 
@@ -51,17 +53,34 @@ class FlowBothWays:
 
 def run_minterpolate(visible: list[np.ndarray], step: int) -> list[np.ndarray]:
     """Run ffmpeg's motion compensation; returns (D - 1) step + 1 frames, some of which it fills by blending."""
-    height, width = visible[0].shape[:2]
     # the filter drops the last two frames: repeat them
     padded = [*visible, visible[-1], visible[-1], visible[-1]]
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
-    filters = f"format=yuv444p,minterpolate=fps={step}:{MINTERPOLATE},format=rgb24"
-    command = ["ffmpeg", "-v", "error", "-threads", "1", *raw, "-r", "1", "-i", "-", "-vf", filters, *raw[:4], "-"]
-    done = subprocess.run(command, input=b"".join(p.tobytes() for p in padded), capture_output=True, check=True)
-    out = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
+    out = np.stack(
+        list(_filter_frames(padded, [("format", "yuv444p"), ("minterpolate", f"fps={step}:{MINTERPOLATE}")]))
+    )
     count = (len(visible) - 1) * step + 1
     start = _find_first_frame(out, visible, step)
     return list(out[start : start + count])
+
+
+def _filter_frames(frames: list[np.ndarray], filters: list[tuple[str, str]]) -> Iterator[np.ndarray]:
+    """Run filters of ffmpeg, as PyAV has them, on frames one second apart."""
+    height, width = frames[0].shape[:2]
+    graph = av.filter.Graph()
+    source = graph.add_buffer(width=width, height=height, format="rgb24", time_base=Fraction(1, 1))
+    nodes = [graph.add(name, options) for name, options in [*filters, ("format", "rgb24")]]
+    graph.link_nodes(source, *nodes, graph.add("buffersink")).configure()
+    for number, image in enumerate([*frames, None]):
+        frame = None
+        if image is not None:
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = number, Fraction(1, 1)
+        graph.push(frame)
+        while True:
+            try:
+                yield graph.pull().to_ndarray(format="rgb24")
+            except (BlockingIOError, EOFError):  # needs the next frame; has no more
+                break
 
 
 def _find_first_frame(out: np.ndarray, visible: list[np.ndarray], step: int) -> int:

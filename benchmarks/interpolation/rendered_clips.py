@@ -41,8 +41,8 @@ class RenderedFilm:
     """One rendered film with withheld frames."""
 
     withheld: WithheldClip
-    again: list[np.ndarray]
-    """D frames of the same shot by a second camera of the same kind."""
+    again: list[np.ndarray] | None
+    """D frames of the same shot by a second camera of the same kind, if there is one."""
     passings: list[Passing]
     locate_balls: BallLocator
 
@@ -79,9 +79,15 @@ def _lie_apart(xy: np.ndarray, sample: shots.Sample) -> bool:
     return bool(apart.min() > 2.2 * radius and inside)
 
 
+def read_sample_film(name: str, folder: Path) -> RenderedFilm:
+    """Withhold every other frame of a sample clip as it is shipped; there is no second film."""
+    [sample] = [one for one in shots.SAMPLES if one.name == name]
+    return _withhold_film(sample, ROOT / "sample_videos" / f"{name}.mp4", None, folder)
+
+
 def film_sample(sample: shots.Sample, folder: Path) -> RenderedFilm:
     """Film a shot twice, withhold every other frame of the first film, and return them with the true positions."""
-    samples, events = make.simulate_shot(make.build_world_shot(sample))
+    samples, _ = make.simulate_shot(make.build_world_shot(sample))
     motion, view = make.build_motion(sample, samples), make.build_sample_view(sample)
     paths = [folder / f"{sample.name}_film{k}.mp4" for k in (1, 2)]
     for k, path in enumerate(paths):
@@ -89,13 +95,18 @@ def film_sample(sample: shots.Sample, folder: Path) -> RenderedFilm:
             noise = replace(sample, seed=sample.seed + k)
             bar = Progress(disable=True)
             make.write_clip(path, view, noise, motion, bar, bar.add_task(path.stem))
-    withheld = withhold(paths[0], STEP, folder)
+    return _withhold_film(sample, paths[0], paths[1], folder)
+
+
+def _withhold_film(sample: shots.Sample, film: Path, second: Path | None, folder: Path) -> RenderedFilm:
+    samples, events = make.simulate_shot(make.build_world_shot(sample))
+    motion, view = make.build_motion(sample, samples), make.build_sample_view(sample)
+    withheld = withhold(film, STEP, folder)
     contacts = [(sample.strike_at + float(e["t"]), e["a"], e["b"]) for e in events if e["kind"] in MEETINGS]
-    passings = list(_find_passings(withheld, sample, view, motion, contacts))
     return RenderedFilm(
         withheld,
-        read_all_frames(replace(withheld, source=paths[1])),
-        passings,
+        read_all_frames(replace(withheld, source=second)) if second else None,
+        list(_find_passings(withheld, sample, view, motion, contacts)),
         _make_ball_locator(withheld, sample, view, motion),
     )
 

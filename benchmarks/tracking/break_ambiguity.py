@@ -1,6 +1,7 @@
 """Measure how ambiguous the contacts of a break are: break a second rack that no frame can distinguish from the first.
 
-    python -m benchmarks.tracking.break_ambiguity [--seeds 20] [--first 0] [--fps 30] [--racks 5] [--truth DIR]
+    python -m benchmarks.tracking.break_ambiguity [--quick] [--seeds 20] [--first 0] [--fps 30] [--racks 5]
+        [--truth DIR]
 
 Contact models, all parameters and the motion of the cue ball are known here, but not the small displacements of the
 balls in the rack: at most half a millimetre, redrawn, where twelve frames before the strike locate a ball to 0.6 mm.
@@ -21,10 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.support.figures import Figure, add_quick_option, estimate_mean, run_quick
 from benchmarks.tracking.break_shots import WORLD, Break, draw_shot, read_break
 
 EARLY_SECONDS, SECONDS = 0.05, 0.6
 """Counted time after the first contact, and simulated time, s."""
+QUICK_SEEDS = 6
 LEAST_SPEED = 0.06
 """Least closing speed of a counted contact, m/s."""
 
@@ -71,8 +74,31 @@ def count_shared(
     return count
 
 
+def compare_racks(seed: int, racks: int, fps: float, truth: Path) -> tuple[int, list[float], list[float]]:
+    """Return the early contacts of a break, and by redrawn rack the repeated share and the share that is true."""
+    reference = select_early_contacts(play_shot(draw_shot(seed, False, SECONDS), truth / f"{seed}"))
+    recall, precision = [], []
+    for again in range(racks):
+        other = select_early_contacts(play_shot(redraw_rack(seed, again), truth / f"{seed}_{again}"))
+        same = count_shared(reference, other, 0.5 / fps)
+        recall.append(same / len(reference))
+        precision.append(same / len(other))
+    return len(reference), recall, precision
+
+
+def measure_figures(fps: float, truth: Path) -> list[Figure]:
+    """Measure the figures of the documentation on few breaks, one redrawn rack each."""
+    shares = [compare_racks(seed, 1, fps, truth)[1:] for seed in range(QUICK_SEEDS)]
+    recall, precision = 100 * np.array(shares)[..., 0].T
+    return [
+        estimate_mean("early contacts that a redrawn rack repeats", recall, "%"),
+        estimate_mean("early contacts of a redrawn rack that are true", precision, "%"),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("--seeds", type=int, default=20, help="number of breaks")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--fps", type=float, default=30.0, help="frame rate that sets the time tolerance")
@@ -80,18 +106,18 @@ def main() -> None:
     parser.add_argument("--truth", type=Path, default=Path(tempfile.gettempdir()) / "trueroll-breaks-redrawn",
                         help="folder in which simulated shots are kept")  # fmt: skip
     arguments = parser.parse_args()
-    recall, precision = [], []
+    if arguments.quick:
+        inputs = f"seeds 0 to {QUICK_SEEDS - 1}, one redrawn rack each"
+        run_quick("tracking.break_ambiguity", lambda: measure_figures(arguments.fps, arguments.truth), inputs)
+        return
+    all_recall, all_precision = [], []
     for seed in range(arguments.first, arguments.first + arguments.seeds):
-        reference = select_early_contacts(play_shot(draw_shot(seed, False, SECONDS), arguments.truth / f"{seed}"))
-        for again in range(arguments.racks):
-            other = select_early_contacts(play_shot(redraw_rack(seed, again), arguments.truth / f"{seed}_{again}"))
-            same = count_shared(reference, other, 0.5 / arguments.fps)
-            recall.append(same / len(reference))
-            precision.append(same / len(other))
-        repeated = np.mean(recall[-arguments.racks :])
-        print(f"seed {seed}: {len(reference)} contacts within 50 ms, {repeated:.2f} of them repeated", flush=True)
-    print(f"early contacts that a redrawn rack repeats: {np.mean(recall):.2f}; "
-          f"its own contacts that are true: {np.mean(precision):.2f}")  # fmt: skip
+        count, recall, precision = compare_racks(seed, arguments.racks, arguments.fps, arguments.truth)
+        all_recall += recall
+        all_precision += precision
+        print(f"seed {seed}: {count} contacts within 50 ms, {np.mean(recall):.2f} of them repeated", flush=True)
+    print(f"early contacts that a redrawn rack repeats: {np.mean(all_recall):.2f}; "
+          f"its own contacts that are true: {np.mean(all_precision):.2f}")  # fmt: skip
 
 
 if __name__ == "__main__":

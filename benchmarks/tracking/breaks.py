@@ -1,7 +1,7 @@
 """Score breaks of sixteen equal balls: identities, contacts and their times, and positions.
 
-    python -m benchmarks.tracking.breaks [--seeds 20] [--first 0] [--fps 30] [--noise 1] [--oracle] [--pockets]
-        [--truth DIR] [--jobs 2]
+    python -m benchmarks.tracking.breaks [--quick] [--seeds 20] [--first 0] [--fps 30] [--noise 1] [--oracle]
+        [--pockets] [--truth DIR] [--jobs 2]
 
 The truth is `worlds/billiards.py`, run as a process. A contact counts if it closes faster than 60 mm/s; it is matched
 if a contact of the same balls (and cushion) is reported within half a frame. A reported contact is false if there is no
@@ -9,9 +9,8 @@ contact faster than 30 mm/s, so that the threshold itself makes none false. The 
 first contact, one or two frames with twenty contacts; it is scored separately and with the rest. Contacts later than
 two frames before the end are left out. Positions are compared between frames, every millisecond while a ball moves
 faster than 20 mm/s, with the Akima spline through the same noisy detections with true identities. `--oracle` adds the
-best possible fit of the same frames, see `break_oracle.py`. The identity switches of peers were measured on breaks of
-ten equal balls, with the same noise and share of missed detections. Takes half a minute of CPU per break; the first
-break on a machine takes a minute longer, because code is compiled.
+best possible fit of the same frames, see `break_oracle.py`. `--quick` adds the trackers of roboflow's kit. Takes half a
+minute of CPU per break; the first break on a machine takes a minute longer, because code is compiled.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
@@ -29,9 +29,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
+from benchmarks.support.figures import (
+    Figure,
+    MissingInputError,
+    add_quick_option,
+    estimate_count,
+    estimate_mean,
+    estimate_share,
+    keep_recorded,
+    run_quick,
+)
 from benchmarks.tracking import break_oracle
 from benchmarks.tracking.break_rivals import track_constant_velocity, track_nearest
-from benchmarks.tracking.break_shots import HZ, Break, FilmedBreak, film_break, overhead_scene, simulate_break
+from benchmarks.tracking.break_shots import BALLS, HZ, Break, FilmedBreak, film_break, overhead_scene, simulate_break
+from benchmarks.tracking.roboflow_trackers import TRACKERS, track_in_environment
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
@@ -47,11 +58,8 @@ NEAR_SECONDS = 0.02
 MOVING_SPEED = 0.02
 """Least speed at which positions are scored, m/s."""
 
-PEER_SWITCHES = {
-    30.0: "norfair 58 (gate 2R) or 7 (80 px), ByteTrack 3 (14 % unassigned), OC-SORT 3, constant velocity 5",
-    60.0: "norfair 32 (gate 2R) or 2 (80 px), ByteTrack 5 (14 % unassigned), OC-SORT 1, constant velocity 2",
-}
-"""Identity switches of other trackers by frame rate, ten balls."""
+QUICK_SEEDS, QUICK_FITS, QUICK_FPS = range(700, 704), 2, 30.0
+"""Breaks whose identities are scored for `--quick`, and number of those that are fitted."""
 NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
 SILENT_NOISE = 1e-3
@@ -108,6 +116,7 @@ _Row = TypeVar("_Row", BreakScore, OracleScore)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_quick_option(parser)
     parser.add_argument("--seeds", type=int, default=20, help="number of breaks")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--fps", type=float, default=30.0, help="frame rate")
@@ -119,13 +128,16 @@ def main() -> None:
     )
     parser.add_argument("--jobs", type=int, default=2, help="number of processes")
     arguments = parser.parse_args()
+    if arguments.quick:
+        seeds = f"seeds {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}"
+        inputs = f"breaks of 16 equal balls at {QUICK_FPS:g} fps, {seeds}, contacts of the first {QUICK_FITS}"
+        run_quick("tracking.breaks", lambda: measure_figures(arguments.truth), inputs)
+        return
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     work = [(seed, arguments.fps, arguments.noise, arguments.pockets, arguments.truth) for seed in seeds]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         print_head(BreakScore)
         print_medians([print_row(score) for score in pool.map(score_break, *zip(*work, strict=True))])
-        if arguments.fps in PEER_SWITCHES and arguments.noise == 1.0:
-            print(f"switches of other trackers, ten balls: {PEER_SWITCHES[arguments.fps]}")
         if arguments.oracle and not arguments.pockets:
             print_head(OracleScore)
             print_oracle([print_row(score) for score in pool.map(score_oracle, *zip(*work, strict=True))])
@@ -147,6 +159,55 @@ def score_break(seed: int, fps: float, noise: float, pockets: bool, truth: Path)
     return BreakScore(
         seed, *contacts, count_switches(owner), *rivals, *places, tracked - start, fitted - tracked
     )  # fmt: skip
+
+
+def measure_figures(truth: Path) -> list[Figure]:
+    """Measure the figures of the documentation: contacts of few breaks, identities of more."""
+    fitted = [score_break(seed, QUICK_FPS, 1.0, False, truth) for seed in QUICK_SEEDS[:QUICK_FITS]]
+    counts = {field.name: sum(getattr(score, field.name) for score in fitted) for field in fields(BreakScore)}
+    found, contacts = counts["matched"] + counts["early_matched"], counts["contacts"] + counts["early"]
+    correct, reported = counts["correct"] + counts["early_correct"], counts["reported"] + counts["early_reported"]
+    filmed = [film_break(simulate_break(seed, truth), QUICK_FPS, seed, False) for seed in QUICK_SEEDS]
+    rivals = {"nearest detection": track_nearest, "constant velocity, Hungarian": track_constant_velocity}
+    return [
+        estimate_share("contacts found", found, contacts),
+        estimate_share("contacts found in the opening", counts["early_matched"], counts["early"]),
+        estimate_share("reported contacts that are true", correct, reported),
+        estimate_count("trueroll: identity switches per break", [count_own_switches(one) for one in filmed], ""),
+        *(estimate_count(f"{name}: identity switches per break",
+                        [count_rival_switches(tracker, one) for one in filmed], "")
+          for name, tracker in rivals.items()),
+        *measure_kit(filmed),
+    ]  # fmt: skip
+
+
+def count_own_switches(filmed: FilmedBreak) -> int:
+    tracks = build_tracks(filmed.detections, filmed.frame, filmed.t, overhead_scene(False))
+    return count_switches(find_owners(tracks, filmed))
+
+
+def measure_kit(films: list[FilmedBreak]) -> list[Figure]:
+    """Measure the trackers of roboflow's kit, each with the size of box that suits these breaks best."""
+    switches: dict[tuple[str, float], list[int]] = defaultdict(list)
+    missing: dict[tuple[str, float], list[float]] = defaultdict(list)
+    for filmed in films:
+        d = filmed.detections
+        try:
+            tracks = track_in_environment(d.centre, d.frame, QUICK_FPS, float(d.radius[0]))
+        except MissingInputError as error:
+            return [f for name in TRACKERS for f in keep_recorded("tracking.breaks", name, error)]
+        for option, track in tracks.items():
+            paths = (track[(filmed.ball == ball) & (track >= 0)] for ball in range(BALLS))
+            switches[option].append(sum(int(np.count_nonzero(np.diff(path))) for path in paths))
+            missing[option].append(100 * float(np.mean(track < 0)))
+    figures = []
+    for tracker in TRACKERS:
+        best = min((o for o in switches if o[0] == tracker), key=lambda o: float(np.mean(switches[o])))
+        figures += [
+            estimate_count(f"{tracker}: identity switches per break", switches[best], ""),
+            estimate_mean(f"{tracker}: detections without a track", missing[best], "%"),
+        ]
+    return figures
 
 
 def score_oracle(seed: int, fps: float, noise: float, pockets: bool, truth: Path) -> OracleScore:
