@@ -23,7 +23,7 @@ PACKAGES = ("trueroll", "pipeline", "detectors", "diagnosis", "video", "models")
 """The project's packages. Nothing else below `ROOT` is hashed."""
 IGNORED_NODES = (ast.Name, ast.expr_context)
 """Nodes of a syntax tree that are no strings and hold none: more than half of all nodes."""
-LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba")
+LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba", "scikit-image")
 """Distributions whose version is part of the cache key: they can change a result."""
 
 
