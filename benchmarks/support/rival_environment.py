@@ -1,7 +1,7 @@
 """Run rivals from the package registry in environments of their own, so that their packages never meet the project's.
 
-An environment holds pinned packages and lies in the cache folder of the user; it is made once, by uv where there is
-one, else by pip. A function of a rival module runs there as a process: arrays go in and come out as npz files.
+An environment holds pinned packages and lies in the cache folder of the user; it is made once, as that of the
+project. A function of a rival module runs there as a process: arrays go in and come out as npz files.
 """
 
 from __future__ import annotations
@@ -22,14 +22,6 @@ import numpy as np
 from benchmarks.support.figures import ROOT, MissingInputError
 
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "trueroll-rivals"
-UV_SETTINGS = {
-    "PIP_FIND_LINKS": "UV_FIND_LINKS",
-    "PIP_INDEX_URL": "UV_DEFAULT_INDEX",
-    "PIP_EXTRA_INDEX_URL": "UV_INDEX",
-    "PIP_CONSTRAINT": "UV_CONSTRAINT",
-    "PIP_CERT": "SSL_CERT_FILE",
-}
-"""Settings of the machine that pip reads and uv names otherwise."""
 CALL = """
 import importlib, sys, numpy
 module, name, inputs, outputs = sys.argv[1:]
@@ -89,19 +81,13 @@ class RivalEnvironment:
 
     def _install(self, python: Path) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
-        uv = shutil.which("uv", path=f"{Path(sys.executable).parent}:{os.environ.get('PATH', '')}")
-        _run([sys.executable, "-m", "venv", *(["--without-pip"] if uv else []), str(self.folder)], self.name)
-        if uv is None:
-            _run([str(python), "-m", "pip", "install", "--quiet", *self.packages], self.name)
-            return
-        settings = {name: os.environ[key].replace(" ", ",") for key, name in UV_SETTINGS.items() if key in os.environ}
-        _run([uv, "pip", "install", "--quiet", "--python", str(python), *self.packages], self.name, settings)
-
-
-def _run(command: list[str], name: str, settings: Mapping[str, str] | None = None) -> None:
-    done = subprocess.run(command, env=os.environ | (settings or {}), capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise MissingInputError(f"the environment of {name} cannot be made: {_last_line(done)}")
+        for command in (
+            [sys.executable, "-m", "venv", str(self.folder)],
+            [str(python), str(ROOT / ".ci" / "install.py"), *self.packages],
+        ):
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise MissingInputError(f"the environment of {self.name} cannot be made: {_last_line(done)}")
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:
