@@ -1,4 +1,4 @@
-"""Runs that tests share."""
+"""Runs that tests share, and commands that start no helper."""
 
 from __future__ import annotations
 
@@ -19,3 +19,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Home:
 def own_home(home: Home, tmp_path: Path) -> Home:
     """A copy of its clip and its cache, in which a test may change things."""
     return home.copy_to(tmp_path / "home")
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands start no helper process, whose imports take longer than a small diagnosis."""
+    monkeypatch.setattr("pipeline.engine.helper_executor.available_cores", lambda: 1)
