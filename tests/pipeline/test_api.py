@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pyarrow import csv
+from support.carom_start import SAMPLE, Home
 
 from models.core.errors import ClipError, OptionError
 from pipeline import api
@@ -34,10 +35,11 @@ class FakeViewer:
 
 
 @pytest.fixture(scope="module")
-def names(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """Run the code of the page; return the names that it defines."""
-    folder = tmp_path_factory.mktemp("notebook")
-    (folder / "sample_videos").symlink_to(ROOT / "sample_videos")
+def names(home: Home, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """Run the code of the page on the start of its clip; return the names that it defines."""
+    folder = home.copy_to(tmp_path_factory.mktemp("notebook") / "home").folder
+    (folder / "sample_videos").mkdir()
+    (folder / "sample_videos" / SAMPLE.name).symlink_to(home.clip)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("TRUEROLL_CACHE", str(folder / "cache"))
@@ -92,7 +94,7 @@ def test_without_pandas_a_frame_is_one_sentence(names: dict[str, Any]) -> None:
 def test_a_second_run_uses_the_cache_and_reports_progress(names: dict[str, Any]) -> None:
     progress: list[tuple[str, float]] = []
     again = run(
-        names["folder"] / "sample_videos" / "carom_match.mp4",
+        names["folder"] / "sample_videos" / SAMPLE.name,
         names["folder"] / "again",
         cache=names["folder"] / "cache",
         progress=lambda stage, share: progress.append((stage, share)),

@@ -10,85 +10,32 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
+from support.carom_start import SAMPLE, SECONDS, SLOW, Home
 
 from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, publish_files, write_source
-from pipeline.engine.result_cache import CacheEntry
+from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.run_options import RunOptions
 from pipeline.terminal.search_display import COMPILING_NOTE
 from video.io.video_writer import VideoWriter
 
 ROOT = Path(__file__).resolve().parents[2]
-SAMPLE = ROOT / "sample_videos" / "carom_match.mp4"
 PROGRAM = """import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests themselves run in the background
 from pipeline.cli.main import main
 main()"""
-SECONDS = 1.5
-"""Used part of the sample, s: a strike, a contact of two balls and one with a cushion."""
-SLOW = 4
+HANG_S = 600
+"""Time after which a process hangs, s."""
 FILES = {
     "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
     "recording.rrd", "report.html", "poster.png", "source.json",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Home:
-    """A folder with the clip, a cache, and what the first run made."""
-
-    folder: Path
-
-    @property
-    def clip(self) -> Path:
-        return self.folder / "clips" / "start.mp4"
-
-    @property
-    def out(self) -> Path:
-        return self.folder / "out"
-
-    def start(self, *arguments: object, cache: str = "cache") -> subprocess.Popen[str]:
-        """`trueroll ARGUMENTS...` in a process of its own."""
-        return subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, *map(str, arguments)],
-            cwd=self.folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env=os.environ | {"PYTHONPATH": str(ROOT), "TRUEROLL_CACHE": str(self.folder / cache), "COLUMNS": "200"},
-        )  # fmt: skip
-
-    def trueroll(self, *arguments: object) -> tuple[int, str, str]:
-        process = self.start(*arguments)
-        out, err = process.communicate(timeout=400)
-        return process.returncode, out, err
-
-    def rows(self, name: str) -> list[dict[str, str]]:
-        with (self.out / name).open(newline="") as file:
-            return list(csv.DictReader(file))
-
-    def column(self, name: str, column: str) -> np.ndarray:
-        return np.array([float(row[column] or "nan") for row in self.rows(name)])
-
-    @property
-    def scene(self) -> Any:
-        return json.loads((self.out / "scene.json").read_text(), parse_constant=lambda word: pytest.fail(word))
-
-
-def copy_start(source: Path, target: Path) -> None:
-    """Copy the first `SECONDS` of a video without decoding it."""
-    with av.open(str(source)) as film, av.open(str(target), "w") as start:
-        stream = film.streams.video[0]
-        copy = start.add_stream_from_template(stream)
-        for packet in film.demux(stream):
-            if packet.dts is not None and float(packet.dts * stream.time_base) < SECONDS:
-                packet.stream = copy
-                start.mux(packet)
 
 
 def copy_still(source: Path, target: Path, frames: int = 24) -> None:
@@ -99,18 +46,6 @@ def copy_still(source: Path, target: Path, frames: int = 24) -> None:
     with VideoWriter(target, images[0].shape[1], images[0].shape[0], Fraction(rate)) as writer:
         for k in range(frames):
             writer.write(images[k % len(images)])
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory: pytest.TempPathFactory) -> Home:
-    home = Home(tmp_path_factory.mktemp("home"))
-    home.clip.parent.mkdir()
-    copy_start(SAMPLE, home.clip)
-    status, out, err = home.trueroll("run", home.clip, "-o", home.out, "--quick", "--slow", SLOW)
-    assert status == 0, err
-    assert err in ("", f"{COMPILING_NOTE}\n"), "no progress is printed unless on a terminal"
-    assert "slow.mp4" in out
-    return home
 
 
 def test_the_folder_holds_the_files_of_the_contract_and_no_others(home: Home) -> None:
@@ -191,39 +126,38 @@ def test_the_poster_has_at_least_the_size_of_the_clip(home: Home) -> None:
         assert still.width >= home.scene["image"]["width_px"]
 
 
-def test_a_second_run_takes_everything_from_the_cache(home: Home) -> None:
-    before = {path.name: path.read_bytes() for path in home.out.iterdir()}
-    status, out, _ = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW, "--json")
-    assert status == 0
-    assert {view["state"] for view in json.loads(out)} == {"cached"}
-    shutil.rmtree(home.out)
-    status, out, err = home.trueroll("run", home.clip, "-o", home.out, "--quick", "--slow", SLOW, "--json")
-    assert status == 0, err
-    assert {path.name: path.read_bytes() for path in home.out.iterdir()} == before
-    assert json.loads(out)["trust"] == home.scene["trust"]
+def test_a_second_run_takes_everything_from_the_cache(home: Home, tmp_path: Path) -> None:
+    done = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW, "--json")
+    assert done.status == 0
+    assert {view["state"] for view in json.loads(done.out)} == {"cached"}
+    done = home.trueroll("run", home.clip, "-o", tmp_path / "again", "--quick", "--slow", SLOW, "--json")
+    assert done.status == 0, done.err
+    again, before = ({path.name: path.read_bytes() for path in out.iterdir()} for out in (tmp_path / "again", home.out))
+    assert again == before
+    assert json.loads(done.out)["trust"] == home.scene["trust"]
 
 
 def test_another_speed_of_playing_makes_only_what_is_played_again(home: Home) -> None:
-    _, out, _ = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW + 1, "--json")
-    views = {view["stage"]: view for view in json.loads(out)}
+    done = home.trueroll("graph", home.clip, "--quick", "--slow", SLOW + 1, "--json")
+    views = {view["stage"]: view for view in json.loads(done.out)}
     assert [name for name, view in views.items() if view["state"] == "stale"] == ["poster", "render"]
     assert views["render"]["why"] == "option slow changed"
     assert views["report"]["state"] == "waiting"
 
 
 def test_a_full_run_after_a_quick_one_repeats_only_what_differs(home: Home) -> None:
-    _, out, _ = home.trueroll("graph", home.clip, "--slow", SLOW, "--json")
-    views = {view["stage"]: view["state"] for view in json.loads(out)}
+    done = home.trueroll("graph", home.clip, "--slow", SLOW, "--json")
+    views = {view["stage"]: view["state"] for view in json.loads(done.out)}
     shared = ("read", "calibrate", "detect", "track", "motion", "poster", "forecast")
     assert [name for name, state in views.items() if state == "cached"] == list(shared)
 
 
-def test_without_video_there_is_a_report_but_no_slow_motion(home: Home) -> None:
-    status, out, err = home.trueroll("run", home.clip, "-o", "bare", "--quick", "--no-video", "--slow", SLOW)
-    assert status == 0, err
-    assert {path.name for path in (home.folder / "bare").iterdir()} == FILES - {"slow.mp4"}
-    assert "slow.mp4" not in out
-    page = (home.folder / "bare" / "report.html").read_text(encoding="utf-8")
+def test_without_video_there_is_a_report_but_no_slow_motion(home: Home, tmp_path: Path) -> None:
+    done = home.trueroll("run", home.clip, "-o", tmp_path / "bare", "--quick", "--no-video", "--slow", SLOW)
+    assert done.status == 0, done.err
+    assert {path.name for path in (tmp_path / "bare").iterdir()} == FILES - {"slow.mp4"}
+    assert "slow.mp4" not in done.out
+    page = (tmp_path / "bare" / "report.html").read_text(encoding="utf-8")
     assert page.count('src="slow.mp4"') == 1
     assert 'src="slow.mp4"' not in (home.out / "report.html").read_text(encoding="utf-8")
 
@@ -233,9 +167,9 @@ def test_a_clip_in_which_nobody_strikes_gets_its_report_of_where_the_balls_lie(t
     still = Home(tmp_path)
     still.clip.parent.mkdir()
     copy_still(SAMPLE, still.clip)
-    status, out, err = still.trueroll("run", still.clip, "-o", still.out, "--slow", SLOW)
-    assert status == 0, err
-    assert "No ball moved" in out
+    done = still.trueroll("run", still.clip, "-o", still.out, "--slow", SLOW)
+    assert done.status == 0, done.err
+    assert "No ball moved" in done.out
     assert {path.name for path in still.out.iterdir()} == FILES
     assert set(still.column("tracks.csv", "shot")) == {0.0}
     assert still.rows("events.csv") == []
@@ -273,32 +207,42 @@ def test_corrected_tables_leave_the_slow_motion_until_the_next_whole_run(tmp_pat
     assert not (folder / "slow.mp4").exists()
 
 
-def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> None:
-    (home.clip.parent / "deeper").mkdir(exist_ok=True)
-    shutil.copy(home.clip, home.clip.parent / "deeper" / "same.mov")
-    with av.open(str(home.clip.parent / "single.mp4"), "w") as film:
+def list_build_times(cache: Path) -> dict[str, float]:
+    """Return how long each entry of a cache took: another time tells that it was made again."""
+    return {entry.key: entry.seconds for entry in ResultCache(cache).entries()}
+
+
+def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(
+    own_home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    clips = own_home.clip.parent
+    (clips / "deeper").mkdir()
+    shutil.copy(own_home.clip, clips / "deeper" / "same.mov")
+    with av.open(str(clips / "single.mp4"), "w") as film:
         stream = film.add_stream("libx264", rate=25)
         stream.width = stream.height = 320
         frame = av.VideoFrame.from_ndarray(np.zeros((320, 320, 3), np.uint8))
         film.mux(stream.encode(frame))
         film.mux(stream.encode(None))
-    (home.clip.parent / "notes.txt").write_text("no clip")
+    (clips / "notes.txt").write_text("no clip")
+    build_times = []
     for _ in range(2):
-        began = time.monotonic()
-        status, out, err = home.trueroll("batch", "clips", "-o", "many", "--quick", "--slow", SLOW)
-        assert status == 1, err
-        assert err in ("", f"{COMPILING_NOTE}\n")
-        assert "2 of 3 clips done" in out
-    assert time.monotonic() - began < 60
-    with (home.folder / "many" / "summary.csv").open(newline="") as file:
+        done = own_home.trueroll("batch", clips, "-o", "many", "--quick", "--slow", SLOW)
+        assert done.status == 1, done.err
+        assert done.err in ("", f"{COMPILING_NOTE}\n")
+        assert "2 of 3 clips done" in done.out
+        build_times.append(list_build_times(own_home.cache))
+    assert build_times[0] == build_times[1]
+    with Path("many/summary.csv").open(newline="") as file:
         rows = {row["clip"]: row for row in csv.DictReader(file)}
     assert {name: row["status"] for name, row in rows.items()} == {
         "deeper/same.mov": "done", "start.mp4": "done", "single.mp4": "failed",
     }  # fmt: skip
     assert "1 distinct frame" in rows["single.mp4"]["sentence"]
     for name in ("deeper/same.mov", "start.mp4"):
-        assert {path.name for path in (home.folder / rows[name]["folder"]).iterdir()} == FILES
-    left = {path.name for path in (home.folder / "many").iterdir()}
+        assert {path.name for path in Path(rows[name]["folder"]).iterdir()} == FILES
+    left = {path.name for path in Path("many").iterdir()}
     assert left == {"summary.csv", "summary.parquet", "summary.html", "deeper", "start"}
 
 
@@ -309,17 +253,23 @@ def test_one_bad_clip_stops_no_batch_and_a_second_batch_resumes(home: Home) -> N
         (signal.SIGTERM, 143, ""),
     ],
 )
-def test_a_run_that_is_stopped_leaves_nothing_half_written(home: Home, number: int, status: int, words: str) -> None:
-    process = home.start("run", home.clip, "-o", "stopped", "--quick", "--slow", 16)
-    building = home.folder / "cache" / "building"
-    end = time.monotonic() + 60
+def test_a_run_that_is_stopped_leaves_nothing_half_written(
+    own_home: Home, number: int, status: int, words: str
+) -> None:
+    arguments = ("run", own_home.clip, "-o", own_home.out, "--quick", "--slow", 16, "--cache", own_home.cache)
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *map(str, arguments)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"},
+    )  # fmt: skip
+    building = own_home.cache / "building"
+    end = time.monotonic() + HANG_S
     while not any(building.glob("render-*/*")):
         assert time.monotonic() < end, "the slow motion was never begun"
         assert process.poll() is None, process.communicate()
         time.sleep(0.02)
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=HANG_S)
     assert (process.returncode, err) == (status, words)
     assert "white is struck" in out, "the answer comes before the slow motion"
-    assert {path.name for path in (home.folder / "stopped").iterdir()} == FILES - {"slow.mp4"}
+    assert {path.name for path in own_home.out.iterdir()} == FILES - {"slow.mp4"}
     assert not list(building.iterdir())

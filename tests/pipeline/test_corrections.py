@@ -1,94 +1,22 @@
-"""Corrections by hand in a run: each repairs the mistake that was planted into a stage."""
+"""Corrections by hand in a run: what they beat, what they make anew; test_repairs_in_browser.py makes them."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from support.planted_mistakes import (
-    FALSE_PLACE,
-    FALSE_STRIKE_FRAME,
-    LOST_FRAME,
-    MISTAKES,
-    OPTIONS,
-    SPLIT_FRAME,
-    CleanRun,
-    Mistake,
-    SilentWatcher,
-    list_differences,
-    plant,
-    point_of,
-    prepare_mistake,
-    run_clip_tables,
-)
+from support.planted_mistakes import OPTIONS, SilentWatcher
 from support.sample_clips import SAMPLES
 
 from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from pipeline.batch.clip_job import ClipJob
 from pipeline.batch.clip_run import run_job
 from pipeline.chain import build_fit_graph, honour_corrections
-from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
 from pipeline.run_options import apply_corrections, build_options, list_overridden_flags, list_setting_values
-
-
-def place(run: ClipRun, ball: str, frame: int) -> BallPlace:
-    x, y = point_of(run, ball, frame)
-    return BallPlace(frame, float(x), float(y), ball)
-
-
-REPAIRS: dict[str, Callable[[ClipRun], Corrections]] = {
-    "one corner off": lambda run: Corrections(
-        corners=tuple((round(float(x)), round(float(y))) for x, y in run.scene.camera.corners_px)
-    ),
-    "all corners off": lambda run: Corrections(),
-    "wrong table": lambda run: Corrections(table="pool-9ft"),
-    "wrong frame rate": lambda run: Corrections(fps="30"),
-    "identity switch": lambda run: Corrections(
-        tracks=(
-            TrackEdit(
-                "swap", place(run, "solid-1", SPLIT_FRAME), place(run, "solid-2", SPLIT_FRAME), first=SPLIT_FRAME
-            ),
-        )
-    ),
-    "missed ball": lambda run: Corrections(balls=(BallMark("placed", place(run, "stripe-1", 30)),)),
-    "false ball": lambda run: Corrections(balls=(BallMark("false", BallPlace(20, *map(float, FALSE_PLACE))),)),
-    "missed contact": lambda run: Corrections(
-        contacts=(
-            ContactCorrection("mark", "cushion", LOST_FRAME, place(run, "solid-1", LOST_FRAME), cushion="bottom"),
-        )
-    ),
-    "false contact": lambda run: Corrections(
-        contacts=(ContactCorrection("delete", "strike", FALSE_STRIKE_FRAME, place(run, "cue", FALSE_STRIKE_FRAME)),)
-    ),
-    "split track": lambda run: Corrections(
-        tracks=(TrackEdit("merge", place(run, "cue", SPLIT_FRAME - 1), place(run, "cue", SPLIT_FRAME)),)
-    ),
-    "merged tracks": lambda run: Corrections(
-        tracks=(TrackEdit("split", place(run, "stripe-2", SPLIT_FRAME), first=SPLIT_FRAME),)
-    ),
-    "wrong ball class": lambda run: Corrections(tracks=(TrackEdit("class", place(run, "cue", 0), name="cue"),)),
-}
-"""The correction of each mistake, as a person would make it."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda one: one.name)
-def test_a_corrected_run_equals_the_run_without_the_mistake(mistake: Mistake, clean: CleanRun, tmp_path: Path) -> None:
-    clip = prepare_mistake(mistake, clean, tmp_path)
-    with plant(mistake, clean.run, clean.detections):
-        wrong = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
-        assert list_differences(wrong, clean.run) or np.ptp(
-            wrong.scene.camera.corners_px - clean.run.scene.camera.corners_px
-        )
-        write_corrections(clip, CorrectionsFile(2, "", REPAIRS[mistake.name](clean.run)))
-        corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
-    assert list_differences(corrected, clean.run) == []
 
 
 def test_the_command_line_beats_the_file_and_the_file_beats_the_defaults(tmp_path: Path) -> None:

@@ -10,8 +10,11 @@ from pathlib import Path
 import pytest
 from axe_core_python.selenium import Axe
 from selenium import webdriver
+from selenium.webdriver.support.ui import WebDriverWait
 
 DRIVER = "chromedriver"
+HANG_S = 300
+"""Time after which a page hangs, s."""
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]}
 """Rules of axe-core: WCAG 2.1, level AA."""
 
@@ -30,11 +33,16 @@ def open_chromium(width: int = 1280, *, draws: bool = False) -> Iterator[webdriv
         options.add_experimental_option("mobileEmulation", {"deviceMetrics": {"width": width, "height": 800}})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    browser.set_script_timeout(60)
+    browser.set_script_timeout(HANG_S)
     try:
         yield browser
     finally:
         browser.quit()
+
+
+def wait_on(browser: webdriver.Chrome) -> WebDriverWait[webdriver.Chrome]:
+    """Wait for something on a page, however slow the machine is."""
+    return WebDriverWait(browser, HANG_S)
 
 
 def console_messages(browser: webdriver.Chrome) -> list[str]:

@@ -26,6 +26,8 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.run_options import RunOptions
 
 DEFAULT_OPTIONS = RunOptions()
+HANG_S = 600.0
+"""Time after which a server hangs, s."""
 SHOWN_TABLES = "ab" * 32
 """Digest of the tables of the made-up run."""
 
@@ -81,7 +83,7 @@ def ask(
 ) -> tuple[int, Any, dict[str, str]]:
     """Send a request; return status, content and headers. A path that begins with a slash is absolute."""
     place = urlsplit(server.url)
-    connection = http.client.HTTPConnection(str(place.hostname), place.port, timeout=30)
+    connection = http.client.HTTPConnection(str(place.hostname), place.port, timeout=HANG_S)
     content = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     connection.request(method, path if path.startswith("/") else place.path + path, content, named)
@@ -92,7 +94,7 @@ def ask(
     return answer.status, json.loads(read) if is_json else read, dict(answer.headers.items())
 
 
-def wait_for_result(server: EditServer, seconds: float = 120.0) -> dict[str, Any]:
+def wait_for_result(server: EditServer, seconds: float = HANG_S) -> dict[str, Any]:
     """Wait until the run of the present corrections is shown, and return its state."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

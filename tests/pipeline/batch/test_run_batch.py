@@ -12,7 +12,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -27,16 +26,16 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from rich.console import Console
+from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import ClipError, OptionError
-from pipeline.batch import clip_processes, clip_runner
+from pipeline.batch import clip_processes, clip_runner, folder_watch
 from pipeline.batch.batch_display import BatchDisplay
 from pipeline.batch.batch_summary import format_csv, render_summary_page, write_summary
 from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import require_usable_answer, start_local_client
 from pipeline.batch.dask_worker import hash_code
-from pipeline.batch.folder_watch import watch_folder
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
 from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
@@ -46,6 +45,9 @@ from pipeline.run_options import RunOptions, list_setting_values
 from video.io.clip import compute_clip_digest, open_clip, read_frames
 
 ROOT = Path(__file__).resolve().parents[3]
+HANG_S = 600
+"""Time after which a process hangs, s."""
+trueroll = pytest.fixture(make_terminal)
 
 
 def write_video(path: Path, count: int = 12, suffix: str = "") -> Path:
@@ -124,10 +126,13 @@ def test_a_job_and_a_row_are_one_line_of_text_and_back(job: ClipJob) -> None:
     assert ClipResult.from_json(row.to_json()) == row
 
 
-def test_a_bad_clip_is_a_failed_row_and_the_process_takes_the_next(job: ClipJob) -> None:
+def test_a_bad_clip_is_a_failed_row_and_the_process_takes_the_next_until_its_parent_is_gone(job: ClipJob) -> None:
     with SupervisedProcess() as process:
         first = process.run(job, lambda message: None)
         again = process.run(replace(job, clip=job.clip + ".gone"), lambda message: None)
+        assert process._child is not None
+        process._child.process.stdin.close()  # type: ignore[union-attr]
+        psutil.Process(process._child.process.pid).wait(HANG_S)
     assert (first.status, first.tries) == ("failed", 1)
     assert "no cloth" in first.sentence
     assert first.peak_mb > 20
@@ -135,38 +140,43 @@ def test_a_bad_clip_is_a_failed_row_and_the_process_takes_the_next(job: ClipJob)
     assert not Path(job.folder).exists()
 
 
+HANGING = """
+print('{"ready": true}', flush=True)
+input()
+print('{"stage": "read", "share": 0.0}', flush=True)
+input()
+"""
+"""A process that begins a clip and never ends it."""
+
+
+@pytest.fixture
+def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[SupervisedProcess]:
+    monkeypatch.setattr(clip_runner, "build_command", lambda: [sys.executable, "-c", HANGING])
+    with SupervisedProcess() as process:
+        yield process
+
+
 @pytest.mark.parametrize(
     ("limits", "wanted"),
     [(ClipLimits(seconds=1e-3), "--time-limit"), (ClipLimits(megabytes=1.0), "--memory-limit")],
 )
-def test_a_clip_beyond_a_limit_is_stopped_with_a_sentence(job: ClipJob, limits: ClipLimits, wanted: str) -> None:
-    with SupervisedProcess() as process:
-        row = process.run(replace(job, limits=limits), lambda message: None)
+def test_a_clip_beyond_a_limit_is_stopped_with_a_sentence(
+    job: ClipJob, hanging: SupervisedProcess, limits: ClipLimits, wanted: str
+) -> None:
+    row = hanging.run(replace(job, limits=limits), lambda message: None)
     assert (row.status, row.tries) == ("failed", 1)
     assert wanted in row.sentence
 
 
-def test_a_process_that_is_killed_is_tried_again_and_not_for_ever(job: ClipJob) -> None:
-    process = SupervisedProcess()
-
+def test_a_process_that_is_killed_is_tried_again_and_not_for_ever(job: ClipJob, hanging: SupervisedProcess) -> None:
     def kill(_: Any) -> None:
         """Kill the process of the clip, and no other child of this one, such as a tracker of shared memory."""
-        assert process._child is not None
-        process._child.process.send_signal(signal.SIGKILL)
+        assert hanging._child is not None
+        hanging._child.process.send_signal(signal.SIGKILL)
 
-    with process:
-        row = process.run(job, kill)
+    row = hanging.run(job, kill)
     assert (row.status, row.tries) == ("failed", 3)
     assert "SIGKILL" in row.sentence
-
-
-def test_a_process_whose_parent_is_gone_leaves(job: ClipJob) -> None:
-    with SupervisedProcess() as process:
-        process.run(job, lambda message: None)
-        assert process._child is not None
-        child = psutil.Process(process._child.process.pid)
-        process._child.process.stdin.close()  # type: ignore[union-attr]
-        child.wait(10)
 
 
 LATE = """
@@ -184,7 +194,7 @@ def test_a_process_without_a_clip_leaves_without_farewells(tmp_path: Path, monke
         assert process.stdout is not None
         assert b"ready" in process.stdout.readline()
         process.terminate()
-        assert process.wait(20) == 128 + signal.SIGTERM
+        assert process.wait(HANG_S) == 128 + signal.SIGTERM
     assert not (tmp_path / "farewell").exists()
 
 
@@ -330,22 +340,38 @@ def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Pa
     assert "%FF" in render_summary_page(build_results(), tmp_path)
 
 
+class FakeClock:
+    """A clock for `folder_watch` that goes on by a tenth of a second whenever it is read."""
+
+    def __init__(self, listener: Callable[[], None] = lambda: None) -> None:
+        self.now = 0.0
+        self._listener = listener
+
+    def monotonic(self) -> float:
+        self._listener()
+        self.now += 0.1
+        return self.now
+
+
 def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.batch.folder_watch.POLL_INTERVAL_S", 0.05)
-    monkeypatch.setattr("pipeline.batch.folder_watch.SETTLE_S", 0.2)
-
-    def come() -> None:
-        time.sleep(0.2)
-        clip = write_video(tmp_path / "late.mp4")
-        time.sleep(0.8)
-        write_video(clip, count=14)
-
+    monkeypatch.setattr(folder_watch, "time", clock := FakeClock())
     write_video(tmp_path / "early.mp4")
-    threading.Thread(target=come).start()
-    paths = [path.name for path in watch_folder(tmp_path, tmp_path / "out", 1.5) if path is not None]
-    assert paths == ["early.mp4", "late.mp4", "late.mp4"]
+    late, changes, delivered = tmp_path / "late.mp4", [2.0, 4.0], []
+    for path in folder_watch.watch_folder(tmp_path, tmp_path / "out", 6.0):
+        if path is not None:
+            delivered.append((path.name, clock.now))
+            changes += [clock.now + 2.0] * (len(delivered) == 2)
+        elif changes and clock.now >= changes[0]:
+            write_video(late, count=12 + int(clock.now))
+            changed = changes.pop(0)
+    assert [name for name, _ in delivered] == ["early.mp4", "late.mp4", "late.mp4"]
+    rests = [delivered[0][1], delivered[1][1] - 4.0, delivered[2][1] - changed]
+    assert all(
+        folder_watch.SETTLE_S <= rest < folder_watch.SETTLE_S + 3 * folder_watch.POLL_INTERVAL_S for rest in rests
+    )
+    assert clock.now - delivered[2][1] == pytest.approx(6.0, abs=2 * folder_watch.POLL_INTERVAL_S)
 
 
 @pytest.fixture(scope="module")
@@ -365,15 +391,16 @@ def scheduler() -> Iterator[str]:
     yield address
     for process in reversed(clip_processes):
         process.terminate()
-        process.wait(20)
+        process.wait(HANG_S)
 
 
-def run_batch_command(folder: Path, *arguments: str) -> tuple[int, dict[str, str], str]:
-    """Run `trueroll batch`; return its status, the sentence of each clip, and standard error."""
-    command = [sys.executable, "-c", "from pipeline.cli.main import main; main()", "batch", "in", "-o", "out", "--json"]
+def run_batch_command(folder: Path, *arguments: str, prepare: str = "") -> tuple[int, dict[str, str], str]:
+    """Run `trueroll batch` after some code; return its status, the sentence of each clip, and standard error."""
+    program = f"from pipeline.cli.main import main; {prepare}; main()"
+    command = [sys.executable, "-c", program, "batch", "in", "-o", "out", "--json"]
     done = subprocess.run(
         [*command, "--cache", "cache", *arguments], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=120, check=False,
+        capture_output=True, text=True, timeout=HANG_S, check=False,
     )  # fmt: skip
     rows = json.loads(done.stdout) if done.stdout else []
     return done.returncode, {row["clip"]: row["sentence"] for row in rows}, done.stderr
@@ -395,7 +422,8 @@ def test_one_process_several_and_a_cluster_give_the_same_results(tmp_path: Path,
 
 def test_a_cluster_that_is_not_there_or_does_not_share_is_refused_before_the_work(tmp_path: Path) -> None:
     write_video(tmp_path / "in" / "a.mp4")
-    status, _, err = run_batch_command(tmp_path, "--cluster", "tcp://127.0.0.1:9")
+    hasten = "from pipeline.batch import dask_cluster; dask_cluster.CONNECT_TIMEOUT_S = 0.5"
+    status, _, err = run_batch_command(tmp_path, "--cluster", "tcp://127.0.0.1:9", prepare=hasten)
     assert status == 2
     assert "none answers" in err
     assert err.count("\n") == 1
@@ -432,10 +460,25 @@ def test_a_local_cluster_leaves_nothing_among_temporary_files_nor_lets_dead_ones
     assert not list(tmp_path.iterdir())
 
 
-def test_a_watched_batch_runs_what_comes_and_ends_when_nothing_does(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ends", ["when nothing comes", "with an interruption"])
+def test_a_watched_batch_runs_what_comes_and_lists_the_results(
+    ends: str, trueroll: Terminal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt() -> None:
+        if ends == "with an interruption" and (tmp_path / "out" / "summary.csv").exists():
+            raise KeyboardInterrupt
+
+    answer = json.dumps({"row": ClipResult("a.mp4", "failed", "", 0, 0.0, "", "no cloth", seconds=1.0).to_json()})
+    program = f"print('{{\"ready\": true}}', flush=True); input(); print({answer!r}, flush=True); input()"
+    monkeypatch.setattr(clip_runner, "build_command", lambda: [sys.executable, "-c", program])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(folder_watch, "time", FakeClock(interrupt))
+    monkeypatch.setattr("pipeline.batch.batch_workers.IDLE_S", 0.0)
     write_video(tmp_path / "in" / "a.mp4")
-    status, results, err = run_batch_command(tmp_path, "--watch", "--idle", "6")
-    assert (status, err, set(results)) == (1, "", {"a.mp4"})
+    idle = ["--idle", 6] * (ends == "when nothing comes")
+    done = trueroll("batch", "in", "-o", "out", "--cache", "cache", "--watch", *idle, "--json")
+    assert (done.status, done.err) == (1, "")
+    assert [(row["clip"], row["status"]) for row in json.loads(done.out)] == [("a.mp4", "failed")]
 
 
 def start_interruptible_batch(folder: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -448,21 +491,11 @@ def start_interruptible_batch(folder: Path, *arguments: str) -> subprocess.Popen
     )  # fmt: skip
 
 
-def wait_for(happened: Callable[[], object], seconds: float) -> None:
-    end = time.monotonic() + seconds
+def wait_for(happened: Callable[[], object]) -> None:
+    end = time.monotonic() + HANG_S
     while not happened():
         assert time.monotonic() < end
         time.sleep(0.01)
-
-
-def test_watching_ends_with_an_interruption_and_lists_the_results(tmp_path: Path) -> None:
-    write_video(tmp_path / "in" / "a.mp4")
-    process = start_interruptible_batch(tmp_path, "--watch", "--json")
-    wait_for((tmp_path / "out" / "summary.csv").exists, 120)
-    process.send_signal(signal.SIGINT)
-    results, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (1, "")
-    assert [(row["clip"], row["status"]) for row in json.loads(results)] == [("a.mp4", "failed")]
 
 
 @pytest.mark.parametrize("arguments", [(), ("--jobs", "2")])
@@ -472,12 +505,12 @@ def test_an_interrupted_batch_leaves_no_process_and_nothing_half_written(
     for k in range(4):
         write_video(tmp_path / "in" / f"{k}.mp4", count=30 + k)
     process = start_interruptible_batch(tmp_path, *arguments)
-    wait_for(psutil.Process(process.pid).children, 60)
+    wait_for(psutil.Process(process.pid).children)
     family = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=HANG_S)
     assert (process.returncode, err) == (130, "trueroll: interrupted; nothing half-written is left\n")
-    assert not psutil.wait_procs(family, timeout=10)[1]
+    assert not psutil.wait_procs(family, timeout=60)[1]
     assert not list(tmp_path.rglob("*.part*"))
 
 

@@ -237,7 +237,7 @@ pipeline.cli.main.main()
 )
 def test_an_interrupt_while_the_program_is_loading_or_leaving_is_one_line(moment: str) -> None:
     code = INTERRUPTED_AT.format(moment=moment)
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert (result.returncode, result.stderr) == (130, "trueroll: interrupted; nothing half-written is left\n")
 
 
@@ -281,7 +281,7 @@ def test_help_of_the_program_waits_for_nothing_heavy() -> None:
         "import sys; from pipeline.cli.execute import execute_command_line; execute_command_line(['--help']);"
         "print(sorted({'numpy', 'av', 'cv2', 'scipy', 'torch', 'numba', 'rerun', 'plotly'} & sys.modules.keys()))"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True)
     assert result.stdout.splitlines()[-1] == "[]"
 
 

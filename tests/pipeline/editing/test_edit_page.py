@@ -10,8 +10,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
-from support.browser import accessibility_violations, console_messages, open_chromium
+from support.browser import accessibility_violations, console_messages, open_chromium, wait_on
 from support.edit_servers import serve_synthetic_run, wait_for_result
 
 from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections
@@ -20,6 +19,8 @@ from pipeline.editing.edit_server import EditServer
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections
 
 WIDTHS = (1280, 390)
+desk_only = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)
+"""For what does not depend on the width of the screen."""
 
 
 @pytest.fixture(scope="module", params=WIDTHS)
@@ -36,8 +37,8 @@ def server(tmp_path: Path) -> Iterator[EditServer]:
 
 def open_editor(browser: webdriver.Chrome, server: EditServer) -> None:
     browser.get(server.url)
-    WebDriverWait(browser, 20).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
-    WebDriverWait(browser, 20).until(lambda b: b.execute_script("return document.getElementById('frame').naturalWidth"))
+    wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+    wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('frame').naturalWidth"))
 
 
 def press(browser: webdriver.Chrome, *keys: str) -> None:
@@ -60,6 +61,7 @@ def test_the_page_complains_about_nothing_and_fits_the_screen(browser: webdriver
     assert console_messages(browser) == []
 
 
+@desk_only
 def test_one_key_goes_through_the_places_to_check(browser: webdriver.Chrome, server: EditServer) -> None:
     open_editor(browser, server)
     reasons = [one.text.partition(" s\n")[2] for one in browser.find_elements(By.CSS_SELECTOR, "#checks button")]
@@ -72,6 +74,7 @@ def test_one_key_goes_through_the_places_to_check(browser: webdriver.Chrome, ser
     assert [one.replace("\n", " ") for one in shown] == [one.replace("\n", " ") for one in reasons]
 
 
+@desk_only
 def test_a_missed_ball_is_placed_by_keys_alone(browser: webdriver.Chrome, server: EditServer, tmp_path: Path) -> None:
     open_editor(browser, server)
     press(browser, "b", Keys.ARROW_LEFT, Keys.ARROW_UP)
@@ -81,15 +84,16 @@ def test_a_missed_ball_is_placed_by_keys_alone(browser: webdriver.Chrome, server
     (mark,) = read_corrections(tmp_path / "shot.mp4").corrections.balls
     assert (mark.kind, mark.ball.frame, mark.ball.x_px, mark.ball.y_px) == ("placed", 0, 119.0, 69.0)
     press(browser, "z")
-    WebDriverWait(browser, 10).until(lambda _: saved_keys(tmp_path) == ((), (), ()))
+    wait_on(browser).until(lambda _: saved_keys(tmp_path) == ((), (), ()))
 
 
+@desk_only
 def test_a_corner_is_moved_by_arrow_keys(browser: webdriver.Chrome, server: EditServer, tmp_path: Path) -> None:
     open_editor(browser, server)
     corner = browser.find_elements(By.CSS_SELECTOR, ".corner")[2]
     browser.execute_script("arguments[0].focus()", corner)
     press(browser, Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
-    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.corners)
+    wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.corners)
     corners = read_corrections(tmp_path / "shot.mp4").corrections.corners
     assert corners == ((20.0, 20.0), (220.0, 20.0), (221.0, 120.0), (20.0, 120.0))
 
@@ -102,7 +106,7 @@ def test_a_ball_is_touched_and_renamed(browser: webdriver.Chrome, server: EditSe
     field.clear()
     field.send_keys("object", Keys.ENTER)
     wait_for_result(server)
-    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
+    wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
     assert read_corrections(tmp_path / "shot.mp4").corrections.tracks[0].name == "object"
 
 
@@ -110,6 +114,7 @@ WHITE = BallPlace(15, 90.0, 70.0, "white")
 DELETED = ContactCorrection("delete", "cushion", 15.0, WHITE, cushion="right")
 
 
+@desk_only
 def test_a_mark_replaces_the_deletion_of_the_same_contact(browser: webdriver.Chrome, tmp_path: Path) -> None:
     other = replace(DELETED, cushion="left")
     write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(contacts=(DELETED, other))))
@@ -120,11 +125,12 @@ def test_a_mark_replaces_the_deletion_of_the_same_contact(browser: webdriver.Chr
         )
         press(browser, "1", "c")
         browser.find_element(By.XPATH, "//section[@id='selection']//button[text()='right cushion']").click()
-        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+        wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
     kept, mark = read_corrections(tmp_path / "shot.mp4").corrections.contacts
     assert (kept, mark.kind, mark.frame, mark.cushion) == (other, "mark", 14, "right")
 
 
+@desk_only
 def test_a_contradicted_correction_is_removed_where_the_contradiction_is_shown(
     browser: webdriver.Chrome, tmp_path: Path
 ) -> None:
@@ -136,10 +142,11 @@ def test_a_contradicted_correction_is_removed_where_the_contradiction_is_shown(
         line = browser.find_element(By.CSS_SELECTOR, "#changes .against")
         assert line.text.startswith("The contact of white with the right cushion at 0.50 s was deleted by hand")
         line.find_element(By.TAG_NAME, "button").click()
-        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+        wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
     assert read_corrections(tmp_path / "shot.mp4").corrections.contacts == (other,)
 
 
+@desk_only
 def test_a_deleted_contact_that_was_moved_before_stays_deleted(browser: webdriver.Chrome, tmp_path: Path) -> None:
     moved = replace(DELETED, kind="move", frame=11.0, to_frame=15.0)
     write_corrections(tmp_path / "shot.mp4", CorrectionsFile(1, "", Corrections(contacts=(moved,))))
@@ -147,10 +154,11 @@ def test_a_deleted_contact_that_was_moved_before_stays_deleted(browser: webdrive
         open_editor(browser, server)
         browser.find_elements(By.CSS_SELECTOR, "#events button")[1].click()
         press(browser, Keys.DELETE)
-        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
+        wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
     assert read_corrections(tmp_path / "shot.mp4").corrections.contacts == (replace(DELETED, frame=11.0),)
 
 
+@desk_only
 def test_a_second_tab_shows_what_the_first_one_changed_and_a_late_change_is_refused(
     browser: webdriver.Chrome, server: EditServer, tmp_path: Path
 ) -> None:
@@ -163,14 +171,14 @@ def test_a_second_tab_shows_what_the_first_one_changed_and_a_late_change_is_refu
     try:
         open_editor(browser, server)
         press(browser, "1", Keys.DELETE)
-        WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.balls)
+        wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.balls)
     finally:
         browser.close()
         browser.switch_to.window(first)
     press(browser, "2", "s")
-    message = WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "message").text)
+    message = wait_on(browser).until(lambda b: b.find_element(By.ID, "message").text)
     assert "The corrections were changed in another tab or program (revision 1, yours is 0)" in message
     assert len(read_corrections(tmp_path / "shot.mp4").corrections.tracks) == 0
     press(browser, "2", "s")
-    WebDriverWait(browser, 10).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
+    wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").corrections.tracks)
     assert len(read_corrections(tmp_path / "shot.mp4").corrections.balls) == 1

@@ -12,8 +12,8 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import Select, WebDriverWait
-from support.browser import console_messages, open_chromium
+from selenium.webdriver.support.ui import Select
+from support.browser import console_messages, open_chromium, wait_on
 from support.edit_servers import serve, wait_for_result
 from support.planted_mistakes import (
     FALSE_PLACE,
@@ -85,7 +85,7 @@ class Editor:
         width, height = self.browser.execute_script(
             "const b = document.getElementById('overlay').getBoundingClientRect(); return [b.width, b.height]"
         )
-        image = WebDriverWait(self.browser, 60).until(
+        image = wait_on(self.browser).until(
             lambda b: b.execute_script(
                 "const f = document.getElementById('frame'); return f.complete ? f.naturalWidth : 0"
             )
@@ -185,14 +185,17 @@ def test_a_mistake_is_repaired_in_three_clicks(
         plant(mistake, clean.run, clean.detections),
         serve(clip, tmp_path / "out", OPTIONS, tmp_path / "cache") as server,
     ):
-        wait_for_result(server, 300)
+        wait_for_result(server)
+        wrong = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")  # what the server has made
+        corners = [run.scene.camera.corners_px for run in (wrong, clean.run)]
+        assert list_differences(wrong, clean.run) or np.ptp(corners[0] - corners[1])
         browser.get(server.url)
-        WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
         console_messages(browser)  # those of the page before
         editor = Editor(browser, server)
         REPAIRS[mistake.name](editor, clean.run)
-        WebDriverWait(browser, 60).until(lambda _: _read_revision(server) == 2)
-        wait_for_result(server, 300)
+        wait_on(browser).until(lambda _: _read_revision(server) == 2)
+        wait_for_result(server)
         messages = console_messages(browser)
         browser.get("about:blank")
         corrected = run_clip_tables(clip, tmp_path / "out", tmp_path / "cache")
@@ -209,12 +212,12 @@ def test_a_dragged_corner_beats_the_corners_that_the_editor_was_started_with(
     right = clean.run.scene.camera.corners_px
     wrong = ",".join(f"{value:.1f}" for value in (right + ONE_CORNER).ravel())
     with serve(clip, tmp_path / "out", build_options({"laws": False, "corners": wrong}), tmp_path / "cache") as server:
-        wait_for_result(server, 300)
+        wait_for_result(server)
         browser.get(server.url)
-        WebDriverWait(browser, 30).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
+        wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "#events button"))
         Editor(browser, server).drag(right[0] + ONE_CORNER[0], right[0])
-        WebDriverWait(browser, 60).until(lambda _: _read_revision(server) == 1)
-        shown = wait_for_result(server, 300)["run"]["corners"]
+        wait_on(browser).until(lambda _: _read_revision(server) == 1)
+        shown = wait_for_result(server)["run"]["corners"]
         browser.get("about:blank")
     assert np.abs(np.array(shown) - right).max() < 1.0
     assert list_differences(run_clip_tables(clip, tmp_path / "out", tmp_path / "cache"), clean.run) == []

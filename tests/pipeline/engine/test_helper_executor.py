@@ -51,7 +51,7 @@ def fail_at_five(_: int, number: int) -> int:
 def simulate_slide(shot: int) -> Recording:
     """Simulate a body that drag slows down, observed with an error of 0.5 mm."""
     rng = np.random.default_rng(shot)
-    t = np.arange(40) / 30
+    t = np.arange(20) / 30
     angle = rng.uniform(0, 2 * np.pi)
     way = rng.uniform(0.5, 1.5) * (1 - np.exp(-0.8 * t)) / 0.8
     observed = np.outer(way, [np.cos(angle), np.sin(angle)]) + 5e-4 * rng.standard_normal((len(t), 2))
@@ -62,7 +62,7 @@ def fit_to_bytes(executor: Executor) -> list[bytes]:
     """Fit, and return all results as bytes."""
     question = build_diagnosis_problem(build_sliding_scene(()), 0.3, executor)
     shooting = fit_effects(
-        question, tuple(simulate_slide(shot) for shot in range(6)), ("viscous_drag", "slope")
+        question, tuple(simulate_slide(shot) for shot in range(3)), ("viscous_drag", "slope")
     ).shooting
     arrays = (shooting.shared, shooting.covariance, *shooting.starts, *shooting.start_covariances)
     return [array.tobytes() for array in arrays] + [repr((shooting.cost, shooting.log_evidence)).encode()]

@@ -18,6 +18,8 @@ from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 
 ROOT = Path(__file__).resolve().parents[3]
+HANG_S = 300.0
+"""Time after which a process hangs, s."""
 
 WORKER = """
 import sys, time
@@ -107,7 +109,7 @@ def test_a_build_that_fails_leaves_nothing(cache: ResultCache) -> None:
 def test_two_processes_make_an_entry_once(cache: ResultCache, tmp_path: Path) -> None:
     log = tmp_path / "log"
     workers = [start_worker(cache, log, 0.5) for _ in range(2)]
-    assert [w.wait(30) for w in workers] == [0, 0]
+    assert [w.wait(HANG_S) for w in workers] == [0, 0]
     assert log.read_text() == "built\n"
     entry = cache.find(KEY)
     assert entry is not None
@@ -116,10 +118,10 @@ def test_two_processes_make_an_entry_once(cache: ResultCache, tmp_path: Path) ->
 
 def test_a_killed_process_leaves_no_entry_and_its_rubbish_is_pruned(cache: ResultCache, tmp_path: Path) -> None:
     log = tmp_path / "log"
-    killed = start_worker(cache, log, 60)
+    killed = start_worker(cache, log, 2 * HANG_S)
     wait_until(log.exists)
     killed.send_signal(signal.SIGKILL)
-    killed.wait(10)
+    killed.wait(HANG_S)
     assert not list((cache.root / "entries").rglob("*.txt"))
     (rubbish,) = (cache.root / "building").iterdir()
     cache.prune()
@@ -130,10 +132,10 @@ def test_a_killed_process_leaves_no_entry_and_its_rubbish_is_pruned(cache: Resul
 
 def test_building_an_entry_removes_what_a_killed_process_left(cache: ResultCache, tmp_path: Path) -> None:
     log = tmp_path / "log"
-    killed = start_worker(cache, log, 60)
+    killed = start_worker(cache, log, 2 * HANG_S)
     wait_until(log.exists)
     killed.kill()
-    killed.wait(10)
+    killed.wait(HANG_S)
     assert len(list((cache.root / "building").iterdir())) == 1
     store_text(cache, "again")
     assert not list((cache.root / "building").iterdir())
@@ -141,7 +143,7 @@ def test_building_an_entry_removes_what_a_killed_process_left(cache: ResultCache
 
 def test_what_a_process_at_work_builds_is_not_pruned(cache: ResultCache, tmp_path: Path) -> None:
     log = tmp_path / "log"
-    busy = start_worker(cache, log, 60)
+    busy = start_worker(cache, log, 2 * HANG_S)
     try:
         wait_until(log.exists)
         cache.prune(largest_bytes=0)
@@ -149,10 +151,10 @@ def test_what_a_process_at_work_builds_is_not_pruned(cache: ResultCache, tmp_pat
         assert len(list((cache.root / "locks").iterdir())) == 1
     finally:
         busy.kill()
-        busy.wait(10)
+        busy.wait(HANG_S)
 
 
-def wait_until(ready: object, seconds: float = 20.0) -> None:
+def wait_until(ready: object, seconds: float = HANG_S) -> None:
     end = time.monotonic() + seconds
     while not ready():  # type: ignore[operator]
         assert time.monotonic() < end, "it never came"

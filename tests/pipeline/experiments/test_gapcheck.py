@@ -52,23 +52,34 @@ def test_cases_of_a_kind_differ_by_seed_and_repeat_with_it() -> None:
     assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
-def test_a_billiards_track_folder_does_not_tell_what_acts(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def shutter(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One shot under a rolling shutter: the sealed experiment and its track folder."""
+    folder = tmp_path_factory.mktemp("shutter")
+    simulate_case(billiards("rolling_shutter"), 130, 1, 62.5, folder / "sealed.json", folder / "case")
+    return folder
+
+
+def test_a_billiards_track_folder_does_not_tell_what_acts(shutter: Path) -> None:
     kind = billiards("rolling_shutter")
-    simulate_case(kind, 130, 2, 62.5, tmp_path / "sealed.json", tmp_path / "case")
-    assert "readout" in (tmp_path / "sealed.json").read_text()
-    for path in (tmp_path / "case").iterdir():
+    assert "readout" in (shutter / "sealed.json").read_text()
+    for path in (shutter / "case").iterdir():
         assert "shutter" not in path.read_text()
-    read = read_track_folders([tmp_path / "case"])
-    assert [len(one.t) for one in read.recordings] == [125, 125]
+    read = read_track_folders([shutter / "case"])
+    assert [len(one.t) for one in read.recordings] == [125]
     assert kind.simulator(build_gap_scene(read)).simulator_effects == kind.model
 
 
-@pytest.mark.parametrize(("case", "sealed"), [("slope", "344fc40e2fa0ea6e"), ("rolling_shutter", "3a79d26f1e7dd928")])
-def test_recordings_of_a_kind_and_a_seed_stay_as_they_were_counted(case: str, sealed: str, tmp_path: Path) -> None:
-    simulate_case(billiards(case), 130, 2, 62.5, tmp_path / "sealed.json", tmp_path / "case")
-    shots = read_track_folders([tmp_path / "case"]).recordings
+def hash_positions(folder: Path) -> str:
+    shots = read_track_folders([folder]).recordings
     nanometres = np.concatenate([np.round(one.positions.ravel() * 1e9).astype("<i8") for one in shots])
-    assert hashlib.sha256(nanometres.tobytes()).hexdigest()[:16] == sealed
+    return hashlib.sha256(nanometres.tobytes()).hexdigest()[:16]
+
+
+def test_recordings_of_a_kind_and_a_seed_stay_as_they_were_counted(shutter: Path, tmp_path: Path) -> None:
+    simulate_case(billiards("slope"), 130, 1, 62.5, tmp_path / "sealed.json", tmp_path / "case")
+    assert hash_positions(shutter / "case") == "52e247d41817392b"
+    assert hash_positions(tmp_path / "case") == "38c3c5fdf6d5f4a5"
 
 
 @pytest.mark.parametrize(
@@ -90,9 +101,8 @@ def test_answers_are_judged_by_what_was_withheld(case: str, verdict: str, names:
     assert grade_report(billiards(case), report) == wanted  # type: ignore[arg-type]
 
 
-def test_the_simulator_of_a_kind_has_its_law_and_its_library(tmp_path: Path) -> None:
-    simulate_case(billiards("none"), 0, 1, 62.5, tmp_path / "sealed.json", tmp_path / "case")
-    scene = build_gap_scene(read_track_folders([tmp_path / "case"]))
+def test_the_simulator_of_a_kind_has_its_law_and_its_library(shutter: Path) -> None:
+    scene = build_gap_scene(read_track_folders([shutter / "case"]))
     assert "slope" not in [one.name for one in billiards("slope, not in the library").simulator(scene).effects]
     law = next(one for one in billiards("cushion law, from another").simulator(scene).alternatives)
     assert (law.name, law.simulator_form) == ("cushion_law", "han_2005")

@@ -14,19 +14,20 @@ from pipeline.experiments.gapcheck.measured_cases import MEASURED_SETS
 from pipeline.experiments.gapcheck.real_sets import list_real_sets
 
 trueroll = pytest.fixture(make_terminal)
+pytestmark = pytest.mark.usefixtures("alone")
 
 GRAVITY, NOISE = 9.81, 3e-4
 
 
 def write_slides(folder: Path, friction: float, seed: int) -> None:
-    """Write eight slides of 40 frames in various directions that dry friction brakes."""
+    """Write five slides of 30 frames in various directions that dry friction brakes."""
     rng = np.random.default_rng(seed)
-    t = np.arange(40) / 60
+    t = np.arange(30) / 60
     rows = ["shot,frame,t,id,x,y,sigma"]
-    for shot in range(8):
+    for shot in range(5):
         heading, speed = rng.uniform(0, 2 * np.pi), rng.uniform(1.0, 2.0)
         way = speed * t - 0.5 * friction * GRAVITY * t**2
-        places = way[:, None] * np.array([np.cos(heading), np.sin(heading)]) + NOISE * rng.standard_normal((40, 2))
+        places = way[:, None] * np.array([np.cos(heading), np.sin(heading)]) + NOISE * rng.standard_normal((30, 2))
         rows += [f"{shot},{k},{t[k]:.5f},a,{x:.6f},{y:.6f},{NOISE}" for k, (x, y) in enumerate(places)]
     folder.mkdir(parents=True)
     (folder / "tracks.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")

@@ -20,14 +20,14 @@ from pipeline.reporting.pages.gap_page import write_gap_page
 KINDS = {kind.name: kind for kind in (*WALL_KINDS, *DRIVEN_KINDS)}
 
 
-def diagnose_kind(name: str, folder: Path) -> DiagnosisReport:
-    simulate_case(KINDS[name], 11, 6, 60.0, folder / "sealed.json", folder / "case")
+def diagnose_kind(name: str, folder: Path, shots: int = 6) -> DiagnosisReport:
+    simulate_case(KINDS[name], 11, shots, 60.0, folder / "sealed.json", folder / "case")
     read = read_track_folders([folder / "case"])
     return diagnose(build_gap_scene(read), read.recordings)
 
 
 def test_a_wall_that_takes_speed_is_named_and_located(tmp_path: Path) -> None:
-    report = diagnose_kind("slide between walls, wall restitution", tmp_path)
+    report = diagnose_kind("slide between walls, wall restitution", tmp_path, 4)
     assert report.effects == ("wall_restitution",)
     assert build_gap_document(report)["where"][0]["phase"] == "cushion_contact", "the only name of the schema"
     write_gap_page(report, "walls", tmp_path / "gap.html")
@@ -41,7 +41,8 @@ def test_a_wall_that_takes_speed_is_named_and_located(tmp_path: Path) -> None:
 
 
 def test_friction_is_named_beside_a_stated_motion_of_a_platform(tmp_path: Path) -> None:
-    assert diagnose_kind("slide on a moving platform, friction", tmp_path).effects == ("sliding_friction",)
+    report = diagnose_kind("slide on a moving platform, friction", tmp_path, 4)
+    assert report.effects == ("sliding_friction",)
 
 
 @pytest.mark.slow

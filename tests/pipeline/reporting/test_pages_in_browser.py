@@ -10,9 +10,8 @@ import pytest
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from selenium.webdriver.support.ui import WebDriverWait
 from support import synthetic_run as shot
-from support.browser import accessibility_violations, console_messages, open_chromium, open_page
+from support.browser import accessibility_violations, console_messages, open_chromium, open_page, wait_on
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -39,6 +38,8 @@ from pipeline.reporting.pages.run_report import ReportFiles, write_report
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)
+desk_only = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)
+"""For what does not depend on the width of the screen."""
 REST = Unexplained(
     0.01, 0.001, 4.0, (GapLocation("slide", 1.0, None, None, None, None, "speed"),), "along the motion everywhere",
     ForceLaw("along", "speed", np.arange(3.0), np.arange(3.0), np.ones(3), np.ones((2, 3)), "a = 1 u^1.00", 0.6),
@@ -65,35 +66,34 @@ def browser(request: pytest.FixtureRequest) -> Iterator[webdriver.Chrome]:
         yield opened
 
 
+@desk_only
 def test_choosing_a_contact_seeks_the_video(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
-    WebDriverWait(browser, 20).until(
-        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
-    )
+    wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2)
     browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")  # the moment stands still
     hit = next(b for b in browser.find_elements(By.CSS_SELECTOR, "[data-seek]") if "right cushion" in b.text)
     browser.execute_script("arguments[0].click()", hit)
-    WebDriverWait(browser, 10).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
+    wait_on(browser).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
     at = browser.execute_script("return document.getElementById('slow').currentTime")
     assert at == pytest.approx((0.5 - 0.15 - 0.2) * SLOWER, abs=1e-3)
     assert console_messages(browser) == []
 
 
+@desk_only
 def test_choosing_a_place_to_check_seeks_the_video(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
-    WebDriverWait(browser, 20).until(
-        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
-    )
+    wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2)
     browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")
     place = browser.find_elements(By.CSS_SELECTOR, "[data-check]")[1]
     browser.execute_script("arguments[0].scrollIntoView(); arguments[0].click()", place)
-    WebDriverWait(browser, 10).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
+    wait_on(browser).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
     at = browser.execute_script("return document.getElementById('slow').currentTime")
     assert at == pytest.approx((0.7 - 0.15 - 0.2) * SLOWER, abs=1e-3)
     image = place.find_element(By.TAG_NAME, "img")
-    WebDriverWait(browser, 10).until(lambda b: b.execute_script("return arguments[0].naturalWidth", image) == 480)
+    wait_on(browser).until(lambda b: b.execute_script("return arguments[0].naturalWidth", image) == 480)
 
 
+@desk_only
 def test_a_contact_is_reached_and_chosen_by_the_keyboard(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
     buttons = browser.find_elements(By.CSS_SELECTOR, "[data-seek]")
@@ -102,13 +102,12 @@ def test_a_contact_is_reached_and_chosen_by_the_keyboard(report: Path, browser: 
     assert browser.switch_to.active_element == buttons[-1]
 
 
+@desk_only
 def test_the_contact_that_is_shown_is_marked_in_the_list(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
-    WebDriverWait(browser, 20).until(
-        lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2
-    )
+    wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2)
     browser.execute_script("document.getElementById('slow').currentTime = 0.7")
-    now = WebDriverWait(browser, 10).until(lambda b: b.find_elements(By.CSS_SELECTOR, "[aria-current]"))
+    now = wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "[aria-current]"))
     assert "right cushion" in now[0].get_attribute("textContent")
     assert float(browser.find_element(By.ID, "now").text) == pytest.approx(0.2 + 0.7 / SLOWER, abs=2e-3)
 
@@ -117,12 +116,13 @@ def test_the_report_keeps_nobody_out(report: Path, browser: webdriver.Chrome) ->
     assert accessibility_violations(open_page(report, browser)) == []
 
 
+@desk_only
 def test_a_report_without_its_slow_motion_says_so(report: Path, browser: webdriver.Chrome, tmp_path: Path) -> None:
     open_page(report, browser)
     assert not browser.find_element(By.ID, "missing").is_displayed()
     (tmp_path / "report.html").write_bytes(report.read_bytes())
     open_page(tmp_path / "report.html", browser)
-    WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
+    wait_on(browser).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
     assert not browser.find_element(By.ID, "playing").is_displayed()
     browser.get_log("browser")  # the missing file is reported there, and a later test must not see it
 
@@ -161,9 +161,10 @@ def test_on_paper_all_figures_and_tables_fit_and_the_still_replaces_the_video(re
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
         browser.set_window_size(1280, 900)
         browser.execute_script("dispatchEvent(new Event('afterprint'))")
-        WebDriverWait(browser, 10).until(lambda b: max(b.execute_script(drawn)) > 1000)
+        wait_on(browser).until(lambda b: max(b.execute_script(drawn)) > 1000)
 
 
+@desk_only
 def test_figures_are_drawn_and_describe_the_point_under_the_mouse(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
     for name in ("plan", "speeds", "energies", "parameters"):
@@ -173,6 +174,7 @@ def test_figures_are_drawn_and_describe_the_point_under_the_mouse(report: Path, 
     assert "m/s" in browser.execute_script(hover + hover_text)
 
 
+@desk_only
 def test_a_hostile_name_is_only_text(report: Path, browser: webdriver.Chrome) -> None:
     open_page(report, browser)
     assert browser.find_element(By.TAG_NAME, "h1").text == "<b>shot</b>&\"'.mp4"
