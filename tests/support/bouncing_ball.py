@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from cmath import sqrt
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
+from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Prior
 
 GRAVITY = Prior("gravity", "m/s^2", 9.0, 0.3, True, (1.0, 30.0))
@@ -43,20 +44,25 @@ class Bounces:
             last.real, ends[:2].T, ends[2:].T, order,
         )  # fmt: skip
 
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
+        path, last, order = flight(start, *shared, self.windows[window].t, self.ends[window])
+        return SimulatedWindow(((path.real - self.heights[window]) / self.sigma)[:, None], last.real, order)
+
 
 def flight(
     start: FloatArray | NDArray[np.complex128], gravity: complex, restitution: complex, t: FloatArray, end: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], tuple[int, ...]]:
     """Heights (K,) at t, height and speed at `end`, and how many bounces came before each moment."""
-    height, speed = complex(start[0]), complex(start[1])
-    began, path, bounces = 0j, [], []
-    for moment in (*t, end):
+    # complex numbers of Python: scalars of numpy are several times slower
+    height, speed, gravity, restitution = (complex(one) for one in (*start, gravity, restitution))
+    root = sqrt(speed**2 + 2 * gravity * height)
+    began, fall, path, bounces = 0j, (speed + root) / gravity, [], []
+    for moment in (*t.tolist(), end):
         for _ in range(100):
-            root = np.sqrt(speed**2 + 2 * gravity * height + 0j)
-            fall = (speed + root) / gravity
             if began.real + fall.real > moment or root.real < 1e-6:
                 break
             began, height, speed = began + fall, 0j, restitution * root
+            root, fall = speed, 2 * speed / gravity
             bounces.append(moment)
         tau = moment - began
         path.append((height + speed * tau - gravity * tau**2 / 2, speed - gravity * tau))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -15,11 +16,20 @@ import pytest
 WORLDS = Path(__file__).parents[2] / "worlds"
 
 
+@pytest.fixture(autouse=True)
+def import_from_worlds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the scripts find what is beside them, as in a process of their own."""
+    monkeypatch.syspath_prepend(WORLDS)
+
+
 def play_world(folder: Path, world: str, **experiment: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run an experiment; returns shot, time and positions of all rows."""
+    """Run an experiment in this process; returns shot, time and positions of all rows."""
     experiment_file = folder / "experiment.json"
     experiment_file.write_text(json.dumps({"noise": 0.0, "shots": 3, "seconds": 1.0, **experiment}))
-    subprocess.run([sys.executable, str(WORLDS / f"{world}.py"), str(experiment_file), str(folder / "out")], check=True)
+    script = str(WORLDS / f"{world}.py")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [script, str(experiment_file), str(folder / "out")])
+        runpy.run_path(script, run_name="__main__")
     with (folder / "out" / "tracks.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     names = [name for name in rows[0] if name not in ("shot", "frame", "t", "id")]
@@ -55,7 +65,9 @@ def test_a_rod_without_friction_keeps_its_energy(tmp_path: Path) -> None:
 
 
 def test_noise_outliers_and_gaps_are_as_requested(tmp_path: Path) -> None:
-    settings = {"effects": {}, "shots": 40, "seconds": 2.0, "noise": 0.01, "outliers": 0.02, "missing": 0.1}
+    settings = {
+        "effects": {}, "shots": 40, "seconds": 0.5, "fps": 240.0, "noise": 0.01, "outliers": 0.02, "missing": 0.1,
+    }  # fmt: skip
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     _, _, observed = play_world(tmp_path / "a", "slide", **{**settings, "missing": 0.0})

@@ -79,6 +79,6 @@ def test_seen_from_above_momentum_is_that_of_the_throw_until_something_meets_the
 
 
 def test_the_same_seed_gives_the_same_shot_and_another_a_different_one() -> None:
-    first = play("--speed", "800")[2]
-    assert np.array_equal(first[::2], play("--speed", "800", "--hz", "30")[2])
-    assert np.abs(first - play("--speed", "800", "--seed", "1")[2]).max() > 1.0
+    second = play("--speed", "800")[2][:61]
+    assert np.array_equal(second[::2], play("--speed", "800", "--seconds", "1", "--hz", "30")[2])
+    assert np.abs(second - play("--speed", "800", "--seconds", "1", "--seed", "1")[2]).max() > 1.0

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import os
+import json
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
 
+import pytest
+
 from models.numerics.jit import compile_kernel
 
+Call = Callable[..., list[int]]
 ROOT = Path(__file__).resolve().parents[3]
 
 CALLEE = """
@@ -30,6 +34,22 @@ def outer(x):
 CALL = """
 from models.billiards.caller import outer
 print(outer(1), sum(outer.stats.cache_hits.values()))
+"""
+CALLS = """
+import json, os, sys
+import numba
+
+numba.njit(lambda x: x)(1)  # children that import the rest have a compiler that is ready
+for line in sys.stdin:
+    folder, script = json.loads(line)
+    if not os.fork():
+        sys.path.insert(0, folder)
+        numba.config.CACHE_DIR = f"{folder}/cache"
+        exec(script)
+        sys.stdout.flush()
+        os._exit(0)
+    if os.wait()[1]:
+        sys.exit("a call failed")
 """
 LONG_CALLEE = """
 import numpy as np
@@ -72,13 +92,21 @@ PARTS = "caller.outer", "callee.inner"
 COPIED = ("core/source_imports.py", "numerics/jit.py", "numerics/first_compilation.py")
 
 
-def call_in_new_process(folder: Path, script: str = CALL) -> list[int]:
+@pytest.fixture(scope="module")
+def call_in_new_process() -> Iterator[Call]:
     """Return the numbers that a new process prints: the value of `outer(1)`, and its number of cache hits."""
-    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
-    run = subprocess.run(
-        [sys.executable, "-P", "-c", script], env=environment, cwd=folder, capture_output=True, text=True, check=True
-    )
-    return [int(word) for word in run.stdout.split()]
+    command = [sys.executable, "-P", "-c", CALLS]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        stdin, stdout = process.stdin, process.stdout
+
+        def call(folder: Path, script: str = CALL) -> list[int]:
+            stdin.write(json.dumps([str(folder), script]) + "\n")
+            stdin.flush()
+            return [int(word) for word in stdout.readline().split()]
+
+        yield call
 
 
 def copy_package(tmp_path: Path, callee: str) -> Path:
@@ -95,7 +123,7 @@ def copy_package(tmp_path: Path, callee: str) -> Path:
     return package
 
 
-def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) -> None:
+def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path, call_in_new_process: Call) -> None:
     package = copy_package(tmp_path, CALLEE.format(number=1))
     assert call_in_new_process(tmp_path) == [20, 0]
     assert call_in_new_process(tmp_path) == [20, 1]
@@ -105,35 +133,32 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path) 
     assert call_in_new_process(tmp_path) == [30, 0]
 
 
-def test_only_the_first_process_has_something_to_compile_and_says_so(tmp_path: Path) -> None:
+def test_only_the_first_process_has_something_to_compile_and_says_so(tmp_path: Path, call_in_new_process: Call) -> None:
     copy_package(tmp_path, CALLEE.format(number=1))
     assert call_in_new_process(tmp_path, MEASURE) == [1, 0, 1]
     assert call_in_new_process(tmp_path, MEASURE) == [0, 0, 0]
 
 
-def test_a_caller_finds_the_code_of_a_long_function_after_it_was_lost(tmp_path: Path) -> None:
-    copy_package(tmp_path, LONG_CALLEE.format(number=1))
-    assert call_in_new_process(tmp_path) == [20, 0]
-    assert call_in_new_process(tmp_path) == [20, 1]
-    lost = list((tmp_path / "cache").rglob("callee.inner-*"))
-    assert lost
-    for path in lost:
-        path.unlink()
-    assert call_in_new_process(tmp_path)[0] == 20
-    assert call_in_new_process(tmp_path) == [20, 1]
-
-
-def test_callers_do_not_contain_the_code_of_a_long_function(tmp_path: Path) -> None:
+def test_callers_refer_to_the_code_of_a_long_function_and_find_it_after_it_was_lost(
+    tmp_path: Path, call_in_new_process: Call
+) -> None:
     sizes = []
     for name, source in (("short", CALLEE), ("long", LONG_CALLEE)):
         folder = tmp_path / name
         folder.mkdir()
         copy_package(folder, source.format(number=1))
-        call_in_new_process(folder)
+        assert call_in_new_process(folder) == [20, 0]
         size = {part: sum(path.stat().st_size for path in (folder / "cache").rglob(f"{part}-*.nbc")) for part in PARTS}
         sizes.append(size)
     caller, callee = (sizes[1][part] - sizes[0][part] for part in PARTS)
     assert 0 <= caller < callee / 4, "the names of what it calls, not its code"
+    assert call_in_new_process(folder) == [20, 1]
+    lost = list((folder / "cache").rglob("callee.inner-*"))
+    assert lost
+    for path in lost:
+        path.unlink()
+    assert call_in_new_process(folder)[0] == 20
+    assert call_in_new_process(folder) == [20, 1]
 
 
 @compile_kernel

@@ -1,4 +1,4 @@
-"""A new effect and a new cushion model are one file each: catalogue, checks and compiled simulation follow."""
+"""A new effect and a new cushion model are one file each: catalogue, checks and compiled contacts follow."""
 
 from __future__ import annotations
 
@@ -55,10 +55,8 @@ import json
 import numpy as np
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
-from models.physics.billiards.simulation.simulate_shot import simulate
-from models.physics.billiards.simulation.simulated_shot import BallSet
+from models.physics.billiards.simulation.contact_resolution import resolve_cushion_contact
 from models.physics.billiards.simulation.table_physics import Physics
-from models.physics.billiards.tables import TABLE_PRESETS
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
 
 def error(**arguments):
@@ -67,9 +65,9 @@ def error(**arguments):
     except ValueError as problem:
         return str(problem)
 
-balls = BallSet(("cue",), np.array([[0.5, 0.5, -1.0, 0.8, 0.0, 0.0, 0.0]]), np.array([0.03]), np.array([0.2]))
+before, after = np.array([0.03, 0.5, -1.0, 0.8, 0.0, 0.0, 0.0]), np.zeros(7)
 physics = Physics.from_effects({"glue": {"share": 0.25}}, cushion="sticky")
-shot = simulate(balls, TABLE_PRESETS["carom-match"], physics, 0.6)
+resolve_cushion_contact(before, -1.0, 0.0, 0.03, 0.2, physics.values, physics.model_codes[0], False, after)
 print(json.dumps({
     "effects": [effect.name for effect in BILLIARDS_EFFECTS],
     "sigma": find_prior("glue", "share").sigma,
@@ -78,7 +76,7 @@ print(json.dumps({
     "forms": CUSHION_MODEL_CHOICE.forms,
     "not used": error(cushion="han_2005"),
     "too much": error(cushion="sticky", share=1.5),
-    "velocity": shot.states_at(0.6)[0, 2:4].tolist(),
+    "velocity": after[2:4].tolist(),
 }))
 """
 
@@ -126,7 +124,7 @@ def test_parameters_of_a_new_effect_are_checked(answers: dict[str, Any]) -> None
     assert answers["too much"] == "glue.share is between 0 and 1; got 1.5"
 
 
-def test_compiled_simulation_uses_a_new_effect_in_a_new_model(answers: dict[str, Any]) -> None:
+def test_a_compiled_contact_uses_a_new_effect_in_a_new_model(answers: dict[str, Any]) -> None:
     assert answers["velocity"] == pytest.approx([0.5, 0.6], abs=1e-12)
 
 

@@ -48,23 +48,17 @@ def test_without_noise_the_truth_is_found() -> None:
     assert np.allclose(fit_windows(model).shared, TRUTH, rtol=1e-4)
 
 
-def test_errors_match_their_standard_deviations() -> None:
-    pulls = []
+def test_errors_of_parameters_and_states_match_their_standard_deviations() -> None:
+    pulls, pulls_of_states = [], []
     for seed in range(40):
         result = fit_windows(filmed(np.random.default_rng(seed), 2, 0.004))
         pulls.append((result.shared - TRUTH) / result.sigma)
+        true = filmed(np.random.default_rng(seed), 2, 0.004, guess=0.0).windows
+        for window, start, covariance in zip(true, result.starts, result.start_covariances, strict=True):
+            pulls_of_states.append((start - window.start) / np.sqrt(np.diag(covariance)))
     spread = np.sqrt(np.mean(np.square(pulls), axis=0))
     assert np.all((spread > 0.7) & (spread < 1.3)), spread
-
-
-def test_errors_of_states_match_their_standard_deviations() -> None:
-    pulls = []
-    for seed in range(40):
-        model = filmed(np.random.default_rng(seed), 2, 0.004, guess=0.0)
-        result = fit_windows(model)
-        for window, start, covariance in zip(model.windows, result.starts, result.start_covariances, strict=True):
-            pulls.append((start - window.start) / np.sqrt(np.diag(covariance)))
-    assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+    assert 0.75 < np.sqrt(np.mean(np.square(pulls_of_states))) < 1.25
 
 
 def test_correlated_noise_increases_standard_deviations_enough() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,13 @@ def carom(folder: Path, name: str) -> tuple[Tracks, Scene, list[dict[str, object
     return tracks, make_carom_scene(), marks.get("events", [])
 
 
+@cache
+def fit_carom(folder: Path, name: str) -> tuple[Fit, list[dict[str, object]]]:
+    """Fit a clip, and return its marked events too."""
+    tracks, scene, marks = carom(folder, name)
+    return fit_shot(tracks, scene), marks
+
+
 def make_carom_scene() -> Scene:
     """Build a match table under a camera straight above it."""
     table = Table("carom-match", "carom", LENGTH, WIDTH, RADIUS, 0.21, False)
@@ -69,8 +77,7 @@ def is_matched(fit: Fit, mark: dict[str, object]) -> bool:
 
 @pytest.mark.parametrize("name", ["F1", "F3"])
 def test_marked_events_of_carom_shots_are_found(footage: Path, name: str) -> None:
-    tracks, scene, marks = carom(footage, name)
-    fit = fit_shot(tracks, scene)
+    fit, marks = fit_carom(footage, name)
     assert np.mean([is_matched(fit, mark) for mark in marks]) >= 0.85
     contacts = sum(kind in ("ball", "cushion") for kind in fit.events.kind)
     marked = sum(mark["type"] != "cue_strike" for mark in marks)
@@ -79,8 +86,7 @@ def test_marked_events_of_carom_shots_are_found(footage: Path, name: str) -> Non
 
 @pytest.mark.parametrize("name", ["F1", "F2", "F3"])
 def test_paths_of_carom_shots_stay_within_a_pixel(footage: Path, name: str) -> None:
-    tracks, scene, _ = carom(footage, name)
-    fit = fit_shot(tracks, scene)
+    fit, _ = fit_carom(footage, name)
     miss = fit.residual[np.isfinite(fit.residual[..., 0]) & fit.accepted] * PX_PER_M
     assert np.sqrt((miss**2).sum(axis=1).mean()) < 0.9
     assert (fit.moving & fit.accepted).sum() > 0.8 * fit.moving.sum()

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from models.core.typing import FloatArray
 from models.physics.billiards.simulation.simulate_shot import BallSet, simulate
@@ -44,49 +43,57 @@ def shots(seed: int, count: int) -> list[FloatArray]:
     return states
 
 
-def foreign(
-    state: FloatArray,
-    laws: dict[str, str],
-    seconds: float,
-    folder: Path,
-    effects: dict[str, dict[str, float]] = EFFECTS,
-) -> tuple[FloatArray, FloatArray]:
-    """Simulate by the foreign engine: times (T,) and places (T, 4, 2), 250 a second."""
+LAWS = (
+    ("mirror", "inelastic", None),
+    ("mirror", "alciatore", None),
+    ("mathavan_2010", "inelastic", None),
+    ("mathavan_2010", "inelastic", 1.15),
+    ("han_2005", "inelastic", None),
+    ("han_2005", "inelastic", 1.4),
+)
+"""Cushion model, ball model, and height of the nose in ball radii where it is not the default."""
+
+
+def describe_shot(
+    state: FloatArray, laws: dict[str, str], seconds: float, effects: dict[str, dict[str, float]]
+) -> dict[str, object]:
+    """Describe a shot to the foreign engine, which samples it 250 times a second."""
     names = ("x", "y", "vx", "vy", "wx", "wy", "wz")
     balls = [
         {"id": str(k), **dict(zip(names, map(float, row), strict=True)), "radius": RADIUS, "mass": MASS}
         for k, row in enumerate(state)
     ]
     table = {"length": TABLE.length, "width": TABLE.width, "pockets": False}
-    shot = {"table": table, "seconds": seconds, "hz": 250, "balls": balls, "effects": effects, "laws": laws}
-    (folder / "shot.json").write_text(json.dumps(shot))
-    subprocess.run([sys.executable, WORLD, folder / "shot.json", folder], check=True)
-    with (folder / "trajectory.csv").open() as file:
-        rows = [(float(row["t"]), float(row["x"]), float(row["y"])) for row in csv.DictReader(file)]
-    samples = np.array(rows).reshape(-1, 4, 3)
-    return samples[:, 0, 0], samples[..., 1:]
+    return {"table": table, "seconds": seconds, "hz": 250, "balls": balls, "effects": effects, "laws": laws}
 
 
-@pytest.mark.parametrize(
-    ("cushion", "ball", "height"),
-    [
-        ("mirror", "inelastic", None),
-        ("mirror", "alciatore", None),
-        ("mathavan_2010", "inelastic", None),
-        ("mathavan_2010", "inelastic", 1.15),
-        ("han_2005", "inelastic", None),
-        ("han_2005", "inelastic", 1.4),
-    ],
-)
-def test_shots_agree_with_a_foreign_engine_until_after_the_second_contact(
-    cushion: str, ball: str, height: float | None, tmp_path: Path
-) -> None:
-    effects = EFFECTS if height is None else {**EFFECTS, "cushion_height": {"ratio": height}}
-    physics, worst = Physics.from_effects(effects, cushion, ball), []
-    for state in shots(7, 5):
-        run = simulate(BallSet(tuple("0123"), state, np.full(4, RADIUS), np.full(4, MASS)), TABLE, physics, 4.0)
-        second = run.contacts[1, 1] if len(run.contacts) > 1 else 3.0
-        seconds = min(second + AFTER_SECOND_CONTACT, 4.0)
-        t, places = foreign(state, {"cushion": cushion, "ball": ball}, seconds, tmp_path, effects)
-        worst.append(np.abs(places - run.states_at(t)[..., :2]).max())
-    assert max(worst) < 1e-3
+def simulate_by_foreign_engine(folder: Path, shots: list[dict[str, object]]) -> list[tuple[FloatArray, FloatArray]]:
+    """Simulate all shots in one process: times (T,) and places (T, 4, 2) of each."""
+    arguments, results = [], []
+    for k, shot in enumerate(shots):
+        (folder / f"{k}.json").write_text(json.dumps(shot))
+        arguments += [folder / f"{k}.json", folder / str(k)]
+    subprocess.run([sys.executable, WORLD, *arguments], check=True)
+    for out in arguments[1::2]:
+        with (out / "trajectory.csv").open() as file:
+            rows = [(float(row["t"]), float(row["x"]), float(row["y"])) for row in csv.DictReader(file)]
+        samples = np.array(rows).reshape(-1, 4, 3)
+        results.append((samples[:, 0, 0], samples[..., 1:]))
+    return results
+
+
+def test_shots_agree_with_a_foreign_engine_until_after_the_second_contact(tmp_path: Path) -> None:
+    runs, described, laws = [], [], []
+    for cushion, ball, height in LAWS:
+        effects = EFFECTS if height is None else {**EFFECTS, "cushion_height": {"ratio": height}}
+        physics = Physics.from_effects(effects, cushion, ball)
+        for state in shots(7, 5):
+            run = simulate(BallSet(tuple("0123"), state, np.full(4, RADIUS), np.full(4, MASS)), TABLE, physics, 4.0)
+            second = run.contacts[1, 1] if len(run.contacts) > 1 else 3.0
+            seconds = min(second + AFTER_SECOND_CONTACT, 4.0)
+            runs.append(run)
+            described.append(describe_shot(state, {"cushion": cushion, "ball": ball}, seconds, effects))
+            laws.append((cushion, ball, height))
+    foreign = simulate_by_foreign_engine(tmp_path, described)
+    for run, law, (t, places) in zip(runs, laws, foreign, strict=True):
+        assert np.abs(places - run.states_at(t)[..., :2]).max() < 1e-3, law
