@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.shot_folders import write_shots
 
 ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -32,8 +33,8 @@ COMMANDS = {
     "what-if DIR": "what-if out/overhead_pool --speed -5%",
     "interpolate CLIP --factor N": f"interpolate {CLIP} --factor 2 --frames out/frames -o out/between.mp4",
     "interpolate tracks.csv --factor N": "interpolate thrown.csv --factor 4 -o out/thrown.csv",
-    "fit-table DIR...": "fit-table out/overhead_pool -o out/table.json",
-    "certify DIR...": "certify out/overhead_pool -o out/certificate",
+    "fit-table DIR...": "fit-table shots -o out/table.json",
+    "certify DIR...": "certify shots -o out/certificate",
     "gapcheck": 'gapcheck --only "slide, friction" --shots 6 --keep out/cases',
     "diagnose INPUT...": "diagnose out/cases/0000",
     "simulate SHOT.json": "simulate docs/examples/shot.json -o out/simulated",
@@ -44,6 +45,8 @@ COMMANDS = {
     "cache": "cache",
 }
 """By its entry in README's table: an invocation with little work, in an order in which each finds what it reads."""
+SHOTS = 4
+"""Number of shots that teach a table; they have the least number of cushion contacts, and some more."""
 SERVING = {"view CLIP|DIR", "edit DIR"}
 """Commands that serve a page until they are interrupted."""
 EXTRA = re.compile(r"install trueroll with the extra (\w+): \S+")
@@ -77,6 +80,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = subprocess.run(["make", ".venv/.program"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "The largest (MB)" in done.stdout
+    write_shots(folder / "shots", SHOTS)
     (folder / "clips").mkdir()
     (folder / "clips" / "shot.mp4").symlink_to(ROOT / CLIP)
     fall = "".join(f"stone,{k / 30:.6f},{0.5 * k / 30:.6f},{4.905 * (k / 30) ** 2:.6f}\n" for k in range(16))
