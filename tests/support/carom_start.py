@@ -52,11 +52,8 @@ class Home:
 
     def trueroll(self, command: str, *arguments: object) -> ProgramOutput:
         """Run `trueroll COMMAND ARGUMENTS...` in this process."""
-        words, out, err = (
-            ["trueroll", command, *map(str, arguments), "--cache", str(self.cache)],
-            StringIO(),
-            StringIO(),
-        )
+        words = [command, *map(str, arguments), "--cache", str(self.cache)]
+        out, err = StringIO(), StringIO()
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
             patch.setattr("sys.argv", ["trueroll", *words])
             patch.setenv("COLUMNS", "200")
