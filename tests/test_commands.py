@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import time
@@ -40,7 +41,7 @@ COMMANDS = {
     "simulate SHOT.json": "simulate docs/examples/shot.json -o out/simulated",
     "detect IMAGE|FOLDER": "detect out/frames/000000.png -o out/balls.csv",
     "train-detector": "train-detector -o out/balls.onnx",
-    "reproduce [double-pendulum|boxes|real|pool]": "reproduce pool --run out/overhead_pool --quick -o out/reproduce",
+    "reproduce [double-pendulum|boxes|real|pool]": "reproduce double-pendulum --quick -o out/reproduce",
     "graph": f"graph {CLIP} -o out/graph.svg",
     "cache": "cache",
 }
@@ -82,7 +83,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert "The largest (MB)" in done.stdout
     write_shots(folder / "shots", SHOTS)
     (folder / "clips").mkdir()
-    (folder / "clips" / "shot.mp4").symlink_to(ROOT / CLIP)
+    shutil.copy(ROOT / CLIP, folder / "clips")
     fall = "".join(f"stone,{k / 30:.6f},{0.5 * k / 30:.6f},{4.905 * (k / 30) ** 2:.6f}\n" for k in range(16))
     (folder / "thrown.csv").write_text(f"id,t,x,y\n{fall}", encoding="utf-8")
     return folder
