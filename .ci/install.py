@@ -12,6 +12,7 @@ import ast
 import os
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 from collections.abc import Mapping
@@ -103,11 +104,12 @@ def install_with_uv(arguments: list[str]) -> bool:
 
 
 def install_with_pip(arguments: list[str]) -> None:
-    """Install with pip, torch first and capped: its newest builds bring gigabytes of CUDA."""
-    limits = [part for k, one in enumerate(arguments) if one == "--constraint" for part in arguments[k : k + 2]]
+    """Install with pip, with the project's limit on torch: its newest builds bring gigabytes of CUDA."""
     began = time.monotonic()
-    for some in ([*read_torch_requirement(), *limits], arguments):
-        subprocess.run([*PIP, "install", "--quiet", *some], check=True)
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as limits:
+        limits.write("\n".join(read_torch_requirement()))
+        limits.flush()
+        subprocess.run([*PIP, "install", "--quiet", "--constraint", limits.name, *arguments], check=True)
     print(f"Packages took {time.monotonic() - began:.0f} s: pip downloaded and installed them.")
 
 

@@ -100,7 +100,7 @@ def test_the_fit_does_not_depend_on_drawing_and_the_drawing_depends_on_its_fonts
 
 
 def test_every_library_that_computes_has_a_version() -> None:
-    libraries = {"torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba"}
+    libraries = {"torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba", "scikit-image"}
     assert libraries == library_versions().keys()
 
 

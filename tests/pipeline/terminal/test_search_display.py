@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from diagnosis.selection.hypotheses import SearchOutlook
+from models.numerics.jit import compile_kernel
 from pipeline.terminal.search_display import COMPILING_NOTE, show_search_progress
 
 NOTHING_YET = SearchOutlook()
@@ -46,8 +47,12 @@ def test_a_file_gets_no_output() -> None:
 def test_the_first_minute_is_explained_once_also_without_a_terminal(
     terminal: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def add_one(x: float) -> float:
+        return x + 1
+
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    cached = numba.njit(cache=True)(compile_each_time.py_func)
+    add_one.__module__ = "models.add_one"  # compiled code of this package is kept on disk
+    cached = compile_kernel(add_one)
     console = Console(file=StringIO(), force_terminal=terminal, width=100)
     with show_search_progress(console):
         compile_each_time(1.0)
