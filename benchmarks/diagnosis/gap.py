@@ -1,6 +1,6 @@
 """Score the diagnosis of the sim-to-real gap on simulated bodies with a known cause.
 
-    python -m benchmarks.diagnosis.gap [--questions near none] [--scene slide] [--seeds 5] [--first 0]
+    python -m benchmarks.diagnosis.gap [--quick] [--questions near none] [--scene slide] [--seeds 5] [--first 0]
         [--rows FILE.csv] [--show]
 
 Simulators that share no code with the diagnosis (worlds/slide.py, flight.py, pendulum.py) play 12 shots at 60 fps with
@@ -18,10 +18,43 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.diagnosis.gap_cases import generate_cases
 from benchmarks.diagnosis.gap_table import format_report
 from benchmarks.diagnosis.gap_trial import GapRow, run_trial
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
+
+QUICK_SEED = 810
+QUICK_CASES = {
+    "one effect missing: named": (
+        "natural: slide, friction", "natural: flight, air drag", "natural: pendulum, joint friction",
+    ),
+    "nothing missing: nothing named": (
+        "none: slide, nothing missing", "none: flight, nothing missing", "none: pendulum, nothing missing",
+    ),
+    "in no library: unknown": ("foreign: slide, curl", "foreign: pendulum, magnet"),
+    "two missing: both named": ("pair: flight, air drag and lift by spin",),
+}  # fmt: skip
+"""Cases of `--quick` by question."""
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    cases, rows = {case.name: case for case in generate_cases()}, {}
+    for question, names in QUICK_CASES.items():
+        rows[question] = []
+        for name in names:
+            with tempfile.TemporaryDirectory() as folder:
+                rows[question].append(run_trial(cases[name], QUICK_SEED, Path(folder)))
+    every = [row for own in rows.values() for row in own]
+    closed = [row.closed for row in every if not math.isnan(row.closed)]
+    return [
+        estimate_share("right answers, all questions", sum(row.right for row in every), len(every)),
+        *(estimate_share(question, sum(row.right for row in own), len(own)) for question, own in rows.items()),
+        estimate_median("share of the gap closed", 100 * np.array(closed), "%"),
+    ]
 
 
 def main() -> None:
@@ -35,7 +68,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--rows", type=Path, help="CSV file of the rows")
     parser.add_argument("--show", action="store_true", help="only print the tables of the existing rows")
+    add_quick_option(parser)
     options = parser.parse_args()
+    if options.quick:
+        run_quick("diagnosis.gap", measure_figures, f"one case of each scene and question, seed {QUICK_SEED}")
+        return
     with tempfile.TemporaryDirectory() as scratch:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path, GapRow)

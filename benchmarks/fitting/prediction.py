@@ -33,7 +33,7 @@ from pipeline.io.observed_shot import read_observed_shot
 
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)
 """Prediction horizons, s."""
-QUICK_SEEDS, QUICK_AHEAD = 8, 1.0
+QUICK_SEEDS, QUICK_AHEAD = 6, 1.0
 """Shots per cushion model of `--quick`, and its horizon, s."""
 LEAST_MOTION = 5e-3
 """Motion below which a ball, observed and predicted, is no test of a prediction, m."""
@@ -180,7 +180,8 @@ def main() -> int:
         inputs = (
             f"seeds 0 to {QUICK_SEEDS - 1} per cushion model, each shot a case, all moving balls and horizons of it"
         )
-        run_quick("fitting.prediction", lambda: measure_figures(arguments.truth), inputs)
+        with tempfile.TemporaryDirectory() as fresh:
+            run_quick("fitting.prediction", lambda: measure_figures(Path(fresh)), inputs)
         return 0
     cases = list(score_simulated_shots(arguments.seeds, arguments.truth))
     for law in LAWS:

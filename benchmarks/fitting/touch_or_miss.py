@@ -189,7 +189,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.quick:
         inputs = f"gaps and overlaps of {QUICK_GAP_MM:g} mm, seeds 0 to {QUICK_SEEDS - 1}; {QUICK_CALLS} close calls"
-        run_quick("fitting.touch_or_miss", lambda: measure_figures(arguments.truth), inputs)
+        with tempfile.TemporaryDirectory() as fresh:
+            run_quick("fitting.touch_or_miss", lambda: measure_figures(Path(fresh)), inputs)
         return
     score = partial(score_passes, folder=arguments.truth, jobs=arguments.jobs)
     if arguments.seeds:

@@ -26,7 +26,7 @@ from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 SECONDS, SHOTS = 2.0, 3
 LAWS = ("mirror", "mathavan_2010")
-QUICK_SEEDS, QUICK_NOISE_PX = range(20, 26), 0.3
+QUICK_SEEDS, QUICK_NOISE_PX = range(20, 25), 0.3
 QUICK_PARAMETERS = (
     "sliding_friction.mu", "rolling_resistance.mu", "cushion_restitution.e", "cushion_friction.mu",
     "ball_restitution.e",

@@ -179,11 +179,11 @@ def print_three() -> None:
 
 def measure_figures() -> list[Figure]:
     """Compute the figures of the documentation; nothing in them is random."""
-    p = make_parameters(0.85, 0.2, 0.2)
-    figures = [
-        state_exact(f"{name}: speed after 1 m/s at right angles, {spin}", simulate_rebound(name, 0, *SPINS[spin], p)[0], "m/s")
-        for spin in ("roll", "stun") for name in CUSHIONS
-    ]  # fmt: skip
+    p, figures = make_parameters(0.85, 0.2, 0.2), []
+    for spin in ("roll", "stun"):
+        for name in CUSHIONS:
+            speed, _, _ = simulate_rebound(name, 0.0, *SPINS[spin], p)
+            figures.append(state_exact(f"{name}: speed after 1 m/s at right angles, {spin}", speed, "m/s"))
     _, _, turn, lag = measure_cut(1e7)
     figures += [state_exact("half-ball hit: object ball", turn, "deg"), state_exact("half-ball hit: lag", lag, "mm")]
     v = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
