@@ -32,7 +32,7 @@ from models.physics.billiards.ball_cushion.cushion_contact import (
 
 POOLTOOL = RivalEnvironment("pooltool", PACKAGES)
 SURFACE = np.array([1.0, 1.0, RADIUS, RADIUS, RADIUS])
-CONTACTS, INTEGRATED_CONTACTS = 400, 100
+CONTACTS, INTEGRATED_CONTACTS, EULER_STEPS = 400, 100, (1000, 100_000)
 """Random contacts per model; fewer where pooltool integrates in many steps."""
 EQUAL = 1e-6
 """Share of the normal speed up to which two solutions of the same equations count as equal."""
@@ -51,49 +51,59 @@ def draw_cushion_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray]]
         yield ball, p
 
 
-def measure_cushions() -> dict[str, FloatArray]:
+def draw_ball_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray, float, float, FloatArray]]:
+    """Draw states before contacts along x, restitution and pooltool's friction, with the states (10) that we compute."""
+    rng = np.random.default_rng(2)
+    for _ in range(count):
+        a = np.array([rng.uniform(0.2, 3), rng.normal() * 1.5, *(rng.normal(size=3) * 40)])
+        b = np.array([-rng.uniform(0, 2), rng.normal(), *(rng.normal(size=3) * 40)])
+        p = parameter_vector.neutral_parameters()
+        p[parameter_vector.BALL_E] = e = rng.uniform(0.7, 1)
+        slip = math.hypot(a[1] - b[1] + RADIUS * (a[4] + b[4]), RADIUS * (a[3] + b[3]))
+        here = np.array(alciatore.collide(*a, *b, RADIUS, RADIUS, MASS, MASS, p))
+        yield a, b, e, 9.951e-3 + 0.108 * math.exp(-1.088 * slip), here
+
+
+def measure_differences() -> dict[str, FloatArray]:
     """Measure the relative differences of all contacts, by model."""
     balls, parameters = map(np.array, zip(*draw_cushion_contacts(CONTACTS), strict=True))
     e, mu, cloth = (parameters[:, k] for k in (
         parameter_vector.CUSHION_E, parameter_vector.CUSHION_MU, parameter_vector.SLIDING_MU
     ))  # fmt: skip
-    contact = {"ball": balls, "e": e, "mu": mu, "height": np.array(NOSE_HEIGHT * RADIUS)}
-    han = POOLTOOL.call(pooltool_contacts.rebound_by_han, contact)["after"]
-    rows = {"Han": compute_differences(han_2005.rebound, han, balls, parameters)}
-    few = slice(INTEGRATED_CONTACTS)
-    integrated = {name: x if x.ndim == 0 else x[few] for name, x in contact.items()} | {"cloth": cloth[few]}
-    # Larger friction at the nose lifts the ball: pooltool then lets the cloth pull it back, our model releases it.
-    sine, cosine = contact_inclination(parameter_vector.neutral_parameters(), NOSE_HEIGHT)
-    for steps in (1000, 100_000):
-        there = POOLTOOL.call(pooltool_contacts.rebound_by_mathavan, {**integrated, "steps": np.array(steps)})["after"]
-        found = compute_differences(mathavan_2010.rebound, there, balls[few], parameters[few])
-        rows[f"Mathavan, {steps:,} steps"] = found
-        rows[f"Mathavan, {steps:,} steps, mu below tan(theta)"] = found[mu[few] < sine / cosine]
-    found = compute_differences(stronge.rebound, rebound_by_stronge(balls, parameters), balls, parameters)
-    rows["Stronge"] = found
-    # Below this restitution the contact sticks while still compressed, which pooltool's bound for sliding ignores.
-    rows["Stronge, e above 0.59"] = found[e > 1 / stronge.FREQUENCY_RATIO]
-    return rows
-
-
-def rebound_by_stronge(balls: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Compute states (n, 5) by pooltool's one-dimensional solution along the slip, turned into our axes.
-
-    Its omega_ratio is our `FREQUENCY_RATIO`.
-    """
-    e, mu = parameters[:, parameter_vector.CUSHION_E], parameters[:, parameter_vector.CUSHION_MU]
     leans = [contact_inclination(p, NOSE_HEIGHT) for p in parameters]
     speeds = np.array([contact_velocities(*ball, RADIUS, *lean) for ball, lean in zip(balls, leans, strict=True)])
     slip = np.hypot(speeds[:, 1], speeds[:, 2])
-    arrays = {"slip": slip, "closing": speeds[:, 0], "e": e, "mu": mu, "eta_squared": np.array(stronge.ETA_SQUARED)}
-    share = (POOLTOOL.call(pooltool_contacts.slip_after_stronge, arrays)["after"] + slip) / (3.5 * slip)
-    return np.array([
+    a, b, ball_e, ball_mu, here = map(np.array, zip(*draw_ball_contacts(CONTACTS), strict=True))
+    # pooltool bounds friction by mu e v; the normal impulse per mass of equal balls is (1 + e) v / 2.
+    there = POOLTOOL.call(pooltool_contacts.compute_contacts, {
+        "ball": balls, "e": e, "mu": mu, "cloth": cloth, "height": np.array(NOSE_HEIGHT * RADIUS),
+        "steps": np.array(EULER_STEPS), "integrated": np.array(INTEGRATED_CONTACTS),
+        "slip": slip, "closing": speeds[:, 0], "eta_squared": np.array(stronge.ETA_SQUARED),
+        "first": a, "second": b, "ball_e": ball_e, "ball_mu": np.array([ball_mu, (1 + ball_e) / (2 * ball_e) * ball_mu]),
+    })  # fmt: skip
+    rows = {"Han": compare_rebounds(han_2005.rebound, there["han"], balls, parameters)}
+    # Larger friction at the nose lifts the ball: pooltool then lets the cloth pull it back, our model releases it.
+    sine, cosine = contact_inclination(parameter_vector.neutral_parameters(), NOSE_HEIGHT)
+    few = slice(INTEGRATED_CONTACTS)
+    for steps, after in zip(EULER_STEPS, there["mathavan"], strict=True):
+        found = compare_rebounds(mathavan_2010.rebound, after, balls[few], parameters[few])
+        rows[f"Mathavan, {steps:,} steps"] = found
+        rows[f"Mathavan, {steps:,} steps, mu below tan(theta)"] = found[mu[few] < sine / cosine]
+    # pooltool solves one dimension, along the slip. Its omega_ratio is our `FREQUENCY_RATIO`.
+    share = (there["stronge"] + slip) / (3.5 * slip)
+    after = np.array([
         apply_cushion_impulse(*ball, RADIUS, (1 + restitution) * closing, -one * st, -one * sk, *lean)
         for ball, restitution, (closing, st, sk), one, lean in zip(balls, e, speeds, share, leans, strict=True)
     ])  # fmt: skip
+    rows["Stronge"] = found = compare_rebounds(stronge.rebound, after, balls, parameters)
+    # Below this restitution the contact sticks while still compressed, which pooltool's bound for sliding ignores.
+    rows["Stronge, e above 0.59"] = found[e > 1 / stronge.FREQUENCY_RATIO]
+    for name, after in zip(("Alciatore", "Alciatore, bound of friction corrected"), there["balls"], strict=True):
+        rows[name] = np.abs((here - after) * np.tile(SURFACE, 2)).max(axis=1) / (a[:, 0] - b[:, 0])
+    return rows
 
 
-def compute_differences(
+def compare_rebounds(
     rebound: Callable[..., object], there: FloatArray, balls: FloatArray, parameters: FloatArray
 ) -> FloatArray:
     """Compute the largest difference (n,) of each contact over its normal speed."""
@@ -101,37 +111,10 @@ def compute_differences(
     return np.asarray(np.abs((here - there) * SURFACE).max(axis=1) / balls[:, 0])
 
 
-def measure_balls() -> dict[str, FloatArray]:
-    """Measure the relative differences of contacts of balls.
-
-    pooltool bounds friction by mu e v; the normal impulse per mass of equal balls is (1 + e) v / 2.
-    """
-    rng = np.random.default_rng(2)
-    first, second, e, mu, here = [], [], [], [], []
-    for _ in range(CONTACTS):
-        a = np.array([rng.uniform(0.2, 3), rng.normal() * 1.5, *(rng.normal(size=3) * 40)])
-        b = np.array([-rng.uniform(0, 2), rng.normal(), *(rng.normal(size=3) * 40)])
-        p = parameter_vector.neutral_parameters()
-        p[parameter_vector.BALL_E] = restitution = rng.uniform(0.7, 1)
-        slip = math.hypot(a[1] - b[1] + RADIUS * (a[4] + b[4]), RADIUS * (a[3] + b[3]))
-        here.append(alciatore.collide(*a, *b, RADIUS, RADIUS, MASS, MASS, p))
-        first.append(a)
-        second.append(b)
-        e.append(restitution)
-        mu.append(9.951e-3 + 0.108 * math.exp(-1.088 * slip))
-    arrays = {"first": np.array(first), "second": np.array(second), "e": np.array(e)}
-    closing, rows = arrays["first"][:, 0] - arrays["second"][:, 0], {}
-    corrected = (1 + arrays["e"]) / (2 * arrays["e"])
-    for name, factor in (("Alciatore", 1.0), ("Alciatore, bound of friction corrected", corrected)):
-        there = POOLTOOL.call(pooltool_contacts.collide_balls, {**arrays, "mu": factor * np.array(mu)})["after"]
-        rows[name] = np.abs((np.array(here) - there) * np.tile(SURFACE, 2)).max(axis=1) / closing
-    return rows
-
-
 def measure_figures() -> list[Figure]:
     """Measure the figures of the documentation: medians, or the share of equal contacts where most are equal."""
     figures = []
-    for name, differences in (measure_cushions() | measure_balls()).items():
+    for name, differences in measure_differences().items():
         if np.median(differences) < EQUAL:
             figures.append(estimate_share(f"{name}: equal", int(np.sum(differences < EQUAL)), len(differences)))
         else:
@@ -141,7 +124,7 @@ def measure_figures() -> list[Figure]:
 
 def print_rows() -> None:
     print(f"{'model':46} {'n':>5} {'median':>9} {'90 %':>9} {'most':>9}")
-    for name, differences in (measure_cushions() | measure_balls()).items():
+    for name, differences in measure_differences().items():
         shares = " ".join(f"{value:9.1e}" for value in np.percentile(differences, [50, 90, 100]))
         print(f"{name:46} {len(differences):5} {shares}")
 

@@ -21,57 +21,90 @@ PACKAGES = (
 MASS, RADIUS = 0.17, 0.028575
 
 
-def rebound_by_han(ball: np.ndarray, e: np.ndarray, mu: np.ndarray, height: float) -> dict[str, np.ndarray]:
-    """Compute states (n, 5) after a cushion from states (vn, vt, wn, wt, wz) before; `height` of the nose in m."""
+def compute_contacts(
+    ball: np.ndarray,
+    e: np.ndarray,
+    mu: np.ndarray,
+    cloth: np.ndarray,
+    height: float,
+    steps: np.ndarray,
+    integrated: int,
+    slip: np.ndarray,
+    closing: np.ndarray,
+    eta_squared: float,
+    first: np.ndarray,
+    second: np.ndarray,
+    ball_e: np.ndarray,
+    ball_mu: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """Compute what pooltool's models make of contacts.
+
+    Args:
+        ball: States (n, 5) before cushions: vn, vt, wn, wt, wz.
+        e: Restitution (n) of cushions.
+        mu: Friction (n) of the nose.
+        cloth: Friction (n) of the cloth.
+        height: Height of the nose, m.
+        steps: Numbers (k) of Euler steps of Mathavan's model.
+        integrated: Number of contacts that are integrated.
+        slip: Slip (n) before compliant contacts, m/s.
+        closing: Their closing speeds (n), m/s.
+        eta_squared: Their ratio of stiffness.
+        first: States (m, 5) of balls before they meet others along x.
+        second: States (m, 5) of the others.
+        ball_e: Restitution (m) of balls.
+        ball_mu: Friction (j, m) of balls.
+
+    Returns:
+        `han` (n, 5) after cushions, `mathavan` (k, integrated, 5), `stronge` (n) slips, `balls` (j, m, 10).
+    """  # fmt: skip
+    few = slice(int(integrated))
+    return {
+        "han": np.array([_rebound_by_han(*one, float(height)) for one in zip(ball, e, mu, strict=True)]),
+        "mathavan": np.array([
+            [_rebound_by_mathavan(*one, float(height), int(count))
+             for one in zip(ball[few], e[few], mu[few], cloth[few], strict=True)]
+            for count in steps
+        ]),
+        "stronge": np.array([
+            _slip_after_stronge(*one, float(eta_squared)) for one in zip(slip, closing, e, mu, strict=True)
+        ]),
+        "balls": np.array([
+            [_collide_balls(*one) for one in zip(first, second, ball_e, friction, strict=True)] for friction in ball_mu
+        ]),
+    }  # fmt: skip
+
+
+def _rebound_by_han(ball: np.ndarray, e: float, mu: float, height: float) -> np.ndarray:
     from pooltool.physics.resolve.ball_cushion.han_2005.model import han2005
 
-    after = []
-    for state, restitution, friction in zip(ball, e, mu, strict=True):
-        rvw = np.array([[0.0, 0.0, 0.0], [state[0], state[1], 0.0], state[2:]])
-        rvw = han2005(rvw, np.array([1.0, 0.0, 0.0]), RADIUS, MASS, float(height), restitution, friction)
-        after.append([rvw[1, 0], rvw[1, 1], *rvw[2]])
-    return {"after": np.array(after)}
+    state = np.array([[0.0, 0.0, 0.0], [ball[0], ball[1], 0.0], ball[2:]])
+    after = han2005(state, np.array([1.0, 0.0, 0.0]), RADIUS, MASS, height, e, mu)
+    return np.array([after[1, 0], after[1, 1], *after[2]])
 
 
-def rebound_by_mathavan(
-    ball: np.ndarray, e: np.ndarray, mu: np.ndarray, cloth: np.ndarray, height: float, steps: int
-) -> dict[str, np.ndarray]:
-    """Compute states (n, 5) after a cushion, integrated in about `steps` Euler steps."""
+def _rebound_by_mathavan(ball: np.ndarray, e: float, mu: float, cloth: float, height: float, steps: int) -> np.ndarray:
     from pooltool.physics.resolve.ball_cushion.mathavan_2010.model import solve
 
-    after = []
-    for state, restitution, friction, drag in zip(ball, e, mu, cloth, strict=True):
-        start = (-state[1], state[0], -state[3], state[2], state[4])
-        x, y, wx, wy, wz = solve(
-            MASS, RADIUS, float(height), restitution, drag, friction, *start, int(steps), MASS * state[0] / int(steps)
-        )
-        after.append([y, -x, wy, -wx, wz])
-    return {"after": np.array(after)}
+    start = (-ball[1], ball[0], -ball[3], ball[2], ball[4])
+    x, y, wx, wy, wz = solve(MASS, RADIUS, height, e, cloth, mu, *start, steps, MASS * ball[0] / steps)
+    return np.array([y, -x, wy, -wx, wz])
 
 
-def slip_after_stronge(
-    slip: np.ndarray, closing: np.ndarray, e: np.ndarray, mu: np.ndarray, eta_squared: float
-) -> dict[str, np.ndarray]:
-    """Compute the slip (n,) after a compliant contact along one line."""
+def _slip_after_stronge(slip: float, closing: float, e: float, mu: float, eta_squared: float) -> float:
+    """Compute the slip after a compliant contact along one line."""
     from pooltool.physics.resolve.stronge_compliant import resolve_collinear_compliant_frictional_inelastic_collision
 
-    after = [
-        resolve_collinear_compliant_frictional_inelastic_collision(
-            -one, -speed, MASS, 3.5, 1.0, friction, restitution, 1e3, float(eta_squared)
-        )[0]
-        for one, speed, restitution, friction in zip(slip, closing, e, mu, strict=True)
-    ]
-    return {"after": np.array(after)}
+    after, _ = resolve_collinear_compliant_frictional_inelastic_collision(
+        -slip, -closing, MASS, 3.5, 1.0, mu, e, 1e3, eta_squared
+    )
+    return float(after)
 
 
-def collide_balls(first: np.ndarray, second: np.ndarray, e: np.ndarray, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute states (n, 10) of two equal balls after a contact along x."""
+def _collide_balls(a: np.ndarray, b: np.ndarray, e: float, mu: float) -> np.ndarray:
     from pooltool.physics.resolve.ball_ball.frictional_inelastic import _resolve_ball_ball
 
-    after = []
-    for a, b, restitution, friction in zip(first, second, e, mu, strict=True):
-        one = np.array([[0.0, 0.0, 0.0], [a[0], a[1], 0.0], a[2:]])
-        two = np.array([[2 * RADIUS, 0.0, 0.0], [b[0], b[1], 0.0], b[2:]])
-        one, two = _resolve_ball_ball(one, two, RADIUS, friction, restitution)
-        after.append([*one[1][:2], *one[2], *two[1][:2], *two[2]])
-    return {"after": np.array(after)}
+    one = np.array([[0.0, 0.0, 0.0], [a[0], a[1], 0.0], a[2:]])
+    two = np.array([[2 * RADIUS, 0.0, 0.0], [b[0], b[1], 0.0], b[2:]])
+    one, two = _resolve_ball_ball(one, two, RADIUS, mu, e)
+    return np.array([*one[1][:2], *one[2], *two[1][:2], *two[2]])
