@@ -52,7 +52,7 @@ def draw_cushion_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray]]
 
 
 def draw_ball_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray, float, float, FloatArray]]:
-    """Draw states before contacts along x, restitution and pooltool's friction, with the states (10) that we compute."""
+    """Draw states before contacts along x, restitution and pooltool's friction, with the states (10) by our model."""
     rng = np.random.default_rng(2)
     for _ in range(count):
         a = np.array([rng.uniform(0.2, 3), rng.normal() * 1.5, *(rng.normal(size=3) * 40)])
@@ -79,7 +79,8 @@ def measure_differences() -> dict[str, FloatArray]:
         "ball": balls, "e": e, "mu": mu, "cloth": cloth, "height": np.array(NOSE_HEIGHT * RADIUS),
         "steps": np.array(EULER_STEPS), "integrated": np.array(INTEGRATED_CONTACTS),
         "slip": slip, "closing": speeds[:, 0], "eta_squared": np.array(stronge.ETA_SQUARED),
-        "first": a, "second": b, "ball_e": ball_e, "ball_mu": np.array([ball_mu, (1 + ball_e) / (2 * ball_e) * ball_mu]),
+        "first": a, "second": b, "ball_e": ball_e,
+        "ball_mu": np.array([ball_mu, (1 + ball_e) / (2 * ball_e) * ball_mu]),
     })  # fmt: skip
     rows = {"Han": compare_rebounds(han_2005.rebound, there["han"], balls, parameters)}
     # Larger friction at the nose lifts the ball: pooltool then lets the cloth pull it back, our model releases it.
