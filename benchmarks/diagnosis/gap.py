@@ -32,7 +32,6 @@ QUICK_CASES = (
     "pair: flight, air drag and lift by spin",
     "foreign: slide, curl",
     "none: flight, nothing missing",
-    "none: pendulum, nothing missing",
 )
 
 
@@ -41,7 +40,7 @@ def measure_figures() -> list[Figure]:
     cases, rows = {case.name: case for case in generate_cases()}, []
     for name in QUICK_CASES:
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(run_trial(cases[name], QUICK_SEED, Path(folder)))
+            rows.append(run_trial(cases[name], QUICK_SEED, Path(folder), compares_closure=False))
     missing = [row for row in rows if row.question in ("natural", "pair")]
     return [
         estimate_share("right answers", sum(row.right for row in rows), len(rows)),
