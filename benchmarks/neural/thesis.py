@@ -45,7 +45,7 @@ SPRINGS_GOALS = {(30, 0.1): 300.0, (30, 0.5): 30.0, (15, 0.1): 100.0}
 """Goals: factors below cubic, by rate and noise, for soft and medium springs."""
 QUICK_SEEDS, QUICK_EFFORT = range(960, 963), 0.25
 """Seeds of `--quick`, the network with two of them, and the share of its training."""
-QUICK_SPRINGS = (("soft", 30, 0.5), ("medium", 30, 0.1), ("stiff", 30, 0.1))
+QUICK_SPRINGS, QUICK_SPRINGS_SEEDS = (("soft", 30, 0.5), ("stiff", 30, 0.1)), range(960, 968)
 STIFF_GOAL, NETWORK_GOAL, BOXES_GOAL, AKIMA_GOAL, REAL_GOAL = 5.0, 100.0, 3.0, 6, 10.0
 
 
@@ -148,7 +148,7 @@ def measure_figures() -> list[Figure]:
         estimate_median("thesis' network, stiff springs: error below linear's by", [r.linear for r in nets], "times")
     ]
     for kind, fps, noise in QUICK_SPRINGS:
-        rows = score_springs(kind, fps, noise, QUICK_SEEDS)
+        rows = score_springs(kind, fps, noise, QUICK_SPRINGS_SEEDS)
         gains = [row.cubic / row.mse for row in rows]
         figures.append(
             estimate_median(f"fit of {kind} springs, {noise:g} px: error below a cubic's by", gains, "times")
@@ -246,9 +246,7 @@ def main() -> None:
     add_quick_option(parser)
     arguments = parser.parse_args()
     if arguments.quick:
-        inputs = (
-            f"30 Hz, seeds {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}, the network with {QUICK_EFFORT:.0%} of its training"
-        )
+        inputs = f"30 Hz, seeds from {QUICK_SEEDS[0]}, the network with {QUICK_EFFORT:.0%} of its training"
         run_quick("neural.thesis", measure_figures, inputs)
         return
     budget = TrainingBudget(arguments.effort, arguments.seconds)
