@@ -1,6 +1,7 @@
 """Score the diagnosis on simulated billiards: false alarms, named missing effects, and the closed share of the gap.
 
-    python -m benchmarks.diagnosis.billiards_gap [KIND...] [--seeds 1] [--first 0] [--rows FILE.csv] [--pair] [--show]
+    python -m benchmarks.diagnosis.billiards_gap [KIND...] [--quick] [--seeds 1] [--first 0]
+        [--rows FILE.csv] [--pair] [--show]
 
 The truth is worlds/billiards_table.py, run as a process: twelve shots of two to five balls on a random table per seed,
 2 s each at 62.5 fps, noise of 0.3 px at 350 px per metre. The diagnosed simulator has rolling resistance, sliding
@@ -25,6 +26,7 @@ import numpy as np
 from benchmarks.diagnosis.billiards_gap_cases import CASES, NEAR, BilliardsGapCase, film_case
 from benchmarks.diagnosis.billiards_gap_table import BilliardsGapRow, format_report
 from benchmarks.fitting.foreign_shots import TABLE
+from benchmarks.support.figures import Figure, add_quick_option, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
@@ -126,6 +128,21 @@ def run_trial(case: BilliardsGapCase, seed: int, workers: Executor = SERIAL) -> 
     return make_row(case, seed, shots, report, acted, seconds)
 
 
+QUICK_CASES, QUICK_SEED = ("slope", "none"), 150
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation; the noise of a closure is half of its stated interval."""
+    rows = [run_trial(CASES[name], QUICK_SEED) for name in QUICK_CASES]
+    figures = [estimate_share("right answers", sum(row.right for row in rows), len(rows))]
+    figures += [
+        Figure(f"{row.kind}: share of the gap closed", 100 * row.closed, 50 * (row.high - row.low), "%", 1)
+        for row in rows
+        if np.isfinite(row.closed)
+    ]
+    return figures
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"kinds of cases; default: all of {', '.join(CASES)}")
@@ -134,7 +151,12 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, help="CSV file of the rows")
     parser.add_argument("--pair", action="store_true", help="use two processes per case, as for users")
     parser.add_argument("--show", action="store_true", help="only print the tables of the existing rows")
+    add_quick_option(parser)
     options = parser.parse_args()
+    if options.quick:
+        inputs = f"a slope missing and nothing missing, seed {QUICK_SEED}"
+        run_quick("diagnosis.billiards_gap", measure_figures, inputs)
+        return
     with tempfile.TemporaryDirectory() as scratch, open_executor() if options.pair else nullcontext(SERIAL) as workers:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path, BilliardsGapRow)

@@ -1,6 +1,6 @@
 """Score the diagnosis of the sim-to-real gap on simulated bodies with a known cause.
 
-    python -m benchmarks.diagnosis.gap [--questions near none] [--scene slide] [--seeds 5] [--first 0]
+    python -m benchmarks.diagnosis.gap [--quick] [--questions near none] [--scene slide] [--seeds 5] [--first 0]
         [--rows FILE.csv] [--show]
 
 Simulators that share no code with the diagnosis (worlds/slide.py, flight.py, pendulum.py) play 12 shots at 60 fps with
@@ -21,7 +21,31 @@ from pathlib import Path
 from benchmarks.diagnosis.gap_cases import generate_cases
 from benchmarks.diagnosis.gap_table import format_report
 from benchmarks.diagnosis.gap_trial import GapRow, run_trial
+from benchmarks.support.figures import Figure, add_quick_option, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
+
+QUICK_SEED = 810
+QUICK_CASES = (
+    "natural: slide, friction",
+    "natural: flight, air drag",
+    "natural: pendulum, joint friction",
+    "pair: flight, air drag and lift by spin",
+    "foreign: slide, curl",
+    "none: flight, nothing missing",
+)
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    cases, rows = {case.name: case for case in generate_cases()}, []
+    for name in QUICK_CASES:
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append(run_trial(cases[name], QUICK_SEED, Path(folder), compares_closure=False))
+    missing = [row for row in rows if row.question in ("natural", "pair")]
+    return [
+        estimate_share("right answers", sum(row.right for row in rows), len(rows)),
+        estimate_share("missing effects named, and nothing else", sum(row.right for row in missing), len(missing)),
+    ]
 
 
 def main() -> None:
@@ -35,7 +59,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--rows", type=Path, help="CSV file of the rows")
     parser.add_argument("--show", action="store_true", help="only print the tables of the existing rows")
+    add_quick_option(parser)
     options = parser.parse_args()
+    if options.quick:
+        run_quick("diagnosis.gap", measure_figures, f"{'; '.join(QUICK_CASES)}; seed {QUICK_SEED}")
+        return
     with tempfile.TemporaryDirectory() as scratch:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path, GapRow)

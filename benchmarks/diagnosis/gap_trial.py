@@ -61,8 +61,8 @@ class GapRow:
     """Direction, variable and formula of the unexplained acceleration; empty where none was found."""
 
 
-def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
-    """Simulate, diagnose and score one case."""
+def run_trial(case: GapCase, seed: int, folder: Path, compares_closure: bool = True) -> GapRow:
+    """Simulate, diagnose and score one case, without an oracle's closure where it is not compared."""
     rng = np.random.default_rng([seed, 5, *case.name.encode()])
     drawn = case.kind.draw_experiment(int(rng.integers(2**31)), case.shots, case.fps)
     drawn["noise"] *= case.noise
@@ -76,7 +76,7 @@ def run_trial(case: GapCase, seed: int, folder: Path) -> GapRow:
     right, excused = _score_answer(case, report, read)
     if case.question == "garbage":
         right = _is_unchanged_by_garbage(scene, read.recordings, report, seed, rng)
-    closed = _score_closing(case, report, read, drawn, folder)
+    closed = _score_closing(case, report, read, drawn, folder, compares_closure)
     return GapRow(
         question=case.question, kind=case.kind.name, seed=seed, truth="+".join(sorted(case.kind.withheld)),
         answer=_format_answer(report), right=int(right), excused=int(excused),
@@ -187,7 +187,7 @@ def _is_unchanged_by_garbage(
 
 
 def _score_closing(
-    case: GapCase, report: DiagnosisReport, read: TrackFolder, drawn: dict[str, Any], folder: Path
+    case: GapCase, report: DiagnosisReport, read: TrackFolder, drawn: dict[str, Any], folder: Path, compares: bool
 ) -> dict[str, float]:
     """Return the closed share of the gap: as reported, for an oracle, and on fresh shots."""
     closing = asdict(report.gap.closure)
@@ -196,7 +196,8 @@ def _score_closing(
         "before": closing["before"], "after": closing["after"], "floor": closing["floor"], "low": low, "high": high,
         "closed": closing["closed"] if closing["resolved"] else math.nan, "oracle": math.nan, "fresh": math.nan,
     }  # fmt: skip
-    if case.question not in ("natural", "pair", "form", "30 fps", "5 shots", "1 px") or case.kind.foreign:
+    asked = case.question in ("natural", "pair", "form", "30 fps", "5 shots", "1 px")
+    if not compares or not asked or case.kind.foreign:
         return scores
     oracle = build_oracle(build_gap_scene(read), read.recordings)
     missing = frozenset(oracle.problem.candidates) & (case.kind.withheld | case.kind.family)

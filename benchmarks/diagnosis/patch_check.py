@@ -1,6 +1,7 @@
 """Find patches that no library holds, and compare place, size and strength with the truth.
 
-    python -m benchmarks.diagnosis.patch_check [slide|billiards ...] [--seeds 5] [--first 0] [--rows FILE.csv] [--show]
+    python -m benchmarks.diagnosis.patch_check [slide|billiards ...] [--quick] [--seeds 5] [--first 0]
+        [--rows FILE.csv] [--show]
 
 The truth is worlds/slide.py and worlds/billiards_table.py, run as processes: twelve shots over a disc of 0.3 m radius
 with more friction at a random place. The diagnosed simulator has every other effect that acts. Printed: how often the
@@ -24,6 +25,7 @@ from benchmarks.diagnosis.billiards_gap import build_scene
 from benchmarks.diagnosis.billiards_gap_cases import CASES, film_case
 from benchmarks.diagnosis.gap_cases import generate_cases
 from benchmarks.diagnosis.gap_trial import play_case
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
@@ -34,6 +36,7 @@ from pipeline.io.track_folder_scene import build_gap_scene
 SCENES = ("slide", "billiards")
 RADIUS = 0.3
 """m, of every patch."""
+QUICK_SEEDS = range(408, 411)
 GRAVITY = 9.81
 """m/s^2."""
 GOAL_OVERLAP, GOAL_STRENGTH, GOAL_BIAS = 0.5, 0.2, 0.3
@@ -102,6 +105,17 @@ def run_table(scene: str, seed: int) -> PatchRow:
     return score_patch(scene, seed, diagnose(build_gap_scene(read), read.recordings, seed), drawn["effects"])
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    rows = [run_table("slide", seed) for seed in QUICK_SEEDS]
+    found = [row for row in rows if row.found]
+    return [
+        estimate_share("patches found", len(found), len(rows)),
+        estimate_median("overlap with the true disc", [row.overlap for row in found], ""),
+        estimate_median("strength over the true one", [row.strength for row in found], ""),
+    ]
+
+
 def print_table(rows: list[PatchRow]) -> None:
     """Print one line per scene."""
     print("| scene | tables | found | overlap >= 0.5 | strength within 20 % | others within 0.3 sigma | medians |")
@@ -132,7 +146,13 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--rows", type=Path, help="CSV file of the rows")
     parser.add_argument("--show", action="store_true", help="only print the table of the existing rows")
+    add_quick_option(parser)
     options = parser.parse_args()
+    if options.quick:
+        run_quick(
+            "diagnosis.patch_check", measure_figures, f"bodies that slide, seeds {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}"
+        )
+        return
     with tempfile.TemporaryDirectory() as scratch:
         path = options.rows or Path(scratch) / "rows.csv"
         rows = read_rows(path, PatchRow)

@@ -1,6 +1,6 @@
 """Measure whether certificates of equal tables agree, and whether those of different tables are told apart.
 
-    python -m benchmarks.fitting.certificate_check [--trials 12] [--shots 6] [--rows FILE.csv]
+    python -m benchmarks.fitting.certificate_check [--quick] [--trials 12] [--shots 6] [--rows FILE.csv]
 
 Each trial is a table of the independent simulator with unknown friction, slope and cushions. Two sessions are played on
 it, and a third one on the same table with 1 mm/m more slope along its length and 2 % less restitution. Shots have one
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.support.figures import Figure, add_quick_option, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.table_cases.session_shots import Effects, draw_table, play_session
 from models.core.errors import TrackError
@@ -31,6 +32,8 @@ MORE_SLOPE, LESS_RESTITUTION = 1.0, 0.98
 """mm/m, and factor, of the other table."""
 LAWS = ("mirror", "mathavan_2010")
 """Cushion models that are compared: fewer than in `certify`, to save time."""
+QUICK_TRIALS, QUICK_SHOTS = (20,), 6
+"""Trials of `--quick`, and shots of a session."""
 CHECKED = ("slope_x", "slope_y", "roll_out", "restitution", "sliding_friction", "length", "width")
 """Numbers that are checked."""
 
@@ -58,7 +61,13 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=12, help="tables (default 12)")
     parser.add_argument("--shots", type=int, default=6, help="shots of a session (default 6)")
     parser.add_argument("--rows", type=Path, default=None, help="CSV file of the rows, from which a run continues")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        trials = ", ".join(map(str, QUICK_TRIALS))
+        inputs = f"numbers of table {trials}, three sessions of {QUICK_SHOTS} shots"
+        run_quick("fitting.certificate_check", measure_figures, inputs)
+        return
     rows = read_rows(arguments.rows, CertificateRow)
     done = {row.trial for row in rows}
     for trial in range(arguments.trials):
@@ -126,6 +135,29 @@ def describe_truth(effects: Effects) -> dict[str, float]:
         "length": 2.54,
         "width": 1.27,
     }
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    rows: list[CertificateRow] = []
+    for trial in QUICK_TRIALS:
+        with tempfile.TemporaryDirectory() as place:
+            rows += play_trial(trial, QUICK_SHOTS, Path(place))
+    same, other = ([row for row in rows if row.pair == pair] for pair in ("same", "other"))
+    changed = [row for row in other if row.name in ("slope_x", "restitution")]
+    known = [row for row in same if np.isfinite(row.truth)]
+    return [
+        estimate_share("same table: not called different", sum(not row.differs for row in same), len(same)),
+        estimate_share(
+            "same table: within 2 sigma of each other",
+            sum(abs(row.second - row.first) <= 2 * row.sigma for row in same), len(same),
+        ),
+        estimate_share(
+            "within 2 sigma of the truth",
+            sum(abs(row.first - row.truth) <= 2 * row.first_sigma for row in known), len(known),
+        ),
+        estimate_share("changed slope or restitution: told apart", sum(row.differs for row in changed), len(changed)),
+    ]  # fmt: skip
 
 
 def format_trial(rows: list[CertificateRow]) -> str:

@@ -1,12 +1,12 @@
 """Measure how far the rest of a shot can be predicted, and whether the prediction regions have their nominal coverage.
 
-    python -m benchmarks.fitting.prediction [--seeds N] [--truth DIR] [--runs DIR]
+    python -m benchmarks.fitting.prediction [--quick] [--seeds N] [--truth DIR] [--runs DIR]
 
 Simulated shots: three balls of worlds/billiards.py, run as a process, with two cushion models; 60 fps, 1 mm of noise
 per axis, predicted from a moment between 0.3 and 1.5 s after the strike. Real shots: the run folders in DIR (written by
 benchmarks.clips.real_clips), each from several moments; later observations are the truth there. A prediction uses
 nothing observed after its moment. Rivals: a ball that does not move, and one that keeps its last velocity. Takes some
-minutes; the real part is skipped where DIR does not exist.
+minutes; the real part is skipped where DIR does not exist, and by `--quick`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.fitting.prediction_shots import LAWS, LEAD, film_shot, overhead_scene, simulate_shot
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_statistic, run_quick
 from benchmarks.support.run_folder import ROOT
 from models.core.errors import TrackError
 from models.estimation.forecast.current_state import estimate_state
@@ -31,6 +33,8 @@ from pipeline.io.observed_shot import read_observed_shot
 
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)
 """Prediction horizons, s."""
+QUICK_SEEDS, QUICK_AHEAD = 6, 1.0
+"""Shots per cushion model of `--quick`, and its horizon, s."""
 LEAST_MOTION = 5e-3
 """Motion below which a ball, observed and predicted, is no test of a prediction, m."""
 MOMENTS = (0.25, 0.4, 0.55, 0.7)
@@ -55,18 +59,45 @@ class PredictedBall:
 def score_simulated_shots(seeds: int, folder: Path) -> Iterator[PredictedBall]:
     for seed in range(seeds):
         for law in LAWS:
-            shot = simulate_shot(seed, law, folder)
-            at = LEAD + float(np.random.default_rng([3, seed]).uniform(0.3, 1.5))
-            estimate = estimate_state(film_shot(shot, at, seed), overhead_scene(), at)
-            prediction = forecast_shot(estimate, at + np.array([0.0, *AHEAD]), seed)
-            for row, ahead in enumerate(AHEAD, start=1):
-                true = shot.xy[round((at + ahead) * 1000)]
-                for ball in range(len(estimate.ids)):
-                    case = score_ball(
-                        law, prediction, row, ball, true[ball], prediction.level(row, ball, true[ball]), ahead
-                    )
-                    if case is not None:
-                        yield case
+            yield from score_simulated_shot(seed, law, folder)
+
+
+def score_simulated_shot(seed: int, law: str, folder: Path) -> list[PredictedBall]:
+    cases = []
+    shot = simulate_shot(seed, law, folder)
+    at = LEAD + float(np.random.default_rng([3, seed]).uniform(0.3, 1.5))
+    estimate = estimate_state(film_shot(shot, at, seed), overhead_scene(), at)
+    prediction = forecast_shot(estimate, at + np.array([0.0, *AHEAD]), seed)
+    for row, ahead in enumerate(AHEAD, start=1):
+        true = shot.xy[round((at + ahead) * 1000)]
+        for ball in range(len(estimate.ids)):
+            case = score_ball(law, prediction, row, ball, true[ball], prediction.level(row, ball, true[ball]), ahead)
+            if case is not None:
+                cases.append(case)
+    return cases
+
+
+def measure_figures(folder: Path) -> list[Figure]:
+    """Measure the figures of the documentation. The balls and horizons of one shot err together: it is one case."""
+    figures = []
+    for law in LAWS:
+        shots = [score_simulated_shot(seed, law, folder) for seed in range(QUICK_SEEDS)]
+        sums = np.array([
+            [len(cases), sum(c.level <= 0.5 for c in cases), sum(c.level <= 0.9 for c in cases)] for cases in shots
+        ])  # fmt: skip
+        figures += [
+            estimate_statistic(f"{law}: in the {share} % region", sums, "%", partial(_ratio_of_sums, column))
+            for column, share in ((1, 50), (2, 90))
+        ]
+        at_one = [[c for c in cases if c.ahead == QUICK_AHEAD] for cases in shots]
+        for name, field in (("predicted", "error"), ("keeps its velocity", "straight"), ("does not move", "stays")):
+            errors = [float(np.mean([getattr(c, field) for c in cases])) for cases in at_one if cases]
+            figures.append(estimate_median(f"{law}: error {QUICK_AHEAD:g} s ahead, {name}", errors, "mm"))
+    return figures
+
+
+def _ratio_of_sums(column: int, sums: np.ndarray) -> float:
+    return 100 * float(sums[:, column].sum() / sums[:, 0].sum())
 
 
 def score_real_clips(folder: Path) -> Iterator[PredictedBall]:
@@ -143,7 +174,15 @@ def main() -> int:
     parser.add_argument("--truth", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_predictions",
                         help="folder in which simulated shots are kept")  # fmt: skip
     parser.add_argument("--runs", type=Path, default=ROOT / "out" / "real_clips", help="run folders of real clips")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = (
+            f"seeds 0 to {QUICK_SEEDS - 1} per cushion model, each shot a case, all moving balls and horizons of it"
+        )
+        with tempfile.TemporaryDirectory() as fresh:
+            run_quick("fitting.prediction", lambda: measure_figures(Path(fresh)), inputs)
+        return 0
     cases = list(score_simulated_shots(arguments.seeds, arguments.truth))
     for law in LAWS:
         print_table(f"Simulated shots, cushion model {law}", [case for case in cases if case.group == law])

@@ -1,6 +1,6 @@
 """Measure how much better a fourth shot is predicted with the profile of three earlier ones.
 
-    python -m benchmarks.fitting.profile_gain [--sets 20] [--rows FILE.csv]
+    python -m benchmarks.fitting.profile_gain [--quick] [--sets 20] [--rows FILE.csv]
 
 Each set is a table of the independent simulator with unknown friction, slope and cushions. Three shots of one spinning
 ball teach a profile, as `trueroll fit-table` does; a fourth one, slow enough to come to rest, is predicted from half a
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_statistic, run_quick
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.table_cases.session_shots import LEAD_S, draw_table, play_session
 from models.core.errors import TrackError
@@ -32,6 +33,7 @@ AHEAD_S, PREDICTED_S = 0.5, 14.0
 """s from the strike to the prediction, and from the strike to its end."""
 SLOW_SPEEDS = (0.7, 1.4)
 """m/s after the strike of the fourth shot."""
+QUICK_SETS = range(40, 43)
 DRAWS = 128
 """Ensemble members."""
 LAWS = ("mirror", "mathavan_2010")
@@ -52,7 +54,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=20, help="tables (default 20)")
     parser.add_argument("--rows", type=Path, default=None, help="CSV file of the rows, from which a run continues")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        run_quick("fitting.profile_gain", measure_figures, f"tables {QUICK_SETS[0]} to {QUICK_SETS[-1]}")
+        return
     rows = read_rows(arguments.rows, GainRow)
     done = {row.number for row in rows}
     for number in range(arguments.sets):
@@ -70,6 +76,25 @@ def main() -> None:
         print(f"{len(pairs)} of {len(rows)} sets: rest positions {np.median(pairs[:, 0]):.1f} mm off with the profile,"
               f" {np.median(pairs[:, 1]):.1f} mm without; better in {int((ratio < 1).sum())};"
               f" geometric mean of the ratios {np.exp(np.mean(np.log(ratio))):.2f}")  # fmt: skip
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    errors = []
+    for number in QUICK_SETS:
+        with tempfile.TemporaryDirectory() as place:
+            row = play_set(number, Path(place))
+        if np.isfinite(row.with_profile):
+            errors.append((row.with_profile, row.without))
+    pairs = np.array(errors)
+    return [
+        estimate_median("rest position with the profile: error", pairs[:, 0], "mm"),
+        estimate_median("rest position without: error", pairs[:, 1], "mm"),
+        estimate_statistic(
+            "error with over without, geometric mean", pairs, "",
+            lambda x: float(np.exp(np.mean(np.log(x[:, 0] / x[:, 1])))),
+        ),
+    ]  # fmt: skip
 
 
 def play_set(number: int, place: Path) -> GainRow:

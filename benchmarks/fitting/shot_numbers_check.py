@@ -1,6 +1,6 @@
 """Measure players' numbers of foreign shots, and check whether the stated standard deviations hold.
 
-    python -m benchmarks.fitting.shot_numbers_check [SEEDS] [FIRST] [--noise MM] [--out DIR] [--laws]
+    python -m benchmarks.fitting.shot_numbers_check [SEEDS] [FIRST] [--quick] [--noise MM] [--out DIR] [--laws]
 
 The truth is worlds/billiards.py, run as a process: three balls, a random table, cue speeds of 1.2 to 3.5 m/s with
 arbitrary top and side spin, two cushion models, friction of balls that falls with speed; 60 fps, Gaussian noise per
@@ -23,6 +23,7 @@ import numpy as np
 import pyarrow.csv
 
 from benchmarks.fitting.prediction_shots import IDS, LAWS, LEAD, film_shot, overhead_scene, simulate_shot
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_statistic, run_quick
 from models.core.events import Events
 from models.core.options import FitOptions
 from models.core.typing import FloatArray
@@ -32,6 +33,16 @@ from models.estimation.shot_numbers.measure_shots import measure_shots
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts
 
+QUICK_SEEDS = range(30, 34)
+"""Of each cushion model."""
+QUICK_NUMBERS = {
+    "cue_speed": "m/s",
+    "top_spin_share": "",
+    "contact_speed": "m/s",
+    "cut_angle": "deg",
+    "object_speed": "m/s",
+}
+"""Numbers that nearly every shot determines, and their units."""
 SECONDS = 4.0
 """s that are filmed."""
 RESOLUTION = 1e-3
@@ -121,6 +132,39 @@ def run_cases(arguments: argparse.Namespace, path: Path) -> Iterator[dict[str, A
         yield finished[(seed, law)]
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation; the numbers of one shot err together, so a shot is one case."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [
+            measure_case(seed, law, 1e-3, Path(folder), FitOptions()) for seed in QUICK_SEEDS for law in LAWS
+        ]  # fmt: skip
+    remove_other_contacts(rows)
+    figures = [
+        estimate_median(f"{name}: error", [abs(one[1] - one[0]) for one in own], unit)
+        for name, unit in QUICK_NUMBERS.items()
+        if len(own := [row["numbers"][name] for row in rows if row["numbers"].get(name, [False])[-1]]) > 1
+    ]
+    pulls = [[abs(e - t) / max(s, RESOLUTION) for t, e, s, good in row["numbers"].values() if good] for row in rows]
+    for limit in (1, 2):
+        counts = np.array([[sum(pull < limit for pull in own), len(own)] for own in pulls], float)
+        figures.append(
+            estimate_statistic(f"all numbers: within {limit} stated sigma", counts, "%", lambda x: 100 * _ratio(x))
+        )
+    return figures
+
+
+def _ratio(counts: FloatArray) -> float:
+    return float(counts[:, 0].sum() / counts[:, 1].sum())
+
+
+def remove_other_contacts(rows: list[dict[str, Any]]) -> int:
+    """Remove the numbers of the contact where another first contact was measured; returns in how many shots."""
+    missed = [row for row in rows if not _is_same_contact(row)]
+    for row in missed:
+        row["numbers"] = {name: one for name, one in row["numbers"].items() if name in STRIKE_NUMBERS}
+    return len(missed)
+
+
 def _is_same_contact(row: dict[str, Any]) -> bool:
     true, measured = row["first_contact"]
     if true is None or measured is None:
@@ -129,13 +173,11 @@ def _is_same_contact(row: dict[str, Any]) -> bool:
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    missed = [row for row in rows if not _is_same_contact(row)]
+    missed = remove_other_contacts(rows)
     print(
-        f"{len(rows)} shots, {sum(row['whole'] for row in rows)} explained whole; in {len(missed)} another first"
+        f"{len(rows)} shots, {sum(row['whole'] for row in rows)} explained whole; in {missed} another first"
         " contact was measured, whose numbers are left out\n"
     )
-    for row in missed:
-        row["numbers"] = {name: one for name, one in row["numbers"].items() if name in STRIKE_NUMBERS}
     print("| number | observable | of | median error | 95 % of errors below | within 1 sigma | within 2 sigma |")
     print("|---|---|---|---|---|---|---|")
     for name in (*STRIKE_NUMBERS, *(name for name, _ in CONTACT_NUMBERS)):
@@ -167,7 +209,12 @@ def main() -> None:
     parser.add_argument("--laws", action="store_true", help="complete the search for contact models, as run --laws")
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_shot_numbers",
                         help="folder of the simulated shots and the rows")  # fmt: skip
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"shots {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]} of each cushion model, noise of 1 mm; medians"
+        run_quick("fitting.shot_numbers_check", measure_figures, inputs)
+        return
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"rows_{arguments.noise:g}mm{'_laws' if arguments.laws else ''}.jsonl"
     print_table(list(run_cases(arguments, path)))

@@ -1,12 +1,12 @@
 """Score calls of touch or miss on passes whose gap is known to a hundredth of a millimetre.
 
-    python -m benchmarks.fitting.touch_or_miss [--seeds N] [--calls N] [--jobs N] [--truth DIR]
+    python -m benchmarks.fitting.touch_or_miss [--quick] [--seeds N] [--calls N] [--jobs N] [--truth DIR]
 
 Truth: worlds/billiards.py, run as a process. First table: share of right calls at each overlap and gap, 60 fps, 1 mm
 noise per axis, 0.5 to 3 m/s. Second table: close calls within a millimetre; errors of 0.7 to 1.3 mm, correlated between
 frames by 0 to 0.7, frames for 0.12 to 0.3 s on either side, the second ball at rest or moving. Reliability in ten bins
 (with the binomial standard deviation), Brier score, and the share of calls above 0.9 or below 0.1. The rival uses
-geometry alone: the extrapolated paths before the moment, and their errors. `--seeds 2 --calls 10` takes half a minute.
+geometry alone: the extrapolated paths before the moment, and their errors. `--quick` takes a quarter of a minute.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from scipy.stats import norm
 
 from benchmarks.fitting.ball_pairs import LENGTH, WIDTH, Meeting, R, Truth, film_pair, simulate_meetings
+from benchmarks.support.figures import Figure, add_quick_option, estimate_mean, estimate_share, run_quick
 from models.core.tracks import Tracks
 from models.estimation.contact_test.contact_moment import PossibleContact, make_ball_window
 from models.estimation.contact_test.contact_probability import evaluate_contact, predict_gap
@@ -37,6 +38,8 @@ REACH_SIGMA = 2e-5
 """Uncertainty of the sum of the radii, m: the simulated balls are exact."""
 NOISE = 1e-3
 HALF_WINDOW = 0.3
+QUICK_GAP_MM, QUICK_SEEDS, QUICK_CALLS = 0.1, 15, 60
+"""Overlap and gap, passes of each, and close calls of `--quick`."""
 WORLD_SECONDS = 0.32
 """Seconds simulated before and after the moment."""
 
@@ -120,6 +123,42 @@ def print_gaps(seeds: int, score: partial[list[ContactCall]]) -> None:
         print(f"| {gap:+.2f} | {right:.1%} | {seeds} | {plain:.1%} | {pull} |", flush=True)
 
 
+def draw_close_calls(count: int) -> tuple[np.ndarray, list[FilmSettings]]:
+    """Draw gaps within `CLOSE_GAP`, and how the passes are observed."""
+    rng = np.random.default_rng(2022)
+    gaps = rng.uniform(-CLOSE_GAP, CLOSE_GAP, count)
+    return gaps, [
+        FilmSettings(rng.uniform(0.12, HALF_WINDOW), rng.uniform(0.7e-3, 1.3e-3), rng.uniform(0, 0.7)) for _ in gaps
+    ]
+
+
+def measure_figures(folder: Path) -> list[Figure]:
+    """Measure the figures of the documentation."""
+    figures = []
+    for row, gap in enumerate((-QUICK_GAP_MM, QUICK_GAP_MM)):
+        films = [FilmSettings()] * QUICK_SEEDS
+        answers = score_passes(np.full(QUICK_SEEDS, gap * 1e-3), films, 10_000 * (row + 1), folder, 1)
+        for name, calls in (
+            ("", [a.probability for a in answers]),
+            (", geometry alone", [a.geometry for a in answers]),
+        ):
+            right = sum((call > 0.5) == (gap < 0) for call in calls)
+            words = f"{abs(gap):g} mm {'overlap' if gap < 0 else 'gap'}: right{name}"
+            figures.append(estimate_share(words, right, QUICK_SEEDS))
+    gaps, films = draw_close_calls(QUICK_CALLS)
+    answers = score_passes(gaps, films, 1_000_000, folder, 1)
+    touched = np.array([a.touched for a in answers], float)
+    for name, p in (
+        ("close calls", np.array([a.probability for a in answers])),
+        ("close calls, geometry alone", np.array([a.geometry for a in answers])),
+    ):
+        figures += [
+            estimate_mean(f"{name}: Brier score", (p - touched) ** 2, ""),
+            estimate_share(f"{name}: above 0.9 or below 0.1", int(np.sum(abs(p - 0.5) > 0.4)), len(p)),
+        ]
+    return figures
+
+
 def print_calibration(answers: list[ContactCall]) -> None:
     p, rival = (np.array([getattr(a, name) for a in answers]) for name in ("probability", "geometry"))
     touched = np.array([a.touched for a in answers], float)
@@ -146,17 +185,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="number of processes")
     parser.add_argument("--truth", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_pairs",
                         help="folder in which simulated shots are kept")  # fmt: skip
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"gaps and overlaps of {QUICK_GAP_MM:g} mm, seeds 0 to {QUICK_SEEDS - 1}; {QUICK_CALLS} close calls"
+        with tempfile.TemporaryDirectory() as fresh:
+            run_quick("fitting.touch_or_miss", lambda: measure_figures(Path(fresh)), inputs)
+        return
     score = partial(score_passes, folder=arguments.truth, jobs=arguments.jobs)
     if arguments.seeds:
         print_gaps(arguments.seeds, score)
     if arguments.calls:
-        rng = np.random.default_rng(2022)
-        gaps = rng.uniform(-CLOSE_GAP, CLOSE_GAP, arguments.calls)
-        films = [
-            FilmSettings(rng.uniform(0.12, HALF_WINDOW), rng.uniform(0.7e-3, 1.3e-3), rng.uniform(0, 0.7)) for _ in gaps
-        ]
-        print_calibration(score(gaps, films, 1_000_000))
+        print_calibration(score(*draw_close_calls(arguments.calls), 1_000_000))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Predict whether shots that are played otherwise score, and compare with an independent simulator.
 
-    python -m benchmarks.fitting.what_if_check [SHOTS] [FIRST] [--plays N] [--out DIR]
+    python -m benchmarks.fitting.what_if_check [SHOTS] [FIRST] [--quick] [--plays N] [--out DIR]
 
 The truth is worlds/billiards.py, run as a process: a cue ball aimed so that it pots a ball (even shots, a pool
 table), or meets two others (odd shots, carom), on a random table with the ball law `alciatore`. A player of known
@@ -26,6 +26,7 @@ import pyarrow.csv
 
 from benchmarks.fitting.prediction_shots import IDS, LAWS, LEAD, WORLD, film_shot, overhead_scene
 from benchmarks.fitting.prediction_shots import SimulatedShot as FilmedShot
+from benchmarks.support.figures import Figure, add_quick_option, estimate_statistic, run_quick
 from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.typing import FloatArray
@@ -41,6 +42,7 @@ SECONDS, FILMED = 8.0, 4.0
 """s that are simulated and filmed."""
 LENGTH, WIDTH, R, HZ = 2.54, 1.27, 0.028575, 1000
 DRAWS = 300
+QUICK_SHOTS, QUICK_PLAYS = range(100, 105), 4
 STATE = ("x", "y", "vx", "vy", "wx", "wy", "wz")
 
 
@@ -182,10 +184,27 @@ def print_scores(rows: list[dict[str, Any]]) -> None:
             print(f"| {low:.0%} to {min(high, 1):.0%} | {inside.sum()} | {p[inside].mean():.0%} | {rate:.0%} |")
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    rows = [row for row in (play_case(number, QUICK_PLAYS) for number in QUICK_SHOTS) if row is not None]
+    cases = np.array([[row[key] for key in ("predicted", "successes", "plays")] for row in rows], float)
+    return [
+        estimate_statistic("what-if: Brier score", cases, "", lambda x: _brier_score(*x.T)),
+        estimate_statistic(
+            "base rate as forecast: Brier score", cases, "",
+            lambda x: _brier_score(np.full(len(x), x[:, 1].sum() / x[:, 2].sum()), *x.T[1:]),
+        ),
+    ]  # fmt: skip
+
+
+def _brier_score(p: FloatArray, hits: FloatArray, plays: FloatArray) -> float:
+    return float(np.sum(hits * (1 - p) ** 2 + (plays - hits) * p**2) / plays.sum())
+
+
 def _format_scores(name: str, rows: list[dict[str, Any]]) -> str:
     p, hits, plays = (np.array([row[key] for row in rows], float) for key in ("predicted", "successes", "plays"))
     rate, base = hits / plays, hits.sum() / plays.sum()
-    brier = float(np.sum(hits * (1 - p) ** 2 + (plays - hits) * p**2) / plays.sum())
+    brier = _brier_score(p, hits, plays)
     unbiased = float(np.sum(plays * rate * (1 - rate) * plays / np.maximum(plays - 1, 1)) / plays.sum())
     return (
         f"| {name} | {len(rows)} | {plays.sum():.0f} | {base:.0%} | {brier:.3f} | {unbiased:.3f}"
@@ -200,7 +219,12 @@ def main() -> None:
     parser.add_argument("--plays", type=int, default=10, help="plays of each shot in the simulator")
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "trueroll_what_if",
                         help="folder of the rows")  # fmt: skip
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"shots {QUICK_SHOTS[0]} to {QUICK_SHOTS[-1]}, each played {QUICK_PLAYS} times otherwise"
+        run_quick("fitting.what_if_check", measure_figures, inputs)
+        return
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "rows.jsonl"
     finished = {row["number"]: row for row in map(json.loads, path.read_text().splitlines())} if path.is_file() else {}

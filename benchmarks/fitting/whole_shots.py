@@ -1,6 +1,6 @@
 """Fit whole simulated shots: accuracy of the table parameters, and selection of the right cushion model.
 
-    python -m benchmarks.fitting.whole_shots [SEEDS] [FIRST]
+    python -m benchmarks.fitting.whole_shots [SEEDS] [FIRST] [--quick]
 
 The truth is worlds/billiards.py, run as a process: a random table per seed, three shots of three balls, 62.5 fps, noise
 of 0.3 and 1 px at 350 px per metre. Printed per seed: the true and the selected cushion model, chi2 per degree of
@@ -20,11 +20,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fitting.foreign_shots import PX_PER_M, TABLE, draw_shot, draw_table, film_shot, simulate_shot
+from benchmarks.support.figures import Figure, add_quick_option, estimate_rms, estimate_share, run_quick
 from models.estimation.whole_shot.table_fit import TableFit, fit_table
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 SECONDS, SHOTS = 2.0, 3
 LAWS = ("mirror", "mathavan_2010")
+QUICK_SEEDS, QUICK_NOISE_PX = range(20, 25), 0.3
+QUICK_PARAMETERS = (
+    "sliding_friction.mu", "rolling_resistance.mu", "cushion_restitution.e", "cushion_friction.mu",
+    "ball_restitution.e",
+)  # fmt: skip
+"""Parameters that the shots of every table of `--quick` determine."""
 PRESSED_CLOTH_MU = 0.21
 """Cloth friction of worlds/billiards.py under a ball that a nose presses down."""
 
@@ -51,11 +58,33 @@ def fit_case(seed: int, law: str, noise_px: float) -> tuple[TableFit, dict[str, 
     return fitted, normalise_errors(fitted, effects)
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation: tables with the cushions of Mathavan."""
+    law = "mathavan_2010"
+    fits = [fit_case(seed, law, QUICK_NOISE_PX) for seed in QUICK_SEEDS]
+    right = [(fitted, errors) for fitted, errors in fits if fitted.laws.cushion == law]
+    return [
+        estimate_share("model named", len(right), len(fits)),
+        estimate_share("chi2 below 1.2", sum(fitted.chi2_per_dof < 1.2 for fitted, _ in fits), len(fits)),
+        *(
+            estimate_rms(
+                f"{name}: error over stated sigma", [errors[name] for _, errors in right if name in errors], ""
+            )
+            for name in QUICK_PARAMETERS
+        ),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("seeds", nargs="?", type=int, default=20, help="number of tables per cushion model and noise")
     parser.add_argument("first", nargs="?", type=int, default=0, help="first seed")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"Mathavan's cushions, noise of {QUICK_NOISE_PX:g} px, tables {QUICK_SEEDS[0]} to {QUICK_SEEDS[-1]}"
+        run_quick("fitting.whole_shots", measure_figures, inputs)
+        return
     seeds, first = arguments.seeds, arguments.first
     for noise_px in (0.3, 1.0):
         for law in LAWS:

@@ -1,9 +1,9 @@
 """Compare variants of networks for frame interpolation, one change at a time, on the double pendulum of Chen 2022.
 
-    python -m benchmarks.neural.neural_steps [--kind stiff] [--fps 30] [--noise 0] [--seeds 3] [--first 100] [--thesis]
-        [--only NAME]
+    python -m benchmarks.neural.neural_steps [--quick] [--kind stiff] [--fps 30] [--noise 0] [--seeds 3] [--first 100]
+        [--thesis] [--only NAME]
 
-Truth as in benchmarks/physics/spring_fits.py (section 3.1.1 of the thesis), 2.5 s, every other frame withheld. `x
+Truth as in benchmarks/neural/spring_fits.py (section 3.1.1 of the thesis), 2.5 s, every other frame withheld. `x
 linear` and `x cubic`: factor by which the mean square error at the withheld frames is below that of linear
 interpolation and of the not-a-knot spline through the visible ones; median and minimum over the seeds. Horizon: seconds
 after the last frame until a ball is 10 px off, at most 1. The seeds are those of the networks and, with noise, of the
@@ -18,13 +18,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.physics.spring_fits import LOST_PX, simulate_truth
+from benchmarks.neural.spring_fits import LOST_PX, simulate_truth
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, run_quick
 from models.core.typing import FloatArray
 from models.neural.common.integration_steps import EulerStep
 from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
 from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
 from models.neural.method_catalogue import COMPETING_METHODS, CONSTRAINT_NET, THESIS_METHODS
+from models.neural.networks.hamiltonian_network import HAMILTONIAN
 from models.neural.networks.neural_runge_kutta import FOURIER_NET, SMOOTH_NET
 from models.neural.networks.second_order_network import SECOND_ORDER
 
@@ -42,6 +44,7 @@ CHANGES: tuple[MotionMethod, ...] = (
     SECOND_ORDER,
 )
 """Variants with one change each, added to the last one; steps and Fourier features are added to the end correction."""
+QUICK_METHODS, QUICK_SEEDS = (SMOOTH_NET, HAMILTONIAN), range(100, 102)
 CHEAP = tuple(method for method in COMPETING_METHODS if method is not CONSTRAINT_NET)
 
 
@@ -91,6 +94,20 @@ def format_row(scene: WithheldScene, method: MotionMethod, seeds: range) -> str:
     )
 
 
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation: factors below the cubic."""
+    scene = make_scene("stiff", 30, 0.0)
+    cubic = scene.mse(scene.fit_method(CUBIC, 0))
+    return [
+        estimate_median(
+            f"{method.name}: error below a cubic's by",
+            [cubic / scene.mse(scene.fit_method(method, seed)) for seed in QUICK_SEEDS],
+            "times",
+        )
+        for method in QUICK_METHODS
+    ]
+
+
 def select_methods(thesis: bool, only: str | None) -> Iterator[MotionMethod]:
     candidates = (
         *CURVES,
@@ -111,7 +128,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100, help="first seed")
     parser.add_argument("--thesis", action="store_true", help="add the large networks of the thesis")
     parser.add_argument("--only", help="only methods whose name contains this")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"stiff springs, 30 Hz, no noise, seeds {QUICK_SEEDS[0]} and {QUICK_SEEDS[-1]}"
+        run_quick("neural.neural_steps", measure_figures, inputs)
+        return
     scene = make_scene(arguments.kind, arguments.fps, arguments.noise)
     print(f"{arguments.kind} {arguments.fps} Hz, {arguments.noise} px, {arguments.seeds} seeds")
     print(f"{'':28}  x linear   (least)  x cubic  (least) horizon      loss  weights   CPU s")

@@ -1,7 +1,7 @@
 """Check the claims of Chen 2022 and the goals of the physics fits; every line also compares with a cubic spline.
 
-    python -m benchmarks.neural.thesis [net] [constraint] [springs] [boxes] [real] [--seeds 5] [--first 200]
-        [--data FOLDER] [--effort 1] [--seconds S]
+    python -m benchmarks.neural.thesis [net] [constraint] [springs] [boxes] [real] [--quick] [--seeds 5]
+        [--first 200] [--data FOLDER] [--effort 1] [--seconds S]
 
 Every other frame is withheld; mse is in px^2 over the withheld frames, mean over points and coordinates, medians over
 the seeds. The CPU seconds of a physics fit are compared with the length of its scene; code is compiled before. Parts:
@@ -9,7 +9,7 @@ the seeds. The CPU seconds of a physics fit are compared with the length of its 
 - net: the network of the thesis on the stiff springs, 30 Hz, 2.5 s, without noise.
 - constraint: ConstraintNet on the double pendulum and the boxes, from the visible samples and trained on other
   simulated motions.
-- springs: ten seconds of the double pendulum, fitted without prior knowledge (`benchmarks/physics/spring_fits.py`).
+- springs: ten seconds of the double pendulum, fitted without prior knowledge (`benchmarks/neural/spring_fits.py`).
 - boxes: a ball thrown into fifty boxes, simulated by pymunk (extra `check`), 2.5 s without noise; the fit knows which
   corners belong to one box.
 - real: a recorded double pendulum, every 13th and 26th sample of its 200 Hz; needs `--data`.
@@ -27,7 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.physics.spring_fits import CASES, FUTURE_SECONDS, score_fit, simulate_truth
+from benchmarks.neural.spring_fits import CASES, FUTURE_SECONDS, SpringFitScore, score_fit, simulate_truth
+from benchmarks.support.figures import Figure, add_quick_option, estimate_median, run_quick
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import AKIMA, CUBIC, LINEAR
@@ -42,6 +43,9 @@ SECONDS, FIT_SECONDS = 2.5, 10.0
 """Length of the scenes of networks and boxes, and of springs, s; a fit may take as many CPU seconds as its scene."""
 SPRINGS_GOALS = {(30, 0.1): 300.0, (30, 0.5): 30.0, (15, 0.1): 100.0}
 """Goals: factors below cubic, by rate and noise, for soft and medium springs."""
+QUICK_SEEDS, QUICK_EFFORT = range(960, 963), 0.25
+"""Seeds of `--quick`, the network with two of them, and the share of its training."""
+QUICK_SPRINGS, QUICK_SPRINGS_SEEDS = (("soft", 30, 0.5), ("stiff", 30, 0.1)), range(960, 968)
 STIFF_GOAL, NETWORK_GOAL, BOXES_GOAL, AKIMA_GOAL, REAL_GOAL = 5.0, 100.0, 3.0, 6, 10.0
 
 
@@ -121,15 +125,44 @@ def print_constraint_networks(options: ThesisOptions) -> None:
                 print_line(f"{method.name}, {scene}", format_scores(rows), None)
 
 
+def score_springs(kind: str, fps: int, noise: float, seeds: range) -> list[SpringFitScore]:
+    frames = int(FIT_SECONDS * fps) // 2 * 2 + 1
+    t = np.arange(frames + int(FUTURE_SECONDS * fps)) / fps
+    x = simulate_truth(kind, t)
+    return [score_fit(x, t, frames, noise, seed) for seed in seeds]
+
+
+def score_boxes(speed: str, fps: float, seeds: range) -> list[MethodScores]:
+    cases = [ExperimentCase("boxes", speed, fps, 0.0, seed) for seed in seeds]
+    return [score_method(BoxesFit(), build_boxes_series(case, SECONDS)) for case in cases]
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation: factors below linear interpolation, or below a cubic."""
+    from models.neural.networks.neural_runge_kutta import RUNGE_KUTTA_NET
+
+    cases = [ExperimentCase("double-pendulum", "stiff", 30.0, 0.0, seed) for seed in QUICK_SEEDS[:2]]
+    budget = TrainingBudget(QUICK_EFFORT)
+    nets = [score_method(RUNGE_KUTTA_NET, build_pendulum_series(case, SECONDS), budget) for case in cases]
+    figures = [
+        estimate_median("thesis' network, stiff springs: error below linear's by", [r.linear for r in nets], "times")
+    ]
+    for kind, fps, noise in QUICK_SPRINGS:
+        rows = score_springs(kind, fps, noise, QUICK_SPRINGS_SEEDS)
+        gains = [row.cubic / row.mse for row in rows]
+        figures.append(
+            estimate_median(f"fit of {kind} springs, {noise:g} px: error below a cubic's by", gains, "times")
+        )
+    boxes = [row.linear for row in score_boxes("800", 30.0, QUICK_SEEDS)]
+    return [*figures, estimate_median("fit of boxes, 800 px/s: error below linear's by", boxes, "times")]
+
+
 def print_springs(options: ThesisOptions) -> None:
     """Score the fit of springs."""
     t = np.arange(20) / 15
     infer_springs(t, simulate_truth("soft", t))  # compiled before the clock starts
     for kind, fps, noise in CASES:
-        frames = int(FIT_SECONDS * fps) // 2 * 2 + 1
-        t = np.arange(frames + int(FUTURE_SECONDS * fps)) / fps
-        x = simulate_truth(kind, t)
-        rows = [score_fit(x, t, frames, noise, seed) for seed in options.seeds]
+        rows = score_springs(kind, fps, noise, options.seeds)
         gain = float(np.median([row.cubic / row.mse for row in rows]))
         horizon = float(np.median([row.horizon for row in rows]))
         least = SPRINGS_GOALS.get((fps, noise), STIFF_GOAL) if kind != "stiff" else STIFF_GOAL
@@ -159,10 +192,7 @@ def print_boxes(options: ThesisOptions) -> None:
     )  # compiled before the clock starts
     for speed in SPEEDS:
         for fps in RATES:
-            rows = [
-                score_method(BoxesFit(), build_boxes_series(ExperimentCase("boxes", speed, fps, 0.0, seed), SECONDS))
-                for seed in options.seeds
-            ]
+            rows = score_boxes(speed, fps, options.seeds)
             cells.append(rows)
             print_line(f"boxes {speed} px/s {fps:.0f} Hz", format_scores(rows), None)
     gains = [median(rows, "linear") for rows in cells]
@@ -213,7 +243,12 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder of the recorded double pendulum")
     parser.add_argument("--effort", type=float, default=1.0, help="share of the full training of networks")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="CPU seconds after which training stops")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = f"30 Hz, seeds from {QUICK_SEEDS[0]}, the network with {QUICK_EFFORT:.0%} of its training"
+        run_quick("neural.thesis", measure_figures, inputs)
+        return
     budget = TrainingBudget(arguments.effort, arguments.seconds)
     for part in select_parts(arguments.parts):
         part(ThesisOptions(range(arguments.first, arguments.first + arguments.seeds), arguments.data, budget))

@@ -1,6 +1,6 @@
 """Print the published contact models side by side, and compare the thesis' stiff spring with impulses.
 
-    python -m benchmarks.physics.contact_models [--plot FILE.png]
+    python -m benchmarks.physics.contact_models [--quick] [--plot FILE.png]
 
 Prints three tables, in seconds: the rebounds of every cushion model over angle and spin (e = 0.85, mu = 0.2 at the
 cushion and 0.2 on the cloth; the models scale with speed, so 1 m/s represents all speeds); the changes that a spring
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from benchmarks.support.figures import Figure, add_quick_option, run_quick, state_exact
 from models.core.typing import FloatArray
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_ball import mass_spring
@@ -28,6 +29,9 @@ ANGLES = (0.0, 20.0, 40.0, 60.0, 75.0)
 """Angles between path and normal, degrees."""
 SPINS = {"stun": (0.0, 0.0), "roll": (1.0, 0.0), "draw": (-1.0, 0.0), "running": (1.0, -1.0), "check": (1.0, 1.0)}
 """Forward roll and side spin, in units of v / R."""
+ROW = 2 * RADIUS * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+WEDGE = 2 * RADIUS * np.array([[-np.cos(np.pi / 6), 0.0], [0.0, 0.5], [0.0, -0.5]])
+"""Places (3, 2) of a ball that meets a touching row of two, and the middle of two, m."""
 STIFFNESS = (1e4, 1e5, 1e6, 1e7, 1e8)
 """Spring stiffnesses, N/m; phenolic balls at 1 m/s are near 2e7."""
 
@@ -133,30 +137,37 @@ def apply_impulses(x: FloatArray, v: FloatArray, e: float) -> FloatArray:
     return v
 
 
-def print_cut() -> None:
-    """Compare finite contact and impulse for a half-ball hit at 2 m/s without friction."""
+def measure_cut(stiffness: float) -> tuple[float, float, float, float]:
+    """Measure what a spring changes in a half-ball hit at 2 m/s without friction, against an impulse.
+
+    Returns:
+        Time in contact (ms), largest change of a velocity (mm/s), turn of the object ball (degrees) and the largest
+        distance of a ball (mm).
+    """
     e, speed, seconds = 0.95, 2.0, 0.03
     line = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6)])
     x, v = np.array([[0.0, 0.0], 2 * RADIUS * line]), np.array([[speed, 0.0], [0.0, 0.0]])
     ideal = apply_impulses(x, v, e)
+    places, after, touched = integrate_springs(x, v, stiffness, e, seconds)
+    turn = float(np.degrees(np.arctan2(after[1, 1], after[1, 0]))) - 30.0
+    lag = float(np.linalg.norm(places - (x + ideal * seconds), axis=1).max()) * 1e3
+    return touched * 1e3, float(np.abs(after - ideal).max()) * 1e3, turn, lag
+
+
+def print_cut() -> None:
     print("\nHalf-ball hit at 2 m/s, e = 0.95, spring against impulse")
     print(f"{'N/m':>8} {'contact ms':>10} {'closed form':>11} {'dv mm/s':>8} {'object ball deg':>15} {'lag mm':>7}")
     for stiffness in STIFFNESS:
-        places, after, touched = integrate_springs(x, v, stiffness, e, seconds)
-        formula = mass_spring.contact_duration(MASS, MASS, e) * np.sqrt(mass_spring.STIFFNESS / stiffness)
-        off = np.abs(after - ideal).max() * 1e3
-        turn = np.degrees(np.arctan2(after[1, 1], after[1, 0])) - 30.0
-        lag = np.linalg.norm(places - (x + ideal * seconds), axis=1).max() * 1e3
-        print(f"{stiffness:8.0e} {touched * 1e3:10.3f} {formula * 1e3:11.3f} {off:8.2f} {turn:15.3f} {lag:7.3f}")
+        touched, off, turn, lag = measure_cut(stiffness)
+        formula = mass_spring.contact_duration(MASS, MASS, 0.95) * np.sqrt(mass_spring.STIFFNESS / stiffness)
+        print(f"{stiffness:8.0e} {touched:10.3f} {formula * 1e3:11.3f} {off:8.2f} {turn:15.3f} {lag:7.3f}")
 
 
 def print_three() -> None:
     """Compare springs and impulses for a row of three balls, and for one ball that hits two."""
-    row = 2 * RADIUS * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    wedge = 2 * RADIUS * np.array([[-np.cos(np.pi / 6), 0.0], [0.0, 0.5], [0.0, -0.5]])
     v = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     print("\nOne ball of 1 m/s into two: velocities along its path (m/s) after springs and after successive impulses")
-    for name, x in (("row", row), ("wedge", wedge)):
+    for name, x in (("row", ROW), ("wedge", WEDGE)):
         for e in (1.0, 0.95):
             for gap in (0.0, 1e-6, 1e-5, 1e-4) if name == "row" else (0.0,):
                 apart = x + np.array([[0.0, 0.0], [0.0, 0.0], [gap, 0.0]])
@@ -166,12 +177,38 @@ def print_three() -> None:
                 print(f"{name:6} e {e:4.2f} gap {gap * 1e6:5.0f} um  {cells[0]}   {cells[1]}   {touched * 1e3:.3f} ms")
 
 
+def measure_figures() -> list[Figure]:
+    """Compute the figures of the documentation; nothing in them is random."""
+    p, figures = make_parameters(0.85, 0.2, 0.2), []
+    for spin in ("roll", "stun"):
+        for name in CUSHIONS:
+            speed, _, _ = simulate_rebound(name, 0.0, *SPINS[spin], p)
+            figures.append(state_exact(f"{name}: speed after 1 m/s at right angles, {spin}", speed, "m/s"))
+    _, _, turn, lag = measure_cut(1e7)
+    figures += [state_exact("half-ball hit: object ball", turn, "deg"), state_exact("half-ball hit: lag", lag, "mm")]
+    v = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    for name, x in (("row", ROW), ("wedge", WEDGE)):
+        _, after, _ = integrate_springs(x, v, mass_spring.STIFFNESS, 1.0, 2e-3)
+        for method, speeds in (("springs", after), ("impulses", apply_impulses(x, v, 1.0))):
+            for ball, speed in enumerate(speeds[:, 0], start=1):
+                figures.append(state_exact(f"{name}, {method}: ball {ball}", float(speed), "m/s"))
+    return figures
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plot", type=Path, help="PNG file for a plot of the cushion models")
+    add_quick_option(parser)
     arguments = parser.parse_args()
     if arguments.plot and find_spec("matplotlib") is None:
         parser.error("--plot needs matplotlib; install trueroll with the extra dev: pip install -e '.[dev]'")
+    if arguments.quick:
+        run_quick(
+            "physics.contact_models",
+            measure_figures,
+            "e = 0.85 and mu = 0.2 at cushions, e = 1 between balls; no seeds",
+        )
+        return
     print_cushions()
     print_cut()
     print_three()

@@ -1,8 +1,8 @@
 """Check what the billiards engine conserves, compare it with an independent engine, and measure the cost of a break.
 
-    python -m benchmarks.physics.engine [--shots N] [--breaks N]
+    python -m benchmarks.physics.engine [--quick] [--shots N] [--breaks N]
 
-`--shots 1 --breaks 1` takes half a minute. First table, per pair of contact models: the largest growth of energy from
+First table, per pair of contact models: the largest growth of energy from
 one moment to the next (below 0: energy always falls) and the change of momentum in contacts between balls, as shares;
 and the distances (mm) of mirrored and shifted shots from the mirrored and shifted originals, within a second. Second
 table: the largest distance (mm) of any ball from worlds/billiards.py, run as a process, until 0.3 s after the second
@@ -25,6 +25,14 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.support.figures import (
+    Figure,
+    add_quick_option,
+    estimate_median,
+    estimate_share,
+    run_quick,
+    state_cost,
+)
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
@@ -39,6 +47,10 @@ ROOT = Path(__file__).resolve().parents[2]
 WORLD = ROOT / "worlds" / "billiards.py"
 TABLE, POOL = TABLE_PRESETS["carom-match"], TABLE_PRESETS["pool-9ft"]
 RADIUS, MASS = 0.03, 0.2
+QUICK_SHOTS, QUICK_BREAKS = 6, 5
+"""Shots per pair of contact models, and breaks, of `--quick`."""
+CONSERVED, SYMMETRIC_MM = 1e-8, 1e-6
+"""Share of energy or momentum, and distance of mirrored and shifted shots, that rounding may cause."""
 AFTER_SECOND_CONTACT = 0.3
 """Time after the second contact until which positions are compared, s."""
 HZ = 250
@@ -159,21 +171,24 @@ def _read_positions(folder: Path) -> FloatArray:
     return np.array(rows).reshape(-1, 4, 2)
 
 
+def measure_world_shots(laws: tuple[str, str], shots: int) -> list[float]:
+    """Return the largest distance of any ball from the other simulator, mm, of every shot."""
+    rng = np.random.default_rng(7)
+    balls = [draw_opening(rng) for _ in range(shots)]
+    runs = [simulate(one, TABLE, build_physics(*laws), 4.0) for one in balls]
+    ends = [min(r.contacts[1, EVENT_TIME] + AFTER_SECOND_CONTACT if len(r.contacts) > 1 else 3.3, 4.0) for r in runs]
+    with tempfile.TemporaryDirectory() as folder:
+        there = simulate_with_world(balls, laws, ends, Path(folder))
+    return [
+        1e3 * float(np.linalg.norm(places - run.states_at(np.arange(len(places)) / HZ)[..., :2], axis=-1).max())
+        for places, run in zip(there, runs, strict=True)
+    ]
+
+
 def print_world_shots(shots: int) -> None:
     print("\n| cushion | ball | shots | median mm | worst mm (goal 1) |\n|---|---|---|---|---|")
     for laws in SHARED_MODELS:
-        rng = np.random.default_rng(7)
-        balls = [draw_opening(rng) for _ in range(shots)]
-        runs = [simulate(one, TABLE, build_physics(*laws), 4.0) for one in balls]
-        ends = [
-            min(r.contacts[1, EVENT_TIME] + AFTER_SECOND_CONTACT if len(r.contacts) > 1 else 3.3, 4.0) for r in runs
-        ]
-        with tempfile.TemporaryDirectory() as folder:
-            there = simulate_with_world(balls, laws, ends, Path(folder))
-        apart = [
-            1e3 * float(np.linalg.norm(places - run.states_at(np.arange(len(places)) / HZ)[..., :2], axis=-1).max())
-            for places, run in zip(there, runs, strict=True)
-        ]
+        apart = measure_world_shots(laws, shots)
         print(f"| {' | '.join(laws)} | {shots} | {np.median(apart):.3f} | {max(apart):.3f} |", flush=True)
 
 
@@ -196,15 +211,47 @@ def print_breaks(breaks: int) -> None:
         ).T
         print(f"| {cushion} | {name} | {breaks} | {np.median(contacts):.0f} | {np.median(events):.0f} "
               f"| {np.median(costs):.1f} | {max(costs):.1f} |", flush=True)  # fmt: skip
+    print(f"\nfirst break of a fresh process, compiled code taken from disk: {measure_fresh_break():.0f} CPU ms")
+
+
+def measure_fresh_break() -> float:
+    """Return the CPU ms of the first break of a fresh process, whose compiled code comes from disk."""
     fresh = subprocess.run([sys.executable, "-c", FRESH_BREAK], check=True, capture_output=True, text=True, cwd=ROOT)
-    print(f"\nfirst break of a fresh process, compiled code taken from disk: {float(fresh.stdout):.0f} CPU ms")
+    return float(fresh.stdout)
+
+
+def measure_figures() -> list[Figure]:
+    """Measure the figures of the documentation."""
+    rng, sound, tried = np.random.default_rng(11), 0, 0
+    for laws in product(CUSHION_MODELS, BALL_MODELS):
+        growth, momentum, mirrored, shifted = measure_symmetries(build_physics(*laws), draw_opening(rng))
+        sound += max(growth, momentum) < CONSERVED and max(mirrored, shifted) < SYMMETRIC_MM
+        tried += 1
+    figures = [estimate_share("pairs of models that keep all laws and symmetries", sound, tried)]
+    figures += [
+        estimate_median(f"{' and '.join(laws)}: distance", measure_world_shots(laws, QUICK_SHOTS), "mm")
+        for laws in SHARED_MODELS
+    ]
+    for name, level in (("level", True), ("sloping", False)):
+        physics = build_physics("mathavan_2010", "inelastic", level)
+        simulate(draw_rack(0), POOL, physics, 10.0)
+        costs = [measure_break(draw_rack(seed), POOL, physics)[0] for seed in range(1, QUICK_BREAKS + 1)]
+        figures.append(state_cost(f"nine-ball break, {name} table", float(np.median(costs)), "CPU ms", QUICK_BREAKS))
+    return figures
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shots", type=int, default=20, help="shots per pair of contact models")
     parser.add_argument("--breaks", type=int, default=20, help="breaks per cushion model")
+    add_quick_option(parser)
     arguments = parser.parse_args()
+    if arguments.quick:
+        inputs = (
+            f"{QUICK_SHOTS} shots per pair of models, seed 7; a shot of each pair, seed 11; breaks 1 to {QUICK_BREAKS}"
+        )
+        run_quick("physics.engine", measure_figures, inputs, alone=True)
+        return
     print_symmetries(arguments.shots)
     print_world_shots(arguments.shots)
     print_breaks(arguments.breaks)

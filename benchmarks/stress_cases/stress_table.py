@@ -69,6 +69,19 @@ def format_report(scores: Scores) -> str:
     return "\n".join(lines)
 
 
+def count_shares(scores: Scores) -> dict[str, tuple[int, int]]:
+    """Count the cases that the main rows of the table count, and of how many, by name."""
+    sure = [s for s in scores.statements if s.topic == "event" and s.probability >= SURE and s.is_true is not None]
+    very_sure = [s for s in scores.statements if _is_very_sure(s)]
+    return {
+        "sure events that are found, or listed as undecided": (
+            sum(s.found for s in scores.sought), len(scores.sought),
+        ),
+        "events from 0.9 on that are true": (sum(bool(s.is_true) for s in sure), len(sure)),
+        "statements from 0.99 on that are false": (sum(_is_wrong(s) for s in very_sure), len(very_sure)),
+    }  # fmt: skip
+
+
 def find_confident_errors(statements: Iterable[Statement]) -> list[Statement]:
     """Find the false statements at 0.99 or more, and the true ones at 0.01 or less, of calls and events.
 

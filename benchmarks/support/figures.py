@@ -89,6 +89,11 @@ def state_cost(name: str, value: float, unit: str, samples: int, factor: float =
     return Figure(name, value, value * (factor - 1), unit, samples)
 
 
+def state_exact(name: str, value: float, unit: str, decimals: int = 3) -> Figure:
+    """State a value that neither seeds nor load change; its noise is a unit of its last decimal."""
+    return Figure(name, round(value, decimals) + 0.0, 10.0**-decimals, unit, 1)
+
+
 def format_block(script: str, figures: Sequence[Figure], inputs: str, alone: bool = False) -> str:
     """Format the table of a script as it stands in a page."""
     names = [figure.name for figure in figures]

@@ -10,12 +10,14 @@ import pytest
 from benchmarks.support import figures
 from benchmarks.support.figures import (
     Figure,
+    compare_figures,
     estimate_count,
     estimate_median,
     estimate_rms,
     estimate_share,
     format_block,
     state_cost,
+    state_exact,
 )
 from benchmarks.update_figures import QuickRun, update_figures
 
@@ -121,3 +123,9 @@ def test_noise_that_cannot_be_estimated_is_an_error() -> None:
         estimate_rms("x", [1.0, np.nan], "")
     assert estimate_share("x", 30, 30).noise > 0
     assert estimate_count("x", [0, 0, 0, 0], "").noise == 0.5
+
+
+def test_an_exact_value_tolerates_its_rounding_alone() -> None:
+    record = {"speed": state_exact("speed", 0.8114, "m/s")}
+    assert not compare_figures(record, {"speed": state_exact("speed", 0.8116, "m/s")})
+    assert compare_figures(record, {"speed": state_exact("speed", 0.8131, "m/s")})
