@@ -30,7 +30,7 @@ from benchmarks.support.figures import (
     read_record,
 )
 
-TIMEOUT_S = 600
+TIMEOUT_S = 1800
 
 
 @dataclass(frozen=True)
