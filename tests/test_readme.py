@@ -50,14 +50,12 @@ def run_command(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def runnable_blocks() -> list[object]:
-    """Return every block without `make test`, which runs this test; `make run` takes minutes and is marked slow."""
+    """Return every block without `make test`, which runs this test."""
     runnable = [[command for command in block if command != "make test"] for block in blocks()]
-    return [
-        pytest.param(block, marks=[pytest.mark.slow] if "make run" in block else [], id=block[0])
-        for block in runnable if block
-    ]  # fmt: skip
+    return [pytest.param(block, id=block[0]) for block in runnable if block]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", runnable_blocks())
 def test_a_block_of_the_readme_works_from_top_to_bottom(block: list[str], checkout: Path) -> None:
     if not is_set_up_by_make():

@@ -33,6 +33,7 @@ def test_rivals_with_motion_show_a_moving_square_halfway_and_a_blend_does_not() 
     assert max(by_flow, by_blocks) < 0.5 * by_blend
 
 
+@pytest.mark.slow
 def test_a_rival_that_cannot_be_installed_is_one_sentence_and_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
