@@ -88,6 +88,22 @@ with notify_first_compilation(lambda: notes.append(1)), measure_compilation() as
     outer(1)
 print(len(notes), int(before > 0), int(measure() > 0))
 """
+BUILDER = """
+from models.numerics.jit import compile_kernel
+
+def build(inner, factor):
+    @compile_kernel
+    def outer(x):
+        return factor * inner(x)
+
+    return outer
+"""
+CALL_CLOSURES = """
+from models.billiards.builder import build
+from models.billiards.callee import inner
+closures = [build(inner, factor) for factor in (10, 100)]
+print(*(closure(1) for closure in closures), *(sum(closure.stats.cache_hits.values()) for closure in closures))
+"""
 PARTS = "caller.outer", "callee.inner"
 COPIED = ("core/source_imports.py", "numerics/jit.py", "numerics/first_compilation.py")
 
@@ -131,6 +147,16 @@ def test_a_change_in_another_file_that_is_called_compiles_again(tmp_path: Path, 
     assert call_in_new_process(tmp_path) == [20, 1]
     (package / "callee.py").write_text(dedent(CALLEE.format(number=2)))
     assert call_in_new_process(tmp_path) == [30, 0]
+
+
+def test_a_closure_is_loaded_for_what_it_encloses_alone(tmp_path: Path, call_in_new_process: Call) -> None:
+    """Its source does not import what it encloses: the kernel in it counts with the source of its own module."""
+    package = copy_package(tmp_path, CALLEE.format(number=1))
+    (package / "builder.py").write_text(dedent(BUILDER))
+    assert call_in_new_process(tmp_path, CALL_CLOSURES) == [20, 200, 0, 0]
+    assert call_in_new_process(tmp_path, CALL_CLOSURES) == [20, 200, 1, 1]
+    (package / "callee.py").write_text(dedent(CALLEE.format(number=2)))
+    assert call_in_new_process(tmp_path, CALL_CLOSURES) == [30, 300, 0, 0]
 
 
 def test_only_the_first_process_has_something_to_compile_and_says_so(tmp_path: Path, call_in_new_process: Call) -> None:
