@@ -12,15 +12,12 @@ import ast
 import os
 import subprocess
 import sys
-import tempfile
 import time
-import tomllib
 from collections.abc import Mapping
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-PROJECT = Path(__file__).resolve().parent.parent / "pyproject.toml"
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
 LARGEST = 10
 """Number of packages whose sizes are printed."""
@@ -104,19 +101,10 @@ def install_with_uv(arguments: list[str]) -> bool:
 
 
 def install_with_pip(arguments: list[str]) -> None:
-    """Install with pip, with the project's limit on torch: its newest builds bring gigabytes of CUDA."""
+    """Install with pip."""
     began = time.monotonic()
-    with tempfile.NamedTemporaryFile("w", suffix=".txt") as limits:
-        limits.write("\n".join(read_torch_requirement()))
-        limits.flush()
-        subprocess.run([*PIP, "install", "--quiet", "--constraint", limits.name, *arguments], check=True)
+    subprocess.run([*PIP, "install", "--quiet", *arguments], check=True)
     print(f"Packages took {time.monotonic() - began:.0f} s: pip downloaded and installed them.")
-
-
-def read_torch_requirement() -> list[str]:
-    """Read the project's requirement of torch."""
-    requirements = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
-    return [one for one in requirements if one.startswith("torch")]
 
 
 def print_largest() -> None:

@@ -3,8 +3,9 @@
     python -m benchmarks.update_figures [--check] [--only SCRIPT ...]
 
 Runs the `--quick` of every script that has a table in README.md or docs/ (see benchmarks/support/figures.py), two at a
-time; scripts that measure times run alone, at the end. A script that fails or needs missing footage stops nothing and
-leaves its table as it is. The exit status is 1 if a script failed or a figure moved. `make figures` does the same.
+time; scripts that measure times run alone, at the end. A figure within its noise keeps its recorded value, so that it
+cannot drift away in small steps. A script that fails or needs missing footage stops nothing and leaves its table as it
+is. The exit status is 1 if a script failed or a figure moved. `make figures` does the same.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from benchmarks.support.figures import (
     find_pages,
     parse_figures,
     read_record,
+    replace_rows,
 )
 
 TIMEOUT_S = 1800
@@ -47,7 +49,7 @@ class QuickRun:
     def block(self) -> str | None:
         """The printed table with its markers."""
         blocks = [b[0] for b in BLOCK.finditer(self.stdout) if b["script"] == self.script]
-        return blocks[-1] if blocks else None
+        return blocks[-1] if blocks and self.status in (0, 1) else None
 
 
 def run_script(script: str) -> QuickRun:
@@ -81,12 +83,18 @@ def update_script(run: QuickRun, root: Path, check: bool) -> bool:
     body = BLOCK.fullmatch(run.block)
     assert body is not None
     figures = parse_figures(body["body"])
-    changes = compare_figures(read_record(run.script, root), figures)
-    if not check:
+    try:
+        record = read_record(run.script, root)
+    except ValueError as error:
+        print(f"{took}, FAILED: {error}", flush=True)
+        return False
+    changes = compare_figures(record, figures)
+    table = [one if name in changes else record[name] for name, one in figures.items()]
+    if changes and not check:
         for page in find_pages(root)[run.script]:
-            replace_block(run.block, run.script, page)
+            replace_block(replace_rows(run.block, table), run.script, page)
     notes = [line for line in run.stdout.splitlines() if LEFT_OUT in line]
-    print(f"{took}, {len(figures)} figures, {len(changes)} moved", *changes, *notes, sep="\n    ", flush=True)
+    print(f"{took}, {len(figures)} figures, {len(changes)} moved", *changes.values(), *notes, sep="\n    ", flush=True)
     return not changes
 
 

@@ -106,17 +106,14 @@ def write_wheel(folder: Path, version: str) -> None:
 
 
 @pytest.mark.parametrize("fails", ["uv cannot be installed", "uv fails"])
-def test_pip_installs_with_the_limit_on_torch_where_uv_cannot(
+def test_pip_installs_where_uv_cannot(
     fails: str, install: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     commands: list[list[str]] = []
-    limits: list[str] = []
 
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
         commands.append(command)
         is_uv = command[-1] == "uv"
-        if "--constraint" in command:
-            limits.append(Path(command[command.index("--constraint") + 1]).read_text(encoding="utf-8"))
         return subprocess.CompletedProcess(command, int(is_uv and fails == "uv cannot be installed"), "", "")
 
     class Failing(subprocess.Popen[str]):
@@ -131,9 +128,6 @@ def test_pip_installs_with_the_limit_on_torch_where_uv_cannot(
     monkeypatch.setattr(install.subprocess, "Popen", Failing)
     install.install(["-e", "."])
     assert commands[-1][-2:] == ["-e", "."]
-    (limit,) = limits
-    assert limit.startswith("torch")
-    assert "<=" in limit
     printed = capfd.readouterr()
     assert "pip installs the packages" in printed.out
     assert ("no such index" in printed.err) == (fails == "uv fails")

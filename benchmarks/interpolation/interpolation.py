@@ -14,7 +14,6 @@ for real clips; RIFE gets an environment of its own and is left out where that c
 from __future__ import annotations
 
 import argparse
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -94,13 +93,13 @@ def make_rife_frames(withheld: WithheldClip, frames: list[np.ndarray], places: l
     """Make the frames of RIFE; none, and a sentence, where its environment cannot be made or the step suits it not."""
     step, rows = withheld.step, sorted({place // withheld.step for place in places})
     if step & (step - 1):
-        print(f"RIFE is left out: it halves gaps, and {step} is not a power of 2", file=sys.stderr)
+        print(f"RIFE is left out: it halves gaps, and {step} is not a power of 2")
         return {}
     first, second = (np.stack([frames[(row + side) * step] for row in rows]) for side in (0, 1))
     try:
         filled = run_rife(first, second, step)
     except MissingInputError as error:
-        print(f"RIFE is left out: {error}", file=sys.stderr)
+        print(f"RIFE is left out: {error}")
         return {}
     return {"RIFE": {place: filled[rows.index(place // step), place % step - 1] for place in places}}
 
@@ -260,7 +259,7 @@ def measure_figures(out: Path) -> list[Figure]:
             estimate_median(f"{method}: distance of a ball from its place, median", centres, "px"),
         ]
     if "RIFE" not in tallies:
-        figures += keep_recorded("interpolation.interpolation", "RIFE", "its environment cannot be made")
+        figures += keep_recorded("interpolation.interpolation", "RIFE", "see above")
     ours = [tallies["trueroll"][kind] for kind in CLASSES]
     count, wrong = sum(len(t.centre_errors) for t in ours), sum(t.missing + t.doubled for t in ours)
     return [*figures, estimate_share("trueroll: balls missing or doubled", wrong, count)]

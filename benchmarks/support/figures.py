@@ -1,8 +1,9 @@
 """Measure the figures of a documentation page with their noise, and compare them with the page, which is their record.
 
 The record is the Markdown table between `<!-- figures: fitting.contact_timing -->` and `<!-- /figures -->` in README.md
-or in a page of docs/. A script prints the same block for `--quick`; `python -m benchmarks.update_figures` writes it
-into the pages. The noise of a figure is two standard errors: what another choice of seeds would change.
+or in a page of docs/. A script prints the same block for `--quick`; `python -m benchmarks.update_figures` writes the
+figures that moved into the pages. The noise of a figure is two standard errors: how far its value may lie from that of
+infinitely many cases. The seeds are the same in every run, so that only changes of the program move a figure.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ BLOCK = re.compile(
     r"<!-- figures: (?P<script>[\w.]+)(?P<alone>, alone)? -->\n(?P<body>.*?)<!-- /figures -->", re.DOTALL
 )
 """A table of figures in a page. `alone`: the script measures times and runs while no other does."""
-HEAD = "| figure | value | noise | unit | n |"
+HEAD, RULE = "| figure | value | noise | unit | n |", "|---|---|---|---|---|"
 SKIPPED = 77
 """Exit status of a script whose inputs are not on this machine (the convention of automake)."""
 LEFT_OUT = "is left out"
@@ -40,7 +41,7 @@ class Figure:
     name: str
     value: float
     noise: float
-    """Expected spread of the value when the seeds change: two standard errors."""
+    """Two standard errors of the value."""
     unit: str
     samples: int
 
@@ -53,7 +54,7 @@ def estimate_statistic(
     if len(cases) < 2 or not np.isfinite(cases).all():
         raise ValueError(f"the noise of '{name}' needs two cases or more, all finite, not {cases.tolist()}")
     rows = np.random.default_rng(len(cases)).integers(len(cases), size=(RESAMPLES, len(cases)))
-    spread = np.std([statistic(cases[row]) for row in rows])
+    spread = np.std([statistic(cases[row]) for row in rows]) * np.sqrt(len(cases) / (len(cases) - 1))
     return Figure(name, float(statistic(cases)), 2 * float(spread), unit, len(cases))
 
 
@@ -99,13 +100,21 @@ def format_block(script: str, figures: Sequence[Figure], inputs: str, alone: boo
     names = [figure.name for figure in figures]
     if len(set(names)) < len(names):
         raise ValueError(f"figures of {script} need different names: {names}")
-    rows = [
+    caption = f"`python -m benchmarks.{script} --quick`: {inputs}."
+    marker = f"<!-- figures: {script}{', alone' if alone else ''} -->"
+    return "\n".join([marker, caption, "", HEAD, RULE, *_format_rows(figures), "", "<!-- /figures -->"])
+
+
+def replace_rows(block: str, figures: Sequence[Figure]) -> str:
+    """Replace the rows of a block."""
+    return "\n".join([block.partition(f"{RULE}\n")[0] + RULE, *_format_rows(figures), "", "<!-- /figures -->"])
+
+
+def _format_rows(figures: Sequence[Figure]) -> list[str]:
+    return [
         f"| {f.name} | {_format_number(f.value)} | {_format_number(f.noise, 2)} | {f.unit} | {f.samples} |"
         for f in figures
     ]
-    caption = f"`python -m benchmarks.{script} --quick`: {inputs}."
-    marker = f"<!-- figures: {script}{', alone' if alone else ''} -->"
-    return "\n".join([marker, caption, "", HEAD, "|---|---|---|---|---|", *rows, "", "<!-- /figures -->"])
 
 
 def parse_figures(body: str) -> dict[str, Figure]:
@@ -140,16 +149,16 @@ def keep_recorded(script: str, rival: str, reason: object) -> list[Figure]:
     return [figure for name, figure in read_record(script).items() if name.startswith(f"{rival}: ")]
 
 
-def compare_figures(record: dict[str, Figure], figures: dict[str, Figure]) -> list[str]:
-    """Describe each figure that is new, gone, or off by more than its recorded noise. Figures are as parsed."""
-    changes = [f"{name}: no longer measured" for name in record if name not in figures]
+def compare_figures(record: dict[str, Figure], figures: dict[str, Figure]) -> dict[str, str]:
+    """Describe each figure that is new, gone, or off by more than its recorded noise, by its name."""
+    changes = {name: f"{name}: no longer measured" for name in record if name not in figures}
     for name, new in figures.items():
         old = record.get(name)
         if old is None:
-            changes.append(f"{name}: not recorded -> {_format_number(new.value)} {new.unit}")
+            changes[name] = f"{name}: not recorded -> {_format_number(new.value)} {new.unit}"
         elif not abs(new.value - old.value) <= old.noise * (1 + 1e-9) or new.unit != old.unit:
             values = f"{_format_number(old.value)} -> {_format_number(new.value)} {new.unit}"
-            changes.append(f"{name}: {values}, noise {_format_number(old.noise, 2)}")
+            changes[name] = f"{name}: {values}, noise {_format_number(old.noise, 2)}"
     return changes
 
 
@@ -175,7 +184,7 @@ def run_quick(script: str, measure: Callable[[], Sequence[Figure]], inputs: str,
     print(block)
     changes = compare_figures(read_record(script), parse_figures(block))
     if changes:
-        raise SystemExit("\n".join(f"{script}: {change}" for change in changes))
+        raise SystemExit("\n".join(f"{script}: {change}" for change in changes.values()))
 
 
 def _format_number(value: float, digits: int = 3) -> str:

@@ -21,8 +21,8 @@ MIN_INFORMATION = 1e-6
 """1/variance of a variable that no row constrains, in its own unit."""
 RIDGE = 1e-10
 """Relative ridge on the diagonal: a thousand times the rounding errors of a large fit."""
-_LEAST_SCALE = 1e-300
-"""Diagonal that stands for zero, so that its inverse is finite."""
+_LEAST_SCALE = 1e-280
+"""Diagonal that stands for zero, so that its inverse over `RIDGE` is finite."""
 
 Point = TypeVar("Point")
 Linear = TypeVar("Linear")

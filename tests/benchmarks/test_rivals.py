@@ -42,4 +42,5 @@ def test_a_rival_that_cannot_be_installed_is_one_sentence_and_is_tried_again(
     for _ in range(2):
         with pytest.raises(MissingInputError, match=r"the environment of rival cannot be made: .+") as error:
             rival.prepare()
-        assert "\n" not in str(error.value)
+        assert "missing-1.0" in str(error.value)
+        assert not list(tmp_path.glob("*/complete"))

@@ -171,7 +171,10 @@ def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: b
 
 
 def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
-    """Describe what a batch spent its time (s) on."""
+    """Describe what a batch spent its time (s) on.
+
+    Clips run side by side, so their shares of the time are those of the sum over clips.
+    """
     from pipeline.batch.clip_job import format_duration
 
     total = sum(row.seconds for row in rows)
@@ -179,4 +182,4 @@ def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
     processing = f"Processing took {format_duration(seconds - compiling)}"
     if compiling < 1:
         return f"{processing}."
-    return f"{processing}, and compiling numerical code {format_duration(compiling)}: once on this machine."
+    return f"{processing}, and compiling numerical code about {format_duration(compiling)}: once on this machine."

@@ -33,7 +33,6 @@ from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
 )
 from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries
-from pipeline.extras import name_remedy
 
 SCENES = ("double-pendulum", "real", "boxes", "pool")
 RATES, NOISES = (60.0, 30.0, 15.0), (0.0, 0.1, 0.5)
@@ -217,7 +216,7 @@ def explain_omissions(plan: ExperimentPlan) -> list[str]:
     """
     omissions = []
     if "boxes" in plan.scenes and not _has_boxes():
-        omissions.append(f"The boxes are left out: they need pymunk; {name_remedy('check')}")
+        omissions.append("The boxes are left out: they need pymunk, which the extra `check` of trueroll installs.")
     if "real" in plan.scenes and plan.data is None:
         omissions.append(f"The real pendulum is left out: give --data a folder with {RECORDING}.")
     if "pool" in plan.scenes and plan.run is None:

@@ -178,6 +178,9 @@ def test_no_variance_is_negative_where_parameters_replace_each_other() -> None:
     for exponent in range(12):
         jacobian = rng.standard_normal((40, 6)) @ rng.standard_normal((6, 9)) * np.geomspace(1, 10.0**-exponent, 9)
         assert (np.diag(invert_semidefinite(jacobian.T @ jacobian)) > 0).all()
+    nothing = invert_semidefinite(np.diag([0.0, 1.0]))
+    assert np.isfinite(nothing).all()
+    assert nothing[0, 0] > 1e200
     certain = invert_semidefinite(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 4.0]]))
     assert certain[2, 2] == pytest.approx(0.25)
     assert certain[0, 0] > 1e6  # the sum is known, the parts are not
