@@ -91,5 +91,5 @@ def run_start(folder: Path) -> None:
     copy_start(SAMPLE, home.clip)
     done = home.trueroll("run", home.clip, "-o", home.out, "--quick", "--slow", SLOW)
     assert done.status == 0, done.err
-    assert done.err in ("", f"{COMPILING_NOTE}\n"), "no progress is printed unless on a terminal"
+    assert done.err in ("", f"{COMPILING_NOTE}\n"), f"no progress is printed unless on a terminal: {done.err}"
     assert "slow.mp4" in done.out

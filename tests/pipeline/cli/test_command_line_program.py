@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import subprocess
@@ -188,7 +189,10 @@ def test_a_broken_film_is_a_failed_row_and_other_files_are_none(trueroll: Termin
     assert "not a readable video" in row["sentence"]
 
 
-def test_debug_shows_where_an_error_comes_from(trueroll: Terminal) -> None:
+def test_debug_shows_where_an_error_comes_from(trueroll: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    logger = logging.getLogger("trueroll")
+    monkeypatch.setattr(logger, "handlers", [])  # the handler of this run keeps its standard error
+    monkeypatch.setattr(logger, "level", logger.level)
     result = trueroll("run", "missing.mp4", "--debug")
     assert result.status == 1
     assert "Traceback" in result.err
