@@ -22,6 +22,8 @@ _ROUNDING = 1e-6
 """Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped."""
 _MIN_OBSERVATIONS = 8
 """Least number of observations of a group."""
+_MEDIAN_OF_ONE_GROUP = float(norm.isf(0.25))
+"""Median of the absolute deviation of one group: that of several is larger, and one-sided sums alone may be smaller."""
 _MIN_REMAINING_SHARE = 0.1
 """Least share of a sum of noise that the fit must not absorb for the sum to be informative."""
 _BINS = 5
@@ -117,7 +119,8 @@ def _largest_p_value(largest: float, chance: FloatArray) -> float:
     The tail is that of the number of independent groups that explains the median of the samples.
     """
     counted = (1 + int((chance >= largest).sum())) / (1 + len(chance))
-    alike = np.log(0.5) / np.log1p(-2 * norm.sf(float(np.median(chance))))
+    middle = max(float(np.median(chance)), _MEDIAN_OF_ONE_GROUP)
+    alike = np.log(0.5) / np.log1p(-2 * norm.sf(middle))
     beyond = correct_for_choices(2 * float(norm.sf(largest)), float(alike))
     return float(counted if counted > 5 / len(chance) else min(counted, beyond))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 Columns = dict[str, np.ndarray]
 COORDINATES = {"slide": ("x", "y"), "flight": ("x", "z"), "pendulum": ("theta1",), "billiards": ("x", "y")}
-FPS, FRAMES, SHOTS = 60.0, 40, 4
+FPS, FRAMES, SHOTS = 60.0, 30, 3
 NOISE = 5e-4
 SCENES: dict[str, dict[str, Any]] = {
     "slide": {"scene": "slide", "units": "m"},
