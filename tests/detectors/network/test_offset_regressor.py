@@ -144,7 +144,7 @@ def test_a_rendered_ball_is_measured_from_a_rough_centre() -> None:
 def test_a_rendered_streak_is_measured_from_a_rough_detection(streak: tuple[float, float]) -> None:
     rng = np.random.default_rng(1)
     regressor, misses, pulls = open_offset_regressor(STREAK), [], []
-    for _ in range(8):
+    for _ in range(5):
         ball = Ball(*rng.uniform((150, 120), (450, 220)), WHITE, streak)
         image = render_balls([ball], rng)
         rough = np.array(streak) * rng.uniform(0.85, 1.15) * rng.choice([-1, 1])
