@@ -394,7 +394,7 @@ def scheduler() -> Iterator[str]:
         process.wait(HANG_S)
 
 
-def run_batch_command(folder: Path, *arguments: str, prepare: str = "") -> tuple[int, dict[str, str], str]:
+def run_batch_command(folder: Path, *arguments: str, prepare: str = "pass") -> tuple[int, dict[str, str], str]:
     """Run `trueroll batch` after some code; return its status, the sentence of each clip, and standard error."""
     program = f"from pipeline.cli.main import main; {prepare}; main()"
     command = [sys.executable, "-c", program, "batch", "in", "-o", "out", "--json"]
