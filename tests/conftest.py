@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,17 +12,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 FOOTAGE = ROOT.parent / "shared" / "data" / "billiards"
-
-
-def pytest_collection_finish() -> None:
-    """Exempt what was imported and collected from garbage collections: it lives until the end, and is most of all."""
-    gc.collect()
-    gc.freeze()
-
-
-def pytest_sessionfinish() -> None:
-    """Let plugins that end the session see all objects again."""
-    gc.unfreeze()
 
 
 @pytest.fixture
