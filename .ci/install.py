@@ -19,6 +19,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
+PIP_TRUE = ("1", "true", "yes", "on", "t", "y")
+"""Values of a setting of pip that switch it on."""
 LARGEST = 10
 """Number of packages whose sizes are printed."""
 PHASES = {"Resolved": "choosing versions", "Prepared": "downloading", "Installed": "installing"}
@@ -80,8 +82,10 @@ def install_with_uv(arguments: list[str]) -> bool:
         print("uv could not be installed; pip installs the packages, which takes longer.", flush=True)
         return False
     listing = subprocess.run([*PIP, "config", "list"], check=True, capture_output=True, text=True).stdout
-    environment = translate_settings(read_pip_settings(listing)) | os.environ  # variables of uv itself come first
-    command = [sys.executable, "-m", "uv", "pip", "install", "--python", sys.executable, *arguments]
+    settings = read_pip_settings(listing)
+    environment = translate_settings(settings) | os.environ  # variables of uv itself come first
+    options = ["--no-index"] if settings.get("no-index", "").lower() in PIP_TRUE else []
+    command = [sys.executable, "-m", "uv", "pip", "install", *options, "--python", sys.executable, *arguments]
     last, spent, lines = time.monotonic(), {"getting uv": time.monotonic() - began}, list[str]()
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None

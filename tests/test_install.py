@@ -105,6 +105,25 @@ def write_wheel(folder: Path, version: str) -> None:
         wheel.writestr(f"{info}/RECORD", f"rolling.py,,\n{info}/METADATA,,\n{info}/WHEEL,,\n{info}/RECORD,,\n")
 
 
+@pytest.mark.parametrize(("value", "is_passed"), [("true", True), ("1", True), ("0", False), (None, False)])
+def test_uv_asks_no_index_where_pip_asks_none(
+    value: str | None, is_passed: bool, install: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listing, commands = "" if value is None else f":env:.no-index={value!r}\n", list[list[str]]()
+
+    class Recorded(subprocess.Popen[str]):
+        def __init__(self, command: list[str], **options: object) -> None:
+            commands.append(command)
+            super().__init__([sys.executable, "-c", ""], stderr=subprocess.PIPE, text=True)
+
+    monkeypatch.setattr(
+        install.subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, 0, listing, "")
+    )
+    monkeypatch.setattr(install.subprocess, "Popen", Recorded)
+    assert install.install_with_uv(["-e", "."])
+    assert ("--no-index" in commands[0]) == is_passed
+
+
 @pytest.mark.parametrize("fails", ["uv cannot be installed", "uv fails"])
 def test_pip_installs_where_uv_cannot(
     fails: str, install: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

@@ -102,19 +102,16 @@ def format_block(script: str, figures: Sequence[Figure], inputs: str, alone: boo
         raise ValueError(f"figures of {script} need different names: {names}")
     caption = f"`python -m benchmarks.{script} --quick`: {inputs}."
     marker = f"<!-- figures: {script}{', alone' if alone else ''} -->"
-    return "\n".join([marker, caption, "", HEAD, RULE, *_format_rows(figures), "", "<!-- /figures -->"])
+    return replace_rows(f"{marker}\n{caption}\n\n{HEAD}\n{RULE}\n", figures)
 
 
 def replace_rows(block: str, figures: Sequence[Figure]) -> str:
     """Replace the rows of a block."""
-    return "\n".join([block.partition(f"{RULE}\n")[0] + RULE, *_format_rows(figures), "", "<!-- /figures -->"])
-
-
-def _format_rows(figures: Sequence[Figure]) -> list[str]:
-    return [
+    rows = [
         f"| {f.name} | {_format_number(f.value)} | {_format_number(f.noise, 2)} | {f.unit} | {f.samples} |"
         for f in figures
     ]
+    return "\n".join([block.partition(f"{RULE}\n")[0] + RULE, *rows, "", "<!-- /figures -->"])
 
 
 def parse_figures(body: str) -> dict[str, Figure]:

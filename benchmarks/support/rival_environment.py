@@ -1,7 +1,7 @@
 """Run rivals from the package registry in environments of their own, so that their packages never meet the project's.
 
-An environment holds pinned packages and lies in the cache folder of the user; it is made once, as that of the
-project. A function of a rival module runs there as a process: arrays go in and come out as npz files.
+An environment holds the named packages with what they need, and lies in the cache folder of the user; it is made once,
+as that of the project. A function of a rival module runs there as a process: arrays go in and come out as npz files.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ numpy.savez(outputs, **results)
 
 @dataclass(frozen=True)
 class RivalEnvironment:
-    """An environment with pinned packages."""
+    """An environment with some packages."""
 
     name: str
     packages: tuple[str, ...]

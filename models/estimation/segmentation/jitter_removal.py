@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.options import FitOptions
 from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import BallSamples, SampleRange, SegmentFit, fit_segment
 
@@ -21,8 +22,8 @@ MIN_DEPARTURE_SPEED = 0.3
 """m/s: a ball that leaves its rest so fast was hit by a cue or a ball."""
 MAX_REST_PENALTY = 6.0
 """chi2 by which rest may fit worse than rolling, before another ball could have set this one in motion."""
-BREAK_PENALTY = 20.0
-"""chi2 that a velocity change costs, as `models.core.options.FitOptions.break_price`."""
+BREAK_PENALTY = FitOptions().break_price
+"""chi2 that a velocity change costs, as usual in the structure search."""
 
 
 def remove_jitter(samples: BallSamples, parts: list[SampleRange], radius: float) -> list[SampleRange]:
