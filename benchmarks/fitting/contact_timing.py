@@ -40,9 +40,10 @@ from benchmarks.support.figures import (
     estimate_statistic,
     run_quick,
 )
+from models.core.joint_solution import ClothFriction
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.fit_shot import fit_shot
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction, evaluate_kinematics
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 RATES, QUICK_RATES = (30, 60, 240), (30, 60)
 QUICK_SEEDS = 10

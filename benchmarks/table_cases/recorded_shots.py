@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks.support.run_folder import ROOT
 from models.core.errors import TrackError
+from models.core.joint_solution import JointSolution
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import JointSolution
 from pipeline.actions.fit_table import fit_cached_shot, prepare_shot
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.observed_shot import read_observed_shot

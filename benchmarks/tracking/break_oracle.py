@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.tracking.break_shots import BALLS, HZ, PX_PER_M, Break, FilmedBreak, R, overhead_scene
+from models.core.contact_graph import Contact, ContactGraph, ContactKind, Segment
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.reconstruction.fit_shot import fit_contact_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, ContactKind, Segment
 
 SLOWEST_CLOSING = 0.005
 """Slower contacts change nothing visible, m/s of closing speed."""

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError, TrackError
+from models.core.joint_solution import JointSolution
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import MIN_NOISE_SPEED
-from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.table_learning.learn_table import TableLesson, learn_table

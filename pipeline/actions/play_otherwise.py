@@ -12,11 +12,12 @@ from PIL import Image
 
 from models.core.errors import OptionError, TrackError
 from models.core.fit_result import Fit
+from models.core.joint_solution import JointSolution
 from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
-from models.estimation.joint_fit.fit_solution import ClipMotion, JointSolution
+from models.estimation.joint_fit.fit_solution import ClipMotion
 from models.estimation.reconstruction.fit_shot import fit_with_solution
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from support.filmed_shots import Filmed
 
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, collect_observations
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import JointSolution, Observations
+from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 
 PRICES = (20.0, 150.0)
 """Of contacts with a cause and without."""

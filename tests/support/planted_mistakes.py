@@ -18,13 +18,13 @@ import models.estimation.reconstruction.fit_shot as fit_shot
 import models.tracking.build_tracks as build_tracks
 from models.core.by_hand.corrections import Corrections
 from models.core.columns.array_columns import concatenate_rows
+from models.core.contact_graph import Contact
 from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.graph_marks import HELD_GAIN
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 from pipeline.chain import build_fit_graph, run_tables
 from pipeline.editing.run_view import ClipRun

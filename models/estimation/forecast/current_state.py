@@ -12,8 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import ContactGraph, Segment
 from models.core.errors import TrackError
 from models.core.fit_result import Trust
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -24,14 +26,7 @@ from models.estimation.forecast.state_estimate import (
     StateEstimate,
     law_probabilities,
 )
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    collect_observations,
-    evaluate_residuals,
-    layout_parameters,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.prior_residuals import (
     BALL_RESTITUTION,
     DIAMETER_SIGMA,
@@ -43,7 +38,6 @@ from models.estimation.joint_fit.prior_residuals import (
 )
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.reconstruction.fit_shot import fit_with_solution
-from models.estimation.segmentation.contact_graph import ContactGraph, Segment
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import CUSHIONS, Table
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.typing import FloatArray
@@ -19,15 +21,9 @@ from models.estimation.joint_fit.contact_cascades import (
     insert_cascade,
     predict_cascade,
 )
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    layout_parameters,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import condition_on_contact_time, refine_graph
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.missed_cushions import guess_rebound

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph, index_after_merge
+from models.core.joint_solution import ClothFriction, Observations
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.fit_solution import Observations
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, index_after_merge
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction, evaluate_kinematics
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 RESTITUTION = 0.95
 """Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6)."""

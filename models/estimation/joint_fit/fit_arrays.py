@@ -7,12 +7,11 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
+from models.core.contact_graph import ContactGraph, ContactKind
+from models.core.joint_solution import SHARED_COUNT, ClothFriction, JointSolution, layout_parameters
 from models.core.scene import CUSHIONS
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.joint_fit.fit_solution import SHARED_COUNT, JointSolution, layout_parameters
-from models.estimation.segmentation.contact_graph import ContactGraph, ContactKind
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 STRIKE, BALL, CUSHION, FREE, JUMP, BREAK = range(6)
 """Kinds of contacts, in the order of `ContactKind`."""

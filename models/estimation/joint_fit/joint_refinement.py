@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction, JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
@@ -25,7 +27,7 @@ from models.estimation.joint_fit.fit_arrays import (
     extract_parameters,
     start_times,
 )
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_sorted_observations
+from models.estimation.joint_fit.fit_solution import assign_sorted_observations
 from models.estimation.joint_fit.prior_residuals import (
     ROLLING_PRIOR,
     RUBBER_PRIOR,
@@ -33,7 +35,6 @@ from models.estimation.joint_fit.prior_residuals import (
     PriorRows,
     evaluate_priors,
 )
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.numerics.jit import compile_kernel
 from models.numerics.least_squares import (
     NormalEquations,
@@ -43,7 +44,7 @@ from models.numerics.least_squares import (
     solve_normal_equations,
 )
 from models.numerics.robust import evaluate_pair_loss
-from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, ClothFriction, differentiate_segment
+from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
 
 SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
 """Bounds of the friction coefficients of any cloth, polished or wet."""

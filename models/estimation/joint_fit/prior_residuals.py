@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.joint_solution import SEGMENT_STATE_SIZE, SHARED_COUNT
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
@@ -28,14 +29,13 @@ from models.estimation.joint_fit.fit_arrays import (
     end_times,
     start_times,
 )
-from models.estimation.joint_fit.fit_solution import SHARED_COUNT
 from models.estimation.joint_fit.segment_prior_residuals import (
     append_derivative,
     append_prior_row,
     append_segment_priors,
 )
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, differentiate_segment
+from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
 from models.physics.effects.catalogue import find_prior
 
 _PRIORS = {

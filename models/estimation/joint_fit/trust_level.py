@@ -6,13 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import Trust, TrustLevel
+from models.core.joint_solution import JointSolution, Observations
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    evaluate_residuals,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
 
 MAX_CHI2 = 4.0
 """Per degree of freedom of a segment, against the noise that the samples themselves show."""

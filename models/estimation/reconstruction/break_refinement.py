@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.trajectory import Trajectory
 from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.break_shot.break_posterior import BreakExit, BreakPosterior, summarize_break
 from models.estimation.break_shot.break_search import search_break
 from models.estimation.joint_fit.contact_cascades import find_segment_at
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.reconstruction.trajectory_assembly import TrajectoryPiece, shift_polynomial
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.structure_search.rack_detection import find_break_shots, rest_start_time
 

@@ -6,12 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact
 from models.core.events import Events
+from models.core.joint_solution import (
+    SEGMENT_STATE_SIZE,
+    ClothFriction,
+    JointSolution,
+    ParameterLayout,
+    layout_parameters,
+)
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
-from models.estimation.joint_fit.fit_solution import JointSolution, ParameterLayout, end_state, layout_parameters
+from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.reconstruction.trajectory_assembly import state_covariance
 from models.estimation.segmentation.contact_classification import (
     BALL_TOLERANCE,
@@ -19,15 +27,8 @@ from models.estimation.segmentation.contact_classification import (
     INWARD_NORMALS,
     cushion_distances,
 )
-from models.estimation.segmentation.contact_graph import Contact
 from models.estimation.shot_hypotheses.event_row import EventRow
-from models.physics.billiards.cloth.closed_form_motion import (
-    SEGMENT_STATE_SIZE,
-    ClothFriction,
-    duration_until_rest,
-    evaluate_kinematics,
-    sliding_duration,
-)
+from models.physics.billiards.cloth.closed_form_motion import duration_until_rest, evaluate_kinematics, sliding_duration
 
 GAP_HORIZON = 0.25
 """s: how far free paths are followed beyond a contact to find their least distance."""

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from models.core.by_hand.corrections import ContactCorrection
 from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import ContactGraph
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, Trust
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
@@ -24,14 +26,7 @@ from models.estimation.hand_marks.event_marks import weigh_marks
 from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, condition_on_marks, settle_marks
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    collect_observations,
-    evaluate_residuals,
-    layout_parameters,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.joint_refinement import add_covariance, refine_graph
 from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
 from models.estimation.joint_fit.trust_level import (
@@ -56,7 +51,6 @@ from models.estimation.reconstruction.shot_moments import add_close_passes, alig
 from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events

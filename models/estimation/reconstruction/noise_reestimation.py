@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.joint_solution import JointSolution, Observations
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, evaluate_residuals
+from models.estimation.joint_fit.fit_solution import evaluate_residuals
 from models.tracking.track_noise import TrackNoise
 
 WINDOW_SAMPLES = 25

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.joint_solution import JointSolution
 from models.core.scene import POCKETS, Table
 from models.core.tracks import Tracks
-from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.shot_hypotheses.event_row import EventRow
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 

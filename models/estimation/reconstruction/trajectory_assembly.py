@@ -8,20 +8,20 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.tracks import Tracks
-from models.core.trajectory import Trajectory
-from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import (
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import (
+    SEGMENT_STATE_SIZE,
     JointSolution,
     Observations,
     ParameterLayout,
-    assign_observations,
     layout_parameters,
 )
-from models.estimation.segmentation.contact_graph import ContactGraph
+from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
+from models.core.typing import FloatArray
+from models.estimation.joint_fit.fit_solution import assign_observations
 from models.numerics.splines import fit_smoothing_pieces
 from models.physics.billiards.cloth.closed_form_motion import (
-    SEGMENT_STATE_SIZE,
     differentiate_kinematics,
     duration_until_rest,
     spin_from_slip,

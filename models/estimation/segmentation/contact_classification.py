@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import Contact, ContactGraph, ContactKind, Segment
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, ContactKind, Segment
 from models.estimation.segmentation.jitter_removal import STILL_RADII, fit_curve, select_samples
 from models.estimation.segmentation.track_segmentation import BallSamples, SampleRange, SegmentFit, fit_segment
 

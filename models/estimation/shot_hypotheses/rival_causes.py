@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.structure_search.contact_partners import find_partners, join_by_ball_contact
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.local_costs import refine_differences

@@ -6,17 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Table
 from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    end_state,
-    layout_parameters,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.shot_hypotheses.event_evidence import (
     EDGE_FRAMES,
     GRAZE_GAP,

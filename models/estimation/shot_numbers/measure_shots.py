@@ -10,6 +10,7 @@ from models.core.capture_clock import CaptureClock
 from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.events import Events
 from models.core.fit_result import Fit, WholeShotSolution
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import (
@@ -17,7 +18,6 @@ from models.estimation.forecast.current_state import (
     estimate_lack_of_fit,
     inflate_covariance,
 )
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.shot_numbers.contact_numbers import classify_spin, measure_contact, simulate_contact
 from models.estimation.shot_numbers.path_numbers import count_cushions, measure_length
 from models.estimation.shot_numbers.pocket_numbers import measure_pocket

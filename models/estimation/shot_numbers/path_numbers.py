@@ -6,7 +6,7 @@ import numpy as np
 
 from models.core.coaching.shot_numbers import ShotNumber
 from models.core.events import Events
-from models.estimation.joint_fit.fit_solution import layout_parameters
+from models.core.joint_solution import layout_parameters
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.physics.billiards.cloth.closed_form_motion import duration_until_rest
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import LONGEST_MOTION, JointSolution, layout_parameters
+from models.estimation.joint_fit.fit_solution import LONGEST_MOTION
 from models.estimation.table_learning.cushion_contacts import evaluate_segment_state
 
 _STEP = 1e-5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.estimation.segmentation.contact_graph import ContactGraph
+from models.core.contact_graph import ContactGraph
 
 
 @dataclass(frozen=True, slots=True)

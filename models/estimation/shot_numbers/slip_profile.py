@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.joint_solution import Observations
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import Observations
 from models.estimation.joint_fit.segment_prior_residuals import EXTRA_ACCELERATION_SIGMA, LEAST_SLIP, STRUCK_SLIP
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.numerics.robust import HUBER_THRESHOLD

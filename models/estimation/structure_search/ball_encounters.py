@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.contact_cascades import (
@@ -23,16 +25,9 @@ from models.estimation.joint_fit.contact_cascades import (
     insert_cascade,
     predict_cascade,
 )
-from models.estimation.joint_fit.fit_solution import (
-    JointSolution,
-    Observations,
-    assign_observations,
-    end_state,
-    evaluate_residuals,
-)
+from models.estimation.joint_fit.fit_solution import assign_observations, end_state, evaluate_residuals
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_classification import BALL_TOLERANCE, INWARD_NORMALS
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 TIME_STEP = 2e-3

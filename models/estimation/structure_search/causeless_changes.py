@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
+from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.structure_search.ball_encounters import (
     LOCAL_ITERATIONS,
     SearchCache,

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import CascadeContact, insert_cascade, predict_cascade
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
+from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import TIME_TOLERANCE, SearchCache, frame_interval, total_cost
 
 HORIZONS = (1.0, 2.5)

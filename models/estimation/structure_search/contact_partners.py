@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, end_state
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
+from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.structure_search.ball_encounters import frame_interval
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 

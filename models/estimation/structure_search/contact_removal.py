@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph, ContactKind
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, ContactKind
 from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
 
 BENT_CHI2 = 3.0

@@ -10,14 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations, end_state
+from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import (
     copy_refined_states,
     frame_interval,

@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, end_state
+from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.structure_search.ball_encounters import total_cost
 from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
 

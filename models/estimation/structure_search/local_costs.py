@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations
-from models.estimation.segmentation.contact_graph import ContactGraph
+from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.structure_search.ball_encounters import refine_subgraph
 
 

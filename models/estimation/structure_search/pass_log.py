@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from models.estimation.joint_fit.fit_solution import JointSolution
+from models.core.joint_solution import JointSolution
 from models.estimation.structure_search.ball_encounters import total_cost
 
 logger = logging.getLogger("trueroll.fit")

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.joint_fit.contact_cascades import find_segment_at
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.structure_search.ball_encounters import frame_interval
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.track_noise import NOISE_FLOOR_RADII

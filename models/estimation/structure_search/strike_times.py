@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 
 MAX_ROLLING_SLIP = 0.5

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import Contact, ContactGraph
+from models.core.joint_solution import JointSolution, Observations
 from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_observations, end_state
+from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph
 from models.estimation.structure_search.ball_encounters import (
     TIME_TOLERANCE,
     ContactProposal,

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.contact_graph import ContactGraph
 from models.core.fit_result import Parameter
+from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows, summarize_parameters
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.numerics.executor import SERIAL, Executor

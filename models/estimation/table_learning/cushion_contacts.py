@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from models.core.joint_solution import SEGMENT_STATE_SIZE, SHARED_COUNT, JointSolution, layout_parameters
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import build_graph_arrays, extract_parameters
-from models.estimation.joint_fit.fit_solution import SHARED_COUNT, JointSolution, layout_parameters
 from models.estimation.joint_fit.prior_residuals import evaluate_priors
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
-from models.physics.billiards.cloth.closed_form_motion import SEGMENT_STATE_SIZE, differentiate_kinematics
+from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 
 STRUCK_SPIN, STRUCK_SPIN_AT_REST = 0.6, 0.1
 """Prior standard deviation of the surface speed of side spin after a strike: share of the speed, and m/s; a cue that

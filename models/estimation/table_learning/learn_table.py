@@ -8,11 +8,11 @@ import numpy as np
 
 from models.core.errors import TrackError
 from models.core.fit_result import Parameter
+from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import NOSE_COLUMN
-from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.table_learning.cloth_learning import fit_cloth
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts

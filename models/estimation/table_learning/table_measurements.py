@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.errors import TrackError
+from models.core.joint_solution import JointSolution
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.table_learning.cloth_learning import fit_cloth
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
 from models.estimation.table_learning.learn_table import TableLesson

@@ -8,6 +8,7 @@ import numpy as np
 
 from models.core.errors import TrackError
 from models.core.fit_result import Fit, WholeShotSolution
+from models.core.joint_solution import JointSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -18,7 +19,6 @@ from models.estimation.forecast.current_state import (
     inflate_covariance,
 )
 from models.estimation.forecast.ensemble_prediction import draw_members
-from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.shot_numbers.measure_shots import present_time, select_whole_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses

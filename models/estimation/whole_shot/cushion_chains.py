@@ -15,17 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.estimation.whole_shot.free_paths import SLIP_SIGMA, VELOCITY_SIGMA
-from models.physics.billiards.cloth.closed_form_motion import (
-    SEGMENT_STATE_SIZE,
-    ClothFriction,
-    differentiate_kinematics,
-)
+from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral_parameters
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior

@@ -14,13 +14,12 @@ from itertools import pairwise
 import numpy as np
 
 from models.core.events import Events
+from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.billiards.cloth.closed_form_motion import (
     GRAVITY,
-    SEGMENT_STATE_SIZE,
-    ClothFriction,
     differentiate_kinematics,
     duration_until_rest,
     evaluate_kinematics,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.estimation.joint_fit.fit_solution import Observations
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.whole_shot.window_simulation import (
     differentiate_observations,
     observe_run,

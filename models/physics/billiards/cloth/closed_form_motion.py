@@ -10,30 +10,18 @@ acceleration while rolling, cx, cy (m/s^2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
 GRAVITY = 9.81
 """m/s^2."""
 
-SEGMENT_STATE_SIZE = 8
-"""Numbers at the start of a segment."""
-
 _TINY_SLIP = 1e-12
 """m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClothFriction:
-    """Coefficients of friction of the cloth; decelerations are mu g."""
-
-    sliding: float
-    rolling: float
 
 
 def spin_from_slip(v: FloatArray, slip: FloatArray, radius: float) -> FloatArray:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, scene
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction, JointSolution, Observations
 from models.estimation.joint_fit.fit_arrays import apply_parameters, build_graph_arrays, extract_parameters, start_times
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, assign_sorted_observations
+from models.estimation.joint_fit.fit_solution import assign_sorted_observations
 from models.estimation.joint_fit.joint_refinement import _apply_step, _has_valid_order, _linearize_fit
 from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR, PriorRows, evaluate_priors
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 
 def state(x: float, y: float, vx: float, vy: float) -> np.ndarray:

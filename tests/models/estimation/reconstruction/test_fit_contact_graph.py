@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.filmed_shots import DELAY, RADIUS, film
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.reconstruction.fit_shot import fit_contact_graph, fit_shot
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 
 START, V = np.array([[1.2, 0.6]]), np.array([[1.6, 0.5]])
 

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from support import staged_shot as shot
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH
 from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
-from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.reconstruction import contact_time_refinement, event_list, shot_moments
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 
 def test_only_close_passes_are_tested_again_with_the_friction_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from models.estimation.segmentation.contact_graph import Contact
+from models.core.contact_graph import Contact
 from models.estimation.shot_hypotheses import weigh_hypotheses
 from models.estimation.shot_hypotheses.event_evidence import (
     EVIDENCE_NAMES,

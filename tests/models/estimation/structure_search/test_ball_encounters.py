@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, WIDTH, Filmed, film
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction
 from models.estimation.joint_fit.contact_cascades import predict_cascade
 from models.estimation.reconstruction.fit_shot import fit_shot
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction, evaluate_kinematics
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 CLOTH = ClothFriction(0.2, 0.01)
 GAP = 0.004

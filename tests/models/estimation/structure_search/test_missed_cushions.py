@@ -10,11 +10,10 @@ from support import fixed_step_table as truth
 from support.contact_graphs import moving, refine_segments, resting
 from support.filmed_shots import DELAY, RADIUS, Filmed, film, scene
 
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction, JointSolution, Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.structure_search.missed_cushions import refit_rebounds, split_corner_contacts
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 
 def corner() -> JointSolution:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, scene
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction, JointSolution
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_solution import JointSolution
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.structure_search import structure_revision
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 
 def state(x: float, y: float, v_x: float, v_y: float) -> FloatArray:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
 from models.core.tracks import Tracks
-from models.estimation.joint_fit.fit_solution import JointSolution, layout_parameters
 from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.table_learning.cloth_learning import CONTACT_MARGIN, extract_free_segments
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 
 
 def make_straight_path(segments: tuple[Segment, ...], contact: Contact, sigma: float) -> tuple[JointSolution, Tracks]:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Table
-from models.estimation.joint_fit.fit_solution import JointSolution, Observations, layout_parameters
 from models.estimation.joint_fit.joint_refinement import add_covariance, refine_graph
-from models.estimation.segmentation.contact_graph import Contact, ContactGraph, Segment
 from models.estimation.table_learning.cushion_contacts import evaluate_segment_state, extract_cushion_contacts
 
 R, NOISE, CONTACT_TIME = 0.03, 5e-4, 0.5

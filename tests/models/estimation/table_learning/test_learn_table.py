@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from models.core.contact_graph import ContactGraph
 from models.core.errors import TrackError
+from models.core.joint_solution import ClothFriction, JointSolution
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import forecast_shot
-from models.estimation.joint_fit.fit_solution import JointSolution
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.reconstruction.fit_shot import fit_with_solution
-from models.estimation.segmentation.contact_graph import ContactGraph
 from models.estimation.table_learning.learn_table import combine_noses, learn_table
-from models.physics.billiards.cloth.closed_form_motion import ClothFriction
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.tracking.track_noise import apply_noise, estimate_noise
