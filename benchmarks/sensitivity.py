@@ -50,7 +50,8 @@ from models.core.events import Events  # noqa: E402
 from models.core.options import FitOptions, TrackOptions  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
 from models.core.typing import IntArray  # noqa: E402
-from models.estimation.reconstruction.fit_shot import fit_shot  # noqa: E402
+from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
+from models.estimation.reconstruction.shot_views import view_shot  # noqa: E402
 from models.tracking.build_tracks import build_tracks  # noqa: E402
 
 PACKAGES = ("models.tracking", "models.estimation.segmentation", "models.estimation.joint_fit",
@@ -277,7 +278,7 @@ def digest(value: object) -> str:
 
 def evaluate(recording: Recording, tracks: Tracks, truth: ShotTruth, kept: IntArray | None) -> Outcome:
     """Fit tracks and score the result."""
-    fit = fit_shot(tracks, recording.scene, FitOptions())
+    fit = view_shot(explain(tracks, recording.scene, FitOptions()))
     scores = score_case(Case("", "", "", 0), FittedShot(recording, tracks, fit), truth, kept)
     false = sum(s.is_true == (s.probability < 0.5) and not s.undecided for s in scores.statements)
     found = sum(s.found for s in scores.sought)

@@ -17,7 +17,7 @@ from detectors.measurement.working_view import WorkingView
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
 from detectors.network.network_detector import NetworkDetector, build_network_detector
 from detectors.select_detector import select_detector
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from detectors.measurement.circle_fit import fit_circles, smooth_image
 from detectors.measurement.cloth_background import build_colour_basis
 from detectors.measurement.frame_detections import FrameDetections, add_colours
-from models.core.by_hand.corrections import BallMark
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
+from models.core.corrections import BallMark
 from models.core.detections import Detections, MarkedDetections
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene

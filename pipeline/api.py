@@ -25,15 +25,16 @@ from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
+from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder, run_clip
 from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.io.run_folder import TEXT_COLUMNS
+from pipeline.io.run_view import view_run
+from pipeline.io.shot_folder import read_shot
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.run_options import build_options, list_settings
-from video.io.clip import Clip
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,13 +48,23 @@ class Run:
 
     folder: Path
     """Folder with slow.mp4, report.html and the other files, which docs/reference/file-formats.md describes."""
-    clip: Clip
-    scene: Scene
-    """Table and camera."""
-    tracks: Tracks
-    """Observed positions of the balls: arrays of T frames by N balls, NaN where a ball was not detected."""
-    fit: Fit
-    """Events, motion and parameters, each with its standard deviation."""
+    shot: Shot
+    """The saved shot, of which everything else is a view or an export."""
+
+    @property
+    def scene(self) -> Scene:
+        """Table and camera."""
+        return self.shot.scene
+
+    @property
+    def tracks(self) -> Tracks:
+        """Observed positions of the balls: arrays of T frames by N balls, NaN where a ball was not detected."""
+        return self.shot.tracks
+
+    @property
+    def fit(self) -> Fit:
+        """Events, motion and parameters, each with its standard deviation."""
+        return view_run(self.shot)
 
     @property
     def events(self) -> Events:
@@ -68,7 +79,7 @@ class Run:
     @property
     def trust(self) -> Trust:
         """Trust level of the run (green, amber or red) and its reasons."""
-        return assess_run_trust(self.clip, self.fit)
+        return self.fit.trust
 
     def to_arrow(self, what: Columns = "tracks") -> pa.Table:
         """Read a table of the run.
@@ -153,7 +164,22 @@ def run(
     values: dict[str, Any] = {}
     store = ResultCache(Path(cache) if cache is not None else default_cache_root())
     run_clip(path, folder, options, store, _CallbackWatcher(progress), values.__setitem__)
-    return Run(folder, values["read"], values["calibrate"], values["track"], values["fit"])
+    return Run(folder, values["explain"])
+
+
+def load(folder: str | Path) -> Run:
+    """Load a finished run from its folder.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        The run with its values.
+
+    Raises:
+        OptionError: It holds no saved shot.
+    """
+    return Run(Path(folder), read_shot(Path(folder)))
 
 
 class _CallbackWatcher:

@@ -14,12 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from models.core.by_hand.corrections import Corrections
-from models.core.coaching.shot_numbers import ShotNumbers
+from models.core.corrections import Corrections
 from models.core.errors import ClipError, OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.scene import Scene
+from models.core.shot import Shot
+from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file
@@ -28,9 +29,11 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+from pipeline.io.explained_shot import keep_laws
 from pipeline.io.run_folder import SOURCE_FILE
+from pipeline.io.run_view import view_run
+from pipeline.io.shot_folder import publish_shot
 from pipeline.reporting.text.correction_sentences import format_corrections
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import (
@@ -43,14 +46,15 @@ from pipeline.run_options import (
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
-from pipeline.stages.export_stage import export_stage
-from pipeline.stages.fit_stage import fit_stage, motion_stage
+from pipeline.stages.explain_stage import explain_stage, laws_stage
+from pipeline.stages.export_stage import ExportOptions, export_stage
 from pipeline.stages.forecast_stage import forecast_stage
 from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import poster_stage, render_stage
 from pipeline.stages.report_stage import ReportOptions, page_stage, report_stage
+from pipeline.stages.shot_inputs import view_inputs
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
 from video.calibration.view_prior import PROFILE_NOTE
@@ -103,8 +107,8 @@ def build_run_graph(
     return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), shot, executor)
 
 
-def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
-    """Build the graph of the stages up to the fit.
+def build_shot_graph(clip: Path, options: RunOptions) -> StageGraph:
+    """Build the graph of the stages up to the shot.
 
     Args:
         clip: Path of the clip.
@@ -116,7 +120,7 @@ def build_fit_graph(clip: Path, options: RunOptions) -> StageGraph:
     Raises:
         ClipError: The clip is no video or cannot be read.
     """
-    return build_run_graph(clip, options).select("fit")
+    return build_run_graph(clip, options).select("explain")
 
 
 def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> RunOptions:
@@ -155,44 +159,42 @@ def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | 
         detect_stage(options.detect, executor),
         *place_stages(options.corrections),
         track_stage(options.track, options.corrections),
-        motion_stage(options.fit, options.corrections),
-        fit_stage(options.fit),
-        export_stage(options.detect, options.corrections),
+        explain_stage(options.fit, options.corrections),
+        *((laws_stage(options.fit),) if options.fit.laws else ()),
+        export_stage(options.detect, options.fit, options.corrections),
         poster_stage(options.render),
         forecast_stage(options.forecast),
-        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.corrections)),
-        record_stage(RecordOptions(title, name_detections(options.corrections))),
+        report_stage(
+            ReportOptions(title, options.render.slow, settings, options.detect, options.fit, options.corrections)
+        ),
+        record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
     )
     if not options.render.no_video:
         stages = (*stages, render_stage(options.render), page_stage())
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
-def run_fit_graph(
-    graph: StageGraph, clip: Path, cache: ResultCache, watcher: RunWatcher
-) -> tuple[Clip, Scene, Tracks, Fit]:
-    """Run a graph up to the fit and load what frame interpolation needs.
+def run_shot_graph(graph: StageGraph, clip: Path, cache: ResultCache, watcher: RunWatcher) -> tuple[Clip, Shot]:
+    """Run a graph up to the shot and load what frame interpolation needs.
 
     Args:
-        graph: A graph with the stages up to the fit.
+        graph: A graph with the stages up to the shot.
         clip: Path of the clip.
         cache: The cache.
         watcher: Follows the run.
 
     Returns:
-        Clip, scene, tracks and fit.
+        Clip and shot.
     """
     entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
-    return _load_fit(graph, entries, clip)
+    return _load_shot(graph, entries, clip)
 
 
-def _load_fit(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) -> tuple[Clip, Scene, Tracks, Fit]:
-    """Load what a graph up to the fit has computed of a clip."""
+def _load_shot(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) -> tuple[Clip, Shot]:
+    """Load what a graph up to the shot has computed of a clip."""
     stages = {stage.name: stage for stage in graph.stages}
-    cached_clip, scene, tracks, fit = (
-        load_stage_output(stages[n], entries[n]) for n in ("read", "calibrate", "track", "fit")
-    )
-    return _relocate_clip(clip, cached_clip), scene, tracks, fit
+    cached_clip, shot = (load_stage_output(stages[n], entries[n]) for n in ("read", "explain"))
+    return _relocate_clip(clip, cached_clip), shot
 
 
 def run_tables(
@@ -216,7 +218,7 @@ def run_tables(
         publishes: Whether to write to the folder at all.
 
     Returns:
-        Clip, scene, tracks, fit, and the digest of the tables.
+        Clip, scene, tracks, views of the shot, and the digest of the tables.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
@@ -229,7 +231,9 @@ def run_tables(
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
-    return *_load_fit(graph, entries, clip), hash_tables(entries["export"].folder)
+    opened, explained = _load_shot(graph, entries, clip)
+    views = explained.scene, explained.tracks, view_run(explained)
+    return opened, *views, hash_tables(entries["export"].folder)
 
 
 def hash_clip(path: Path) -> str:
@@ -326,6 +330,9 @@ def run_clip(
     entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
+    if "laws" in entries:
+        explained, laws = (load_stage_output(stages[name], entries[name]) for name in ("explain", "laws"))
+        keep_laws(folder, explained, laws, cache)
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
@@ -337,12 +344,14 @@ def _summarize_run(
 ) -> FinishedRun:
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
-    fit: Fit = load_stage_output(stages["fit"], entries["fit"])
-    scene: Scene = load_stage_output(stages["calibrate"], entries["calibrate"])
-    of_profile = (note for note in (*scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
+    values = {name: load_stage_output(stages[name], entries[name]) for name in ("explain", "laws") if name in entries}
+    shot: Shot = values["explain"]
+    options: ExportOptions = stages["export"].options
+    fit = view_inputs(values, options.fit)
+    of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
     all_notes = (*cached_clip.notes, *notes, *dict.fromkeys(of_profile))
-    trust, whole_shot = assess_run_trust(cached_clip, fit), format_whole_shot(fit)
-    return FinishedRun(folder, trust, fit.events, whole_shot, all_notes, fit.shot_numbers)
+    whole_shot = "" if fit.laws is None else format_whole_shot(fit)
+    return FinishedRun(folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers)
 
 
 def _relocate_clip(path: Path, clip: Clip) -> Clip:
@@ -444,6 +453,8 @@ def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: 
     for name in changed:
         with replace_file(folder / name) as path:
             shutil.copyfile(sources[name], path)
+    if "export" in entries:
+        publish_shot(entries["export"].folder, folder)
 
 
 def _is_published(source: Path, target: Path) -> bool:

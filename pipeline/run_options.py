@@ -13,7 +13,7 @@ from typing import Any, get_type_hints
 import typer
 
 from detectors.detect_options import DetectOptions
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from models.core.options import FitOptions, ForecastOptions, OptionSpec, TrackOptions, list_option_specs
 from pipeline.stages.read_stage import ReadOptions

@@ -11,14 +11,12 @@ from support.code_structure import (
     is_documented,
     is_one_word,
     is_participle,
-    modules_per_folder,
     read_modules,
     shared_functions,
 )
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = read_modules(ROOT)
-LARGEST_FOLDER = 14
 MOST_PARTICIPLES = 0.02
 MOST_ONE_WORD_NAMES = 0.1
 LEAST_DOCUMENTED = 0.95
@@ -30,11 +28,6 @@ def test_no_two_modules_share_a_base_name() -> None:
 
 def test_no_two_classes_share_a_name() -> None:
     assert not duplicate_class_names(MODULES)
-
-
-def test_no_folder_is_too_full() -> None:
-    full = {str(folder): count for folder, count in modules_per_folder(MODULES).items() if count > LARGEST_FOLDER}
-    assert not full
 
 
 def test_every_package_describes_itself() -> None:

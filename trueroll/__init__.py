@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from models.core.errors import TruerollError
     from pipeline.analysis_api import detect, diagnose, simulate
-    from pipeline.api import Run, run
+    from pipeline.api import Run, load, run
 
-__all__ = ["Run", "TruerollError", "detect", "diagnose", "run", "simulate"]
+__all__ = ["Run", "TruerollError", "detect", "diagnose", "load", "run", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
     """Import a name at its first use: `import trueroll` and `python -m trueroll` would take seconds otherwise."""
     match name:
-        case "Run" | "run":
+        case "Run" | "load" | "run":
             from pipeline import api
 
             return getattr(api, name)
@@ -33,6 +33,10 @@ def __getattr__(name: str) -> Any:
             from pipeline import analysis_api
 
             return getattr(analysis_api, name)
+        case "__version__":
+            from importlib.metadata import version
+
+            return version("trueroll")
         case "TruerollError":
             from models.core import errors
 

@@ -25,7 +25,8 @@ from models.estimation.multiple_shooting.shooting_fit import (
     convert_to_priors,
     fit_windows,
 )
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.whole_shot.cushion_chains import (
     ChainSegment,
     CushionChains,
@@ -73,7 +74,9 @@ def read_clips(folder: Path, reuse: bool) -> Iterator[CaromClip]:
         table = clip.scene.table
         tracks = measure_noise(clip.tracks, table.ball_radius)
         yield CaromClip(
-            clip.name, table, extract_chain_segments(tracks, fit_shot(clip.tracks, clip.scene).events, 1000 * number)
+            clip.name,
+            table,
+            extract_chain_segments(tracks, view_shot(explain(clip.tracks, clip.scene)).events, 1000 * number),
         )
 
 

@@ -26,7 +26,8 @@ from models.estimation.table_learning.learn_table import learn_table
 from models.estimation.table_learning.table_measurements import compute_roll_out, measure_table
 from pipeline.actions.fit_table import prepare_shot
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.tables.certificate_files import compare_certificates, describe_certificate
+from pipeline.io.certificate_files import compare_certificates, describe_certificate
+from pipeline.io.explained_shot import explain_tracks
 
 MORE_SLOPE, LESS_RESTITUTION = 1.0, 0.98
 """mm/m, and factor, of the other table."""
@@ -117,7 +118,7 @@ def certify_session(rng: np.random.Generator, effects: Effects, law: str, shots:
     fits = []
     for tracks, scene in session:
         try:
-            fits.append(prepare_shot(tracks, scene, cache))
+            fits.append(prepare_shot(explain_tracks(tracks, scene, cache)))
         except TrackError:
             continue
     table = session[0][1].table

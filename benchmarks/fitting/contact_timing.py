@@ -42,7 +42,8 @@ from benchmarks.support.figures import (
 )
 from models.core.joint_solution import ClothFriction
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 RATES, QUICK_RATES = (30, 60, 240), (30, 60)
@@ -150,7 +151,7 @@ def timing_bound(meeting: Meeting, truth: Truth, t: np.ndarray, physics_known: b
 
 def fit_contact_time(tracks: Tracks) -> tuple[float, float]:
     """Fit the contact time of a and b and its sigma, s; NaN without a detected contact."""
-    events = fit_shot(tracks, overhead_scene()).events
+    events = view_shot(explain(tracks, overhead_scene())).events
     rows = [k for k, kind in enumerate(events.kind) if kind == "ball"]
     return (float(events.t[rows[0]]), float(events.t_sigma[rows[0]])) if rows else (np.nan, np.nan)
 

@@ -26,6 +26,7 @@ from models.estimation.forecast.ensemble_prediction import forecast_shot
 from models.estimation.table_learning.learn_table import learn_table
 from pipeline.actions.fit_table import prepare_shot
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.profile_export import write_learned_profile
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 
@@ -104,7 +105,7 @@ def play_set(number: int, place: Path) -> GainRow:
     teaching = play_session(rng, effects, law, place / "teaching", 3, seconds=6.0)
     [(tracks, scene)] = play_session(rng, effects, law, place / "tested", 1, SLOW_SPEEDS, PREDICTED_S)
     cache = ResultCache(place / "cache")
-    fits = [prepare_shot(one, own, cache) for one, own in teaching]
+    fits = [prepare_shot(explain_tracks(one, own, cache)) for one, own in teaching]
     try:
         lesson = learn_table(fits, scene.table, LAWS)
     except TrackError as error:

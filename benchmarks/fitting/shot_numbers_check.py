@@ -16,6 +16,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_median
 from models.core.events import Events
 from models.core.options import FitOptions
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.contact_numbers import CONTACT_NUMBERS, evaluate_contact
 from models.estimation.shot_numbers.measure_shots import measure_shots
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
@@ -98,8 +100,9 @@ def measure_case(seed: int, law: str, noise: float, folder: Path, options: FitOp
     """Fit one shot; returns truth, estimate and sigma by number."""
     shot = simulate_shot(seed, law, folder)
     tracks, scene = film_shot(shot, SECONDS, seed, noise), overhead_scene()
-    fit, solution = fit_with_solution(tracks, scene, options)
-    fit = fit_shot_laws(fit, tracks, scene.table, options)
+    explained = explain(tracks, scene, options)
+    fit, solution = view_shot(explained), explained.solution
+    fit = replace(fit, laws=fit_shot_laws(fit, tracks, scene.table, options))
     truth = read_truth(folder / f"shot_{seed}_{law}", SECONDS - 0.5)
     row: dict[str, Any] = {"seed": seed, "law": law, "noise": noise, "whole": fit.whole_shot is not None, "numbers": {}}
     shots = () if solution is None else measure_shots(fit, solution, tracks, scene.table)

@@ -21,7 +21,8 @@ import numpy as np
 from benchmarks.support.run_folder_tracks import FilmedClip, measure_noise, parse_clip_arguments, read_filmed_clips
 from models.core.events import Events
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, convert_to_priors, fit_windows
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.whole_shot.free_paths import (
     WINDOW_LENGTH,
     FreePath,
@@ -56,7 +57,7 @@ class SnookerShot:
 
 def read_shots(folder: Path, reuse: bool) -> Iterator[SnookerShot]:
     for number, clip in enumerate(read_filmed_clips("snooker", folder, reuse)):
-        events = fit_shot(clip.tracks, clip.scene).events
+        events = view_shot(explain(clip.tracks, clip.scene)).events
         tracks = measure_noise(clip.tracks, clip.scene.table.ball_radius)
         yield SnookerShot(clip, events, extract_free_paths(tracks, events, number, LEAST_MOTION))
 

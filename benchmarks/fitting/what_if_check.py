@@ -18,6 +18,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_statis
 from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.what_if.changed_shot import play_changed_shot
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
@@ -148,10 +150,11 @@ def play_case(number: int, plays: int) -> dict[str, Any] | None:
         success = [read_success(out, goal) for out in outs[1:]]
     scene = _make_scene(goal)
     tracks = film_shot(film, FILMED, number)
-    fit, solution = fit_with_solution(tracks, scene)
+    explained = explain(tracks, scene)
+    fit, solution = view_shot(explained), explained.solution
     if solution is None:
         return None
-    fit = fit_shot_laws(fit, tracks, scene.table, FitOptions())
+    fit = replace(fit, laws=fit_shot_laws(fit, tracks, scene.table, FitOptions()))
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, 0, DRAWS, 0)
     played = play_changed_shot(ensemble, change, SPREAD, goal, np.array([0.0, 1.0]), 0)
     return {"number": number, "game": goal.game, "whole": ensemble.is_whole_shot, "changed": number % 3 != 0,

@@ -19,7 +19,8 @@ import numpy as np
 from benchmarks.support.figures import ROOT, Figure, add_quick_option, run_quick, state_cost
 from benchmarks.support.run_folder import FOOTAGE
 from models.core.progress import Progress, ignore_progress
-from pipeline.chain import build_fit_graph, run_fit_graph
+from models.estimation.reconstruction.shot_views import view_shot
+from pipeline.chain import build_shot_graph, run_shot_graph
 from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.run_options import RunOptions
 from video.io.clip import read_frames
@@ -57,11 +58,11 @@ def measure_gap(appearance: ClipAppearance, row: int, first: np.ndarray, second:
 
 def measure_clip(clip: Path) -> tuple[tuple[int, int], float, np.ndarray]:
     """Return the size of a clip, CPU seconds to prepare it, and costs (gaps, 2) s."""
-    opened_clip, *shot = run_fit_graph(
-        build_fit_graph(clip, RunOptions()), clip, ResultCache(default_cache_root()), SilentWatcher()
+    opened_clip, shot = run_shot_graph(
+        build_shot_graph(clip, RunOptions()), clip, ResultCache(default_cache_root()), SilentWatcher()
     )
     start = time.process_time()
-    appearance = estimate_clip_appearance(build_ball_timeline(*shot), opened_clip)
+    appearance = estimate_clip_appearance(build_ball_timeline(shot.scene, shot.tracks, view_shot(shot)), opened_clip)
     preparation = time.process_time() - start
     moving = np.flatnonzero(appearance.timeline.moving.any(axis=1))
     rows = set(moving[np.linspace(0, len(moving) - 1, GAPS).round().astype(int)].tolist())

@@ -15,9 +15,10 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.tracking.build_tracks import build_tracks
-from pipeline.chain import build_fit_graph
+from pipeline.chain import build_shot_graph
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import load_stage_output
@@ -81,12 +82,12 @@ def run_clip_stages(path: Path, cache: ResultCache) -> tuple[Clip, FittedShot]:
     Returns:
         The clip, and its detections, tracks and fit.
     """
-    graph = build_fit_graph(path, RunOptions())
+    graph = build_shot_graph(path, RunOptions())
     entries = graph.run(cache, SilentWatcher(), {"read": partial(_relocate_clip, path)}, snapshot=SNAPSHOT)
-    clip, scene, detections, tracks, fit = (load_stage_output(stage, entries[stage.name]) for stage in graph.stages)
-    clip = _relocate_clip(path, clip)
-    recording = Recording(detections, clip.distinct_frames, clip.t[clip.distinct_frames], scene)
-    return clip, FittedShot(recording, tracks, fit)
+    values = {stage.name: load_stage_output(stage, entries[stage.name]) for stage in graph.stages}
+    clip, shot = _relocate_clip(path, values["read"]), values["explain"]
+    recording = Recording(values["detect"], clip.distinct_frames, clip.t[clip.distinct_frames], shot.scene)
+    return clip, FittedShot(recording, shot.tracks, view_shot(shot))
 
 
 def _relocate_clip(path: Path, clip: Clip) -> Clip:
@@ -105,7 +106,7 @@ def fit_recording(recording: Recording) -> FittedShot:
     """
     scene = recording.scene
     tracks = build_tracks(recording.detections, recording.frame, recording.t, scene, TrackOptions())
-    return FittedShot(recording, tracks, fit_shot(tracks, scene, FitOptions()))
+    return FittedShot(recording, tracks, view_shot(explain(tracks, scene, FitOptions())))
 
 
 def answer_calls(tracks: Tracks, scene: Scene, fit: Fit, cues: Collection[str], movers: Collection[str]) -> list[Call]:

@@ -16,8 +16,9 @@ from models.core.joint_solution import JointSolution
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from pipeline.actions.fit_table import fit_cached_shot, prepare_shot
+from pipeline.actions.fit_table import prepare_shot
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 
 SOURCE = ROOT.parent / "shared" / "data" / "physics" / "recorded_carom" / "shots.csv"
@@ -49,7 +50,7 @@ def prepare_shots(numbers: Iterable[int], folder: Path, cache: ResultCache) -> t
     fits = []
     for tracks, scene in read:
         try:
-            fits.append(prepare_shot(tracks, scene, cache))
+            fits.append(prepare_shot(explain_tracks(tracks, scene, cache)))
         except TrackError as refusal:
             print(refusal, file=sys.stderr)
     return fits, read[0][1].table
@@ -65,7 +66,7 @@ def list_contact_times(
     tracks: Tracks, scene: Scene, cache: ResultCache, ball: int, kinds: tuple[str, ...] = ("cushion",)
 ) -> list[float]:
     """List the times (s) of the contacts of a ball by the fit of its whole shot."""
-    whole = fit_cached_shot(tracks, scene, cache)
+    whole = explain_tracks(tracks, scene, cache).solution
     if whole is None:
         return []
     return sorted(one.t for one in whole.graph.contacts if one.kind in kinds and ball in whole.graph.balls_at(one))

@@ -18,7 +18,8 @@ from models.core.contact_graph import Contact, ContactGraph, ContactKind, Segmen
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.fit_shot import fit_contact_graph
+from models.estimation.reconstruction.explain_shot import explain_graph
+from models.estimation.reconstruction.shot_views import view_shot
 
 SLOWEST_CLOSING = 0.005
 """Slower contacts change nothing visible, m/s of closing speed."""
@@ -55,7 +56,9 @@ def fit_oracle(shown: Break, filmed: FilmedBreak, delay: float) -> tuple[Fit, Tr
         for ball in _balls_of(shown, e):
             begin[ball] = max(begin[ball], shown.t[e])
     tracks = build_true_tracks(filmed, begin + filmed.strike)
-    return fit_contact_graph(build_true_graph(shown, filmed, begin, first), tracks, overhead_scene(False)), tracks
+    return view_shot(
+        explain_graph(build_true_graph(shown, filmed, begin, first), tracks, overhead_scene(False))
+    ), tracks
 
 
 def build_true_tracks(filmed: FilmedBreak, begin: FloatArray) -> Tracks:

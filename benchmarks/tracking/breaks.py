@@ -47,7 +47,8 @@ from benchmarks.tracking.roboflow_trackers import TRACKERS, track_in_environment
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.tracking.build_tracks import build_tracks
 
 FAST, SLOW = 0.06, 0.03
@@ -152,7 +153,7 @@ def score_break(seed: int, fps: float, noise: float, pockets: bool, truth: Path)
     start = time.process_time()
     tracks = build_tracks(filmed.detections, filmed.frame, filmed.t, overhead_scene(pockets))
     tracked = time.process_time()
-    fit = fit_shot(tracks, overhead_scene(pockets))
+    fit = view_shot(explain(tracks, overhead_scene(pockets)))
     fitted = time.process_time()
     owner = find_owners(tracks, filmed)
     contacts = score_contacts(fit, tracks, owner, shown, filmed)

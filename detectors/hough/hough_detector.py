@@ -35,7 +35,7 @@ from detectors.measurement.frame_detections import (
     suppress_overlaps,
 )
 from detectors.measurement.working_view import WorkingView, build_view, values_at
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.measurement.cloth_background import SHADOW_WEIGHT
-from models.core.columns.array_columns import replace_rows, take_rows
+from models.core.array_columns import replace_rows, take_rows
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
 RAYS = 48

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from detectors.measurement.ball_colour import measure_ball_colours
-from models.core.columns.array_columns import concatenate_rows, take_rows
+from models.core.array_columns import concatenate_rows, take_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray

@@ -12,7 +12,7 @@ from detectors.network.offset_regressor import MIN_STREAK_RADII, OffsetRegressor
 from detectors.network.outline_fusion import CLEAR_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections
 from detectors.network.resting_balls import RestingBalls
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
 from models.core.typing import BoolArray
 
 MIN_DISPLACEMENT_RADII = 0.5

@@ -14,7 +14,7 @@ from detectors.measurement.circle_fit import MAX_RAY_RADII, Circles, fit_circles
 from detectors.measurement.frame_detections import FrameDetections
 from detectors.network.offset_regressor import OffsetRegressor, measure_discs
 from detectors.network.peak_decoding import CandidateDetections
-from models.core.columns.array_columns import replace_rows
+from models.core.array_columns import replace_rows
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 

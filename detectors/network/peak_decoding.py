@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.columns.array_columns import concatenate_rows, take_rows
+from models.core.array_columns import concatenate_rows, take_rows
 from models.core.typing import BoolArray, Float32Array, FloatArray
 
 STRIDE = 4

@@ -24,7 +24,7 @@ from detectors.network.offset_regressor import OffsetRegressor
 from detectors.network.outline_fusion import MIN_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections
 from detectors.network.resting_balls import RestingBalls, is_resting_ball, locate_resting_balls, refine_resting_balls
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.typing import BoolArray, ByteArray, FloatArray
 

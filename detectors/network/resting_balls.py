@@ -14,7 +14,7 @@ from detectors.network.frame_context import FrameContext
 from detectors.network.offset_regressor import OffsetRegressor
 from detectors.network.outline_fusion import CLEAR_SUPPORT, locate_outlines, refine_doubtful_discs
 from detectors.network.peak_decoding import CandidateDetections
-from models.core.columns.array_columns import replace_rows
+from models.core.array_columns import replace_rows
 from models.core.typing import BoolArray, IntArray
 
 MIN_CLEAR_SIZE = 0.8

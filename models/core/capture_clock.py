@@ -23,6 +23,11 @@ class CaptureClock:
     sigma: FloatArray
     """(T,) s, standard deviations of `capture_time`; 0 for frames captured at regular intervals."""
 
+    @property
+    def is_even(self) -> bool:
+        """Whether every frame was captured at its presentation time."""
+        return np.array_equal(self.capture_time, self.presentation_time)
+
     def capture_time_at(self, t: FloatArray) -> FloatArray:
         """Convert presentation times (...) in s to capture times (...) in s."""
         return _map_times(t, self.presentation_time, self.capture_time)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.columns.array_columns import take_rows
+from models.core.array_columns import take_rows
 from models.core.typing import FloatArray
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.columns.array_columns import concatenate_rows, take_rows
+from models.core.array_columns import concatenate_rows, take_rows
 from models.core.typing import BoolArray, FloatArray, IntArray
 
 EVENT_KINDS = ("strike", "ball", "cushion", "pocket", "rest")

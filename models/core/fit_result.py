@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.events import Events
 from models.core.shot_explanation import MarkOutcome, ShotExplanation
+from models.core.shot_numbers import ShotNumbers
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 
@@ -105,9 +105,21 @@ class WholeShotMisfit:
     """Cushion models that the budget of the search left out."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WholeShotFit:
+    """What published contact models make of whole shots; one of the fields says it."""
+
+    solution: WholeShotSolution | None = None
+    """The models that explain them."""
+    misfit: WholeShotMisfit | None = None
+    """Where the best models fail."""
+    refusal: str = ""
+    """Sentence on why nothing was fitted."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Fit of a shot with T frames and N balls."""
+    """Views of a shot with T frames and N balls."""
 
     events: Events
     """Strikes, contacts, pocketed balls and rests."""
@@ -131,13 +143,14 @@ class Fit:
     """What may have happened at each moment, with the weight of every hypothesis."""
     mark_outcomes: tuple[MarkOutcome, ...] = ()
     """What the motion says about the contacts that were set by hand."""
-    whole_shot: WholeShotSolution | None = None
-    """Fit of whole shots; None if it was not requested, or no contact model explains them."""
-    whole_shot_refusal: str = ""
-    """Sentence on why no whole shot was fitted; empty otherwise."""
-    whole_shot_misfit: WholeShotMisfit | None = None
-    """Where the best contact model fails; None if one explains the shot, or none was fitted."""
+    laws: WholeShotFit | None = None
+    """What published contact models make of whole shots; None if nobody asked."""
     profile_misfits: tuple[str, ...] = ()
     """Why the physics of the table profile was not used; empty if it fits, or none was given."""
     shot_numbers: tuple[ShotNumbers, ...] = ()
     """Numbers of each shot for players and coaches; empty where physics could not be fitted."""
+
+    @property
+    def whole_shot(self) -> WholeShotSolution | None:
+        """The contact models that explain whole shots; None if none was asked for, or found."""
+        return None if self.laws is None else self.laws.solution

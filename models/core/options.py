@@ -111,9 +111,6 @@ class TrackOptions:
 class FitOptions:
     """Options of the fit of a shot."""
 
-    quick: bool = option(
-        False, help="Leave out the search for published contact models of whole shots, unless --laws asks for it."
-    )
     break_price: float = option(
         20.0,
         help="Least decrease of chi2 for which a contact is accepted, where a ball or cushion is near enough.",
@@ -124,11 +121,10 @@ class FitOptions:
         help="Least decrease of chi2 for which a velocity change is accepted, where no ball or cushion is near.",
         minimum=0,
     )
-    laws: bool | None = option(
-        None,
+    laws: bool = option(
+        False,
         help="Fit whole shots of up to four moving balls with published contact models, which gives spin, cushion"
-        " friction and ball size. By default the search ends after about 3 s; --laws completes it, which takes up to a"
-        " minute; --no-laws leaves it out.",
+        " friction and ball size; it takes up to a minute. Without it, trueroll what-if does so when it needs them.",
     )
     profile: str = option(
         "",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.detections import Detections, MarkedDetections
 from models.core.errors import TrackError
 from models.core.options import TrackOptions

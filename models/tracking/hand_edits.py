@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.by_hand.corrections import PLACE_RADII, BallMark, BallPlace, TrackEdit
+from models.core.corrections import PLACE_RADII, BallMark, BallPlace, TrackEdit
 from models.core.detections import Detections
 from models.core.scene import Game
 from models.core.typing import FloatArray, IntArray

@@ -10,8 +10,8 @@ from models.estimation.table_learning.table_measurements import TableMeasurement
 from models.numerics.executor import Executor
 from pipeline.actions.fit_table import fit_table_of_shots
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.certificate_files import CertifiedTable, describe_certificate
 from pipeline.io.run_folder import list_files_beside, parse_camera, read_csv_columns, read_scene_document
-from pipeline.io.tables.certificate_files import CertifiedTable, describe_certificate
 from video.calibration.camera_model import ShapeEstimate, estimate_shape
 
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumbers
 from models.core.errors import OptionError
+from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.prediction_files import format_strict_json

@@ -20,9 +20,9 @@ from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files
 from pipeline.io.profile_export import write_profile_files
-from pipeline.io.tables.view_profile import collect_views
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
+from pipeline.io.view_profile import collect_views
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error

@@ -16,11 +16,11 @@ from PIL import Image
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
 from models.core.typing import FloatArray, ImageArray
-from pipeline.chain import build_fit_graph, require_writable_folder, run_fit_graph
+from pipeline.chain import build_shot_graph, require_writable_folder, run_shot_graph
 from pipeline.engine.atomic_write import create_folder, replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import RunWatcher
-from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.io.run_view import view_run
 from pipeline.run_options import RunOptions
 from video.flow.optical_flow import CrossFade, Interpolator, OpticalFlowInterpolator
 from video.io.audio import add_audio
@@ -123,10 +123,11 @@ def interpolate_clip(
     if frames is not None and frames.is_dir() and any(frames.iterdir()):
         raise OptionError(f"--frames needs a new or empty folder; {frames} contains files")
     elsewhere = _load_interpolator(wanted.elsewhere)
-    source, scene, tracks, fit = run_fit_graph(build_fit_graph(clip, options), clip, cache, watcher)
+    source, shot = run_shot_graph(build_shot_graph(clip, options), clip, cache, watcher)
+    fit = view_run(shot)
     progress, start = watcher.start_stage("interpolate"), time.perf_counter()
     times, rate, even = _schedule_frames(source, wanted)
-    scenery = estimate_clip_appearance(build_ball_timeline(scene, tracks, fit), source)
+    scenery = estimate_clip_appearance(build_ball_timeline(shot.scene, shot.tracks, fit), source)
     making = SynthesisOptions(elsewhere, _exposure_time(wanted, times))
     window = _CropWindow.follow_action(scenery.timeline, times, source, wanted.upright)
     video.parent.mkdir(parents=True, exist_ok=True)
@@ -146,7 +147,7 @@ def interpolate_clip(
             silent.unlink(missing_ok=True)
     watcher.finish_stage("interpolate", time.perf_counter() - start, False)
     originals = int(np.isin(times, source.t[source.distinct_frames]).sum())
-    return InterpolatedClip(len(times), originals, float(rate), assess_run_trust(source, fit), source.notes)
+    return InterpolatedClip(len(times), originals, float(rate), fit.trust, source.notes)
 
 
 def _schedule_frames(clip: Clip, wanted: InterpolateOptions) -> tuple[FloatArray, Fraction, bool]:

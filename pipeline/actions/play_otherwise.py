@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,36 +12,26 @@ from PIL import Image
 
 from models.core.errors import OptionError, TrackError
 from models.core.fit_result import Fit
-from models.core.joint_solution import JointSolution
-from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
-from models.estimation.joint_fit.fit_solution import ClipMotion
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
-from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from pipeline.actions.compare_session import read_session
-from pipeline.actions.fit_table import hash_shot
 from pipeline.engine.atomic_write import replace_file
-from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import ResultCache
-from pipeline.engine.source_fingerprint import hash_sources, library_versions
-from pipeline.engine.value_files import load_value, save_value
-from pipeline.io.observed_shot import read_observed_shot
+from pipeline.io.explained_shot import load_laws, load_shot
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.io.session.what_if_files import summarize_changed_shot, write_changed_paths
 from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
 
 MIN_PROBABILITY = 0.5
 """Probability from which an event of the real shot counts."""
-STAGE = "struck-shot"
-"""Name of the cached fits."""
 SECONDS = 6.0
 """s after the strike whose paths are drawn and listed."""
 STEP_S = 0.02
@@ -87,38 +77,6 @@ def estimate_session_spread(sources: list[Path]) -> PlayerSpread:
     return PlayerSpread(speed, angle)
 
 
-def fit_struck_shot(tracks: Tracks, scene: Scene, cache: ResultCache) -> tuple[Fit, JointSolution]:
-    """Fit a clip and its whole shots, or read the cached fit.
-
-    Args:
-        tracks: Tracks of the clip.
-        scene: Its table and camera.
-        cache: Holds the fits.
-
-    Returns:
-        The fit and the joint solution.
-
-    Raises:
-        TrackError: Physics could not be fitted.
-    """
-    parts = {
-        "content": hash_shot(tracks, scene),
-        "source": {**hash_sources(fit_with_solution.__module__), **hash_sources(fit_shot_laws.__module__)},
-        "libraries": library_versions(),
-    }
-
-    def build(folder: Path) -> None:
-        fit, solution = fit_with_solution(tracks, scene)
-        if solution is not None:
-            fit = fit_shot_laws(fit, tracks, scene.table, FitOptions())
-        save_value(ClipMotion(fit, solution), folder)
-
-    one = load_value(ClipMotion, cache.find_or_build(CacheKey(STAGE, parts), build).folder)
-    if one.solution is None:
-        raise TrackError(f"physics could not be fitted; {one.fit.trust.reasons[0]}")
-    return one.fit, one.solution
-
-
 def play_otherwise(
     source: Path, stroke: int, plan: StrokePlan, learned: LearnedTable | None, draws: int, seed: int, folder: Path,
     cache: ResultCache, on_activity: Callable[[str], None] = lambda _: None,
@@ -143,10 +101,16 @@ def play_otherwise(
         OptionError: The source is no shot of billiards, or the goal does not suit it.
         TrackError: Physics could not be fitted, or there is no such stroke.
     """
-    tracks, scene, _ = read_observed_shot(source)
+    on_activity("reading the shot")
+    shot = load_shot(source, None, cache)
+    tracks, scene = shot.tracks, shot.scene
     _require_possible_goal(plan.goal, tracks, scene)
-    on_activity("fitting the shot, about half a minute unless it is cached")
-    fit, solution = fit_struck_shot(tracks, scene, cache)
+    fit, solution = view_shot(shot), shot.solution
+    if solution is None:
+        raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
+    if learned is None:
+        on_activity("finding the contact models that explain the whole shot, once for each shot")
+        fit = replace(fit, laws=load_laws(source, shot, cache))
     on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
     t = np.arange(0.0, SECONDS + 1e-9, STEP_S)

@@ -17,7 +17,6 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.stages.fit_stage import fits_whole_shots
 from pipeline.stages.kernel_preparation import KernelPreparation
 
 SNAPSHOT = SourceSnapshot()
@@ -72,7 +71,7 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     remove_leftovers(folder)
     shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT)
     if not shots:
-        with KernelPreparation(fits_whole_shots(options.fit)) as kernels:
+        with KernelPreparation(options.fit.laws) as kernels:
             run = run_clip(clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start)
         return _summarize_runs(job, [(0.0, run)], "", counted.cached)
     ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from models.core.by_hand.corrections import Corrections
+from models.core.corrections import Corrections
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.batch.long_clip import read_recording_shot

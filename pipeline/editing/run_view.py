@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.scene import Game, Scene, Table
@@ -21,7 +21,6 @@ from pipeline.reporting.pages.run_report import answer_calls
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
 from pipeline.reporting.text.correction_sentences import format_outcomes
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_event
 from video.drawing.palette import ball_colour
 from video.io.clip import Clip
@@ -65,7 +64,7 @@ def describe_run(
         JSON values.
     """
     clip, scene, tracks, fit = run.clip, run.scene, run.tracks, run.fit
-    trust = assess_run_trust(clip, fit)
+    trust = fit.trust
     calls = list_calls(run)
     return {
         "frames": {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from models.core.by_hand.corrections import BallPlace, Corrections
+from models.core.corrections import BallPlace, Corrections
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.atomic_write import replace_file
 from video.io.clip import read_frames

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import types
+from collections.abc import Mapping
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +14,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 import numpy as np
 
-FORMAT = 1
+FORMAT = 2
+AnyArray = np.ndarray[Any, Any]
 V = TypeVar("V")
 
 
@@ -26,8 +29,8 @@ def save_value(value: object, folder: Path) -> None:
     Raises:
         TypeError: A field holds something else.
     """
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    tree = _encode_value(value, "", arrays)
+    arrays: dict[str, AnyArray] = {}
+    tree = encode_value(value, "", arrays)
     (folder / "value.json").write_text(json.dumps({"format": FORMAT, "value": tree}, indent=1), encoding="utf-8")
     with (folder / "arrays.npz").open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -50,12 +53,16 @@ def load_value(kind: type[V], folder: Path) -> V:
     if document["format"] != FORMAT:
         raise ValueError(f"values of format {FORMAT} are read; {folder} holds format {document['format']}")
     with np.load(folder / "arrays.npz", allow_pickle=False) as arrays:
-        value: V = _decode_value(kind, document["value"], dict(arrays))
+        value: V = decode_value(kind, document["value"], dict(arrays))
     return value
 
 
-def _encode_value(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
-    """Convert a value to a JSON tree; its arrays are added to `arrays` under their paths."""
+def encode_value(value: Any, path: str, arrays: dict[str, AnyArray]) -> Any:
+    """Convert a value to a JSON tree; its arrays are added to `arrays` under their paths.
+
+    Raises:
+        TypeError: A field holds something that cannot be saved.
+    """
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:
             raise TypeError(f"{path} holds objects; only plain arrays are saved")
@@ -63,11 +70,13 @@ def _encode_value(value: Any, path: str, arrays: dict[str, np.ndarray[Any, Any]]
         return {"array": path or "value"}
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value)]
-        return {name: _encode_value(getattr(value, name), f"{path}.{name}".lstrip("."), arrays) for name in names}
+        return {name: encode_value(getattr(value, name), f"{path}.{name}".lstrip("."), arrays) for name in names}
     if isinstance(value, tuple):
-        return [_encode_value(part, f"{path}.{k}", arrays) for k, part in enumerate(value)]
+        return [encode_value(part, f"{path}.{k}", arrays) for k, part in enumerate(value)]
     if isinstance(value, np.generic):
-        return value.item()
+        return encode_value(value.item(), path, arrays)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)  # strict JSON has no NaN
     if isinstance(value, Fraction | Path):
         return str(value)
     if value is None or isinstance(value, str | int | float | bool):
@@ -82,21 +91,21 @@ def _field_types(kind: Any) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
-def _decode_value(kind: Any, data: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+def decode_value(kind: Any, data: Any, arrays: Mapping[str, AnyArray]) -> Any:
     """Convert a JSON tree back to a value of type `kind`."""
     origin = get_origin(kind)
     if origin is np.ndarray or kind is np.ndarray:
         return arrays[data["array"]]
     if dataclasses.is_dataclass(kind):
         hints = _field_types(kind).items()  # type: ignore[arg-type]
-        return kind(**{name: _decode_value(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
+        return kind(**{name: decode_value(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
     if origin in (Union, types.UnionType):
         choices = [choice for choice in get_args(kind) if choice is not type(None)]
-        return None if data is None else _decode_value(choices[0], data, arrays)
+        return None if data is None else decode_value(choices[0], data, arrays)
     if origin is tuple:
         parts = get_args(kind)
         kinds = [parts[0]] * len(data) if parts[1:] == (Ellipsis,) else list(parts)
-        return tuple(_decode_value(k, d, arrays) for k, d in zip(kinds, data, strict=True))
+        return tuple(decode_value(k, d, arrays) for k, d in zip(kinds, data, strict=True))
     if origin is Literal:
         return data
     return kind(data)

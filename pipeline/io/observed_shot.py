@@ -20,6 +20,7 @@ from pipeline.io.run_folder import (
     read_csv_columns,
     read_scene_document,
 )
+from pipeline.io.shot_folder import has_shot, read_shot
 
 DEFAULT_CLOTH_LAB = np.array([40.0, -30.0, 10.0])
 """Cloth colour (CIE L*a*b*) of a table without a video."""
@@ -30,7 +31,7 @@ ASSUMED_IMAGE_WIDTH = 1000
 
 
 def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, Scene, int]:
-    """Read tracks and scene of one shot; rows that the physics filled in are dropped.
+    """Read tracks and scene of one shot: from a saved shot, else from tables without the rows that physics filled in.
 
     Args:
         source: A run folder, a track folder or its tracks.csv.
@@ -42,6 +43,9 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
     Raises:
         OptionError: The source is no shot of billiards, or cannot be read.
     """
+    if has_shot(source) and not shot:
+        saved = read_shot(source)
+        return saved.tracks, saved.scene, 0
     path = _find_track_table(source)
     if not (path.parent / "scene.json").is_file():
         raise OptionError(

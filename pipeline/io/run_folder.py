@@ -18,9 +18,11 @@ from models.core.errors import OptionError
 from models.core.events import EVENT_KINDS, Events
 from models.core.scene import Camera, Table
 from models.core.typing import FloatArray
-from models.estimation.contact_test.shot_record import ShotRecord
+from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.explanation_json import parse_explanation
+from pipeline.io.shot_folder import has_shot, read_shot
 
 Columns = dict[str, NDArray[Any]]
 
@@ -33,7 +35,7 @@ GRID_HZ = 1000.0
 
 
 def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
-    """Read one shot of a run folder.
+    """Read one shot of a run folder: its saved shot, or the tables of a folder that holds none.
 
     Args:
         folder: Run folder.
@@ -47,6 +49,8 @@ def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
     """
     if not folder.is_dir():
         raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
+    if has_shot(folder):
+        return _record_saved_shot(folder, shot)
     scene = read_scene_document(folder / "scene.json")
     tracks, events, motion = (
         _select_shot_rows(read_csv_columns(folder / f"{name}.csv", wanted), shot)
@@ -76,6 +80,16 @@ def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
         np.maximum(sigma, 1e-6)[order], parsed, *_resample_motion(motion, ids, table.ball_radius), table,
         parse_camera(scene), parse_explanation(scene, parsed),
     )  # fmt: skip
+
+
+def _record_saved_shot(folder: Path, number: int) -> ShotRecord:
+    """Record the saved shot of a run folder."""
+    shot = read_shot(folder)
+    fit = view_shot(shot)
+    if number or not len(fit.trajectory.start):
+        raise OptionError(f"{folder} has no motion of shot {number}")
+    scene = shot.scene
+    return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
 
 
 def read_scene_document(path: Path) -> dict[str, Any]:

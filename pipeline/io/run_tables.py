@@ -14,9 +14,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
-from models.core.fit_result import Fit, Parameter
+from models.core.fit_result import Fit, Parameter, WholeShotFit
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
@@ -26,7 +26,7 @@ from pipeline.io.explanation_json import describe_explanation
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
-from pipeline.reporting.text.run_trust import assess_run_trust, summarize_trust
+from pipeline.reporting.text.run_trust import summarize_trust
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
 
@@ -144,7 +144,7 @@ def write_scene(
         path: File to write.
         corrections: What a person corrected.
     """
-    table, trust, scene = scene.table, assess_run_trust(clip, fit), note_corrections(scene, corrections, tracks)
+    table, trust, scene = scene.table, fit.trust, note_corrections(scene, corrections, tracks)
     document = {
         "scene": "billiards",
         "units": "m",
@@ -158,7 +158,8 @@ def write_scene(
         "calibration": _describe_calibration(scene),
         "model": sorted(_describe_effects(fit)) or list(DEFAULT_MODEL),
         "effects": _describe_effects(fit),
-        "laws": _describe_laws(fit, table.ball_radius),
+        "laws": None if fit.laws is None else _describe_laws(fit, fit.laws, table.ball_radius),
+        "laws_reason": format_whole_shot(fit),
         "balls": _describe_balls(tracks, fit),
         "fit": _describe_fit_quality(tracks, fit),
         "shot_numbers": describe_shot_numbers(fit.shot_numbers),
@@ -220,24 +221,24 @@ def _describe_parameter(p: Parameter) -> dict[str, Any]:
     return {"value": p.value, "sigma": p.sigma, "unit": p.unit, "prior_only": p.prior_only}
 
 
-def _describe_laws(fit: Fit, radius: float) -> dict[str, Any]:
+def _describe_laws(fit: Fit, laws: WholeShotFit, radius: float) -> dict[str, Any]:
     """Describe the contact models, the radius of contact, and the offsets of the cushion noses."""
     sentence = format_whole_shot(fit)
-    if fit.whole_shot is None:
-        misfit = None if fit.whole_shot_misfit is None else asdict(fit.whole_shot_misfit)
+    if laws.solution is None:
+        misfit = None if laws.misfit is None else asdict(laws.misfit)
         return {"cushion": None, "ball": None, "why": sentence, "misfit": misfit}
-    parameters = {p.name: p for p in fit.whole_shot.parameters}
+    parameters = {p.name: p for p in laws.solution.parameters}
     factor = parameters["collision_radius.factor"]
     size = replace(factor, value=factor.value * radius, sigma=factor.sigma * radius, unit="m")
     noses = {
         name.partition(".")[2]: _describe_parameter(p) for name, p in parameters.items() if name.startswith("nose.")
     }
     return {
-        "cushion": fit.whole_shot.cushion_model,
-        "ball": fit.whole_shot.ball_model,
+        "cushion": laws.solution.cushion_model,
+        "ball": laws.solution.ball_model,
         "why": sentence,
-        "chi2_per_dof": fit.whole_shot.chi2_per_dof,
-        "times_noise": math.sqrt(fit.whole_shot.chi2_per_dof),
+        "chi2_per_dof": laws.solution.chi2_per_dof,
+        "times_noise": math.sqrt(laws.solution.chi2_per_dof),
         "collision_radius": _describe_parameter(size),
         "noses": noses,
     }

@@ -24,7 +24,7 @@ def calibrate_stage(options: CalibrateOptions) -> Stage:
 
 def _locate_table(inputs: Inputs, options: CalibrateOptions, folder: Path, progress: Progress) -> Scene:
     """Locate the table and calibrate the camera."""
-    from pipeline.io.tables.view_profile import parse_view_prior  # slow to import
+    from pipeline.io.view_profile import parse_view_prior  # slow to import
     from video.calibration.table_finder import calibrate_clip
 
     prior = parse_view_prior(options.profile) if options.profile else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from models.core.by_hand.corrections import BallMark, Corrections
+from models.core.corrections import BallMark, Corrections
 
 
 def name_detections(corrections: Corrections) -> str:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
+from models.core.options import FitOptions
 from models.core.progress import Progress
+from models.core.shot import Shot
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.io.shot_folder import write_shot
+from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,27 +24,32 @@ class ExportOptions:
 
     detect: DetectOptions
     """Options of the detection, which scene.json notes."""
+    fit: FitOptions
+    """Options of the explanation, which the saved shot notes."""
     corrections: Corrections = NO_CORRECTIONS
     """What a person corrected, which scene.json notes."""
 
 
-def export_stage(detect: DetectOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
+def export_stage(detect: DetectOptions, fit: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
     """Build the stage that writes the tables.
 
     Args:
         detect: Options of the detection, which scene.json notes.
+        fit: Options of the explanation.
         corrections: What a person corrected, which scene.json notes.
 
     Returns:
         The stage `export`, whose output is a folder of files.
     """
-    options = ExportOptions(detect, corrections)
-    return Stage("export", __name__, ("read", "calibrate", "track", "fit"), None, _write_tables, options)
+    options = ExportOptions(detect, fit, corrections)
+    return Stage("export", __name__, ("read", *list_view_inputs(fit)), None, _write_tables, options)
 
 
 def _write_tables(inputs: Inputs, options: ExportOptions, folder: Path, progress: Progress) -> None:
-    """Write tracks.csv, events.csv, scene.json and trajectory.csv."""
-    scene, tracks, fit = note_selection(inputs["calibrate"], options.detect), inputs["track"], inputs["fit"]
+    """Write the saved shot, and its exports tracks.csv, events.csv, scene.json and trajectory.csv."""
+    shot: Shot = inputs["explain"]
+    scene, tracks, fit = note_selection(shot.scene, options.detect), shot.tracks, view_inputs(inputs, options.fit)
+    write_shot(shot, asdict(options.fit), version("trueroll"), folder)
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
     write_events(fit.events, folder / "events.csv")
     write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json", options.corrections)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from models.core.options import ForecastOptions
 from models.core.progress import Progress
+from models.core.shot import Shot
 from models.estimation.forecast.forecast_values import ForecastFans
 from pipeline.engine.stage import Inputs, Stage
 
@@ -20,13 +21,18 @@ def forecast_stage(options: ForecastOptions) -> Stage:
     Returns:
         The stage `forecast`, whose output is `ForecastFans`.
     """
-    fitted = ("motion", "fit") if options.profile else ("motion",)  # the fit tells whether the profile can be used
-    return Stage("forecast", __name__, ("calibrate", "track", *fitted), ForecastFans, _forecast_moments, options)
+    return Stage("forecast", __name__, ("explain",), ForecastFans, _forecast_moments, options)
 
 
 def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, progress: Progress) -> ForecastFans:
     """Predict where balls could have gone, and with a profile compare the rest of the shot; else no forecast."""
-    profile = "" if options.profile and inputs["fit"].profile_misfits else options.profile
+    if not (options.fans or options.profile):
+        return ForecastFans(())
+    from pipeline.io.run_view import view_run
+
+    shot: Shot = inputs["explain"]
+    fit = view_run(shot, None, options.profile)
+    profile = "" if fit.profile_misfits else options.profile
     if not (options.fans or profile):
         return ForecastFans(())
     from models.estimation.forecast.forecast_check import compare_rest_of_shot  # slow to import
@@ -34,6 +40,6 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     from pipeline.io.table_profile import parse_learned_table
 
     learned = parse_learned_table(profile) if profile else None
-    tracks, scene, events = inputs["track"], inputs["calibrate"], inputs["motion"].fit.events
+    tracks, scene, events = shot.tracks, shot.scene, fit.events
     fans = predict_fans(tracks, scene, events, learned) if options.fans else ForecastFans(())
     return fans if learned is None else replace(fans, errors=compare_rest_of_shot(tracks, scene, events, learned))

@@ -48,7 +48,7 @@ class KernelPreparation:
         Returns:
             Whether the process runs.
         """
-        if not self._is_checked and "fit" not in done:
+        if not self._is_checked and "explain" not in done:
             self._is_checked = True
             self._start_where_missing()
         return self._process is not None and self._process.is_alive()

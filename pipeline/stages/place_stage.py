@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from models.core.by_hand.corrections import BallMark, Corrections
+from models.core.corrections import BallMark, Corrections
 from models.core.detections import MarkedDetections
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, NoOptions, Stage

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from models.core.detections import MarkedDetections
+from models.core.options import FitOptions
 from models.core.progress import Progress
+from models.core.shot import Shot
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +20,8 @@ class RecordOptions:
 
     title: str
     """Name of the clip in the viewer."""
+    fit: FitOptions
+    """Options of the explanation."""
     detections: str = "detect"
     """Stage whose detections are shown."""
 
@@ -33,7 +38,7 @@ def record_stage(options: RecordOptions) -> Stage:
     return Stage(
         "record",
         __name__,
-        ("read", "calibrate", options.detections, "track", "fit", "forecast"),
+        ("read", options.detections, *list_view_inputs(options.fit), "forecast"),
         None,
         _record_layers,
         options,
@@ -45,9 +50,10 @@ def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progres
     os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
     from pipeline.reporting.recording.recording_file import write_recording  # slow to import
 
+    shot: Shot = inputs["explain"]
     shown = inputs[options.detections]
     detections = shown.detections if isinstance(shown, MarkedDetections) else shown
     write_recording(
-        inputs["read"], inputs["calibrate"], detections, inputs["track"], inputs["fit"], inputs["forecast"],
+        inputs["read"], shot.scene, detections, shot.tracks, view_inputs(inputs, options.fit), inputs["forecast"],
         folder / "recording.rrd", options.title,
     )  # fmt: skip

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.reporting.text.run_trust import assess_run_trust
+from pipeline.io.run_view import view_run
 from video.io.video_options import RenderOptions
 
 SLOW_FILE, START_FILE = "slow.mp4", "start.json"
@@ -25,7 +24,7 @@ def poster_stage(options: RenderOptions) -> Stage:
         The stage `poster`, whose output is a folder with poster.png and start.json.
     """
     own = RenderOptions(slow=options.slow, trim_still=options.trim_still)  # the others do not change it
-    return Stage("poster", __name__, ("read", "calibrate", "track", "motion"), None, _draw_poster, own)
+    return Stage("poster", __name__, ("read", "explain"), None, _draw_poster, own)
 
 
 def render_stage(options: RenderOptions) -> Stage:
@@ -37,7 +36,7 @@ def render_stage(options: RenderOptions) -> Stage:
     Returns:
         The stage `render`, whose output is a folder with slow.mp4.
     """
-    return Stage("render", __name__, ("read", "calibrate", "track", "motion"), None, _render_slow_motion, options)
+    return Stage("render", __name__, ("read", "explain"), None, _render_slow_motion, options)
 
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
@@ -48,8 +47,9 @@ def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress:
     from video.overlay.poster import Poster, find_poster_rows
     from video.overlay.slow_motion import find_output_times  # slow to import
 
-    clip, tracks, fit = inputs["read"], inputs["track"], inputs["motion"].fit
-    timeline = build_ball_timeline(inputs["calibrate"], tracks, fit)
+    clip, shot = inputs["read"], inputs["explain"]
+    tracks, fit = shot.tracks, view_run(shot)
+    timeline = build_ball_timeline(shot.scene, tracks, fit)
     frames = FrameStore(timeline, clip, find_poster_rows(timeline))
     poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, frames))
     for row, image in frames.read_rows(poster.rows):
@@ -65,7 +65,7 @@ def _render_slow_motion(inputs: Inputs, options: RenderOptions, folder: Path, pr
     from video.overlay.slow_motion import render_slow_motion
     from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
 
-    clip, tracks, fit = inputs["read"], inputs["track"], inputs["motion"].fit
-    fit = replace(fit, trust=assess_run_trust(clip, fit))
-    appearance = estimate_clip_appearance(build_ball_timeline(inputs["calibrate"], tracks, fit), clip)
+    clip, shot = inputs["read"], inputs["explain"]
+    tracks, fit = shot.tracks, view_run(shot)
+    appearance = estimate_clip_appearance(build_ball_timeline(shot.scene, tracks, fit), clip)
     render_slow_motion(clip, appearance, tracks, fit, folder / SLOW_FILE, options, progress)

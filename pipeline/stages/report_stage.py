@@ -8,11 +8,14 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
+from models.core.options import FitOptions
 from models.core.progress import Progress
+from models.core.shot import Shot
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
+from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,8 @@ class ReportOptions:
     """Options of the command line that reproduce the run."""
     detect: DetectOptions
     """Options of the detection."""
+    fit: FitOptions
+    """Options of the explanation."""
     corrections: Corrections = NO_CORRECTIONS
     """What a person corrected, which the page notes."""
 
@@ -40,9 +45,8 @@ def report_stage(options: ReportOptions) -> Stage:
     Returns:
         The stage `report`, whose output is a folder with report.html.
     """
-    return Stage(
-        "report", __name__, ("read", "calibrate", "track", "fit", "poster", "forecast"), None, _write_report, options
-    )
+    needs = ("read", *list_view_inputs(options.fit), "poster", "forecast")
+    return Stage("report", __name__, needs, None, _write_report, options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,10 @@ def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress
     drawn = inputs["poster"]
     start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))
     files = ReportFiles(SLOW_FILE, drawn / "poster.png", options.slow, start)
-    clip, scene, tracks, fit = (inputs[name] for name in ("read", "calibrate", "track", "fit"))
-    scene = note_corrections(note_selection(scene, options.detect), options.corrections, tracks)
-    write_report(clip, scene, tracks, fit, files, options.title, options.settings, folder / "report.html",
-                 inputs["forecast"].errors)  # fmt: skip
+    shot: Shot = inputs["explain"]
+    scene = note_corrections(note_selection(shot.scene, options.detect), options.corrections, shot.tracks)
+    fit = view_inputs(inputs, options.fit)
+    write_report(
+        inputs["read"], scene, shot.tracks, fit, files, options.title, options.settings, folder / "report.html",
+        inputs["forecast"].errors,
+    )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from models.core.by_hand.corrections import NO_CORRECTIONS, Corrections
+from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import TrackOptions
 from models.core.progress import Progress
 from models.core.tracks import Tracks

@@ -9,7 +9,7 @@ import pytest
 from support import synthetic_run as shot
 
 from detectors.placed_balls import add_placed_balls
-from models.core.by_hand.corrections import BallMark, BallPlace
+from models.core.corrections import BallMark, BallPlace
 from models.core.detections import Detections, MarkedDetections
 from models.core.scene import Scene
 from video.io.clip import Clip

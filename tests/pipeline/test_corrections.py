@@ -10,10 +10,10 @@ import pytest
 from support.planted_mistakes import OPTIONS, SilentWatcher
 from support.sample_clips import SAMPLES
 
-from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from pipeline.batch.clip_job import ClipJob
 from pipeline.batch.clip_run import run_job
-from pipeline.chain import build_fit_graph, honour_corrections
+from pipeline.chain import build_shot_graph, honour_corrections
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
 from pipeline.run_options import apply_corrections, build_options, list_overridden_flags, list_setting_values
@@ -56,7 +56,7 @@ def test_a_correction_changes_the_key_of_its_stage_and_of_none_before(
     clip = Path(shutil.copy(SAMPLES / "overhead_pool.mp4", tmp_path))
 
     def keys() -> dict[str, tuple[object, ...]]:
-        stages = build_fit_graph(clip, OPTIONS).stages
+        stages = build_shot_graph(clip, OPTIONS).stages
         return {one.name: (json.dumps([one.json_options, one.facts], sort_keys=True), one.needs) for one in stages}
 
     before = keys()

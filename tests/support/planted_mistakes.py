@@ -14,11 +14,11 @@ import numpy as np
 from support.sample_clips import SAMPLES
 
 import detectors.detect
-import models.estimation.reconstruction.fit_shot as fit_shot
+import models.estimation.reconstruction.explain_shot as explain_shot
 import models.tracking.build_tracks as build_tracks
-from models.core.by_hand.corrections import Corrections
-from models.core.columns.array_columns import concatenate_rows
+from models.core.array_columns import concatenate_rows
 from models.core.contact_graph import Contact
+from models.core.corrections import Corrections
 from models.core.detections import Detections
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
@@ -26,7 +26,7 @@ from models.estimation.hand_marks.graph_marks import HELD_GAIN
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
-from pipeline.chain import build_fit_graph, run_tables
+from pipeline.chain import build_shot_graph, run_tables
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import StageGraph, load_stage_output
@@ -91,12 +91,12 @@ def run_clip_tables(clip: Path, folder: Path, cache: Path) -> ClipRun:
 def make_clean_run(folder: Path) -> CleanRun:
     """Run the sample clip without mistakes."""
     clip = Path(shutil.copy(SAMPLES / "overhead_pool.mp4", folder))
-    stages = {stage.name: stage for stage in build_fit_graph(clip, OPTIONS).stages}
+    stages = {stage.name: stage for stage in build_shot_graph(clip, OPTIONS).stages}
     graphs = [("read", "calibrate"), ("read", "calibrate", "detect")]
     for names, cache in zip(graphs, ("located", "detected"), strict=True):
         if cache == "detected":
             shutil.copytree(folder / "located", folder / "detected")
-        graph = StageGraph.from_stages([stages[name] for name in names], build_fit_graph(clip, OPTIONS).clip)
+        graph = StageGraph.from_stages([stages[name] for name in names], build_shot_graph(clip, OPTIONS).clip)
         at = {"read": lambda value: replace(value, path=clip)}
         entries = graph.run(ResultCache(folder / cache), SilentWatcher(), at)
     detections = load_stage_output(stages["detect"], entries["detect"])
@@ -214,14 +214,14 @@ def _err_in_search(err: Callable[..., Any]) -> Callable[..., list[tuple[Any, str
     """Make patches that change the contact graph after every search of its structure."""
 
     def make(run: ClipRun, detections: Detections) -> list[tuple[Any, str, Any]]:
-        original = fit_shot.revise_graph
+        original = explain_shot.revise_graph
 
         def revise(solution: Any, observations: Any, table: Any, *rest: Any) -> Any:
             revised = original(solution, observations, table, *rest)
             graph = err(revised, run)
             return revised if graph is None else refine_graph(graph, observations, table, initial=revised)
 
-        return [(fit_shot, "revise_graph", revise)]
+        return [(explain_shot, "revise_graph", revise)]
 
     return make
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.shot import BreakContact, BreakExit, SimulatedBreak
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.break_shot.break_search import BreakEnsemble
@@ -40,58 +39,14 @@ TIME_EPSILON = 1e-9
 """s after a contact, when the balls have separated."""
 
 
-@dataclass(frozen=True, slots=True)
-class BreakContact:
-    """A contact of two balls in a break."""
-
-    t: float
-    t_sigma: float
-    """s of the clip."""
-    a: int
-    b: int
-    """The faster ball, and the other: their indices in the tracks."""
-    xy: FloatArray
-    """(2,) m, place of ball a."""
-    speed: float
-    """m/s of closing."""
-    probability: float
-
-
-@dataclass(frozen=True, slots=True)
-class BreakExit:
-    """A ball in a break, from its first contact to its last one."""
-
-    ball: int
-    """Its index in the tracks."""
-    start: float
-    end: float
-    """s of the clip: first and last contact."""
-    state: FloatArray
-    """(6,) place, velocity and slip after its last contact, m and m/s."""
-    covariance: FloatArray
-    """(6, 6) of the state."""
-    arrival: FloatArray
-    """(2,) m, place at its first contact, and `arrival_covariance` (2, 2) of that."""
-    arrival_covariance: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class BreakPosterior:
-    """The best sample of a break, with the spread of the others."""
-
-    ensemble: BreakEnsemble
-    contacts: tuple[BreakContact, ...]
-    exits: tuple[BreakExit, ...]
-
-
-def summarize_break(ensemble: BreakEnsemble) -> BreakPosterior:
+def summarize_break(ensemble: BreakEnsemble) -> SimulatedBreak:
     """Summarize the contacts from the first to the last before a lull, and the states in which balls leave.
 
     Args:
         ensemble: Posterior samples of a break.
 
     Returns:
-        The posterior.
+        The best sample, with the spread of the others.
     """
     break_shot, best = ensemble.break_shot, ensemble.samples[0].run
     rows = _list_ball_contacts(best)
@@ -105,9 +60,11 @@ def summarize_break(ensemble: BreakEnsemble) -> BreakPosterior:
         mine = rows[(rows[:, EVENT_FIRST] == number) | (rows[:, EVENT_SECOND] == number), EVENT_TIME]
         if len(mine):
             exits.append(_summarize_exit(ensemble, directions, number, float(mine[0]), float(mine[-1])))
-    return BreakPosterior(
-        ensemble, tuple(contact for contact in contact_summaries if contact.probability > MIN_PROBABILITY), tuple(exits)
-    )
+    return SimulatedBreak(
+        break_shot.balls, break_shot.start, break_shot.hit, break_shot.interval,
+        tuple(contact for contact in contact_summaries if contact.probability > MIN_PROBABILITY), tuple(exits),
+        best.to_trajectory(),
+    )  # fmt: skip
 
 
 def _list_ball_contacts(run: SimulatedShot) -> FloatArray:

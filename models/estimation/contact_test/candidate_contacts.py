@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.shot import ClosePass, ContactTestResult
 from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
-from models.estimation.contact_test.contact_probability import ContactTestResult, evaluate_contact
+from models.estimation.contact_test.contact_probability import evaluate_contact
 from models.estimation.contact_test.shot_record import ShotRecord
 
 WINDOW_TIME = 0.4
@@ -100,14 +101,14 @@ def find_unexplained_changes(record: ShotRecord, one: int) -> list[tuple[float, 
     ]
 
 
-def find_close_passes(record: ShotRecord) -> list[tuple[int, int, ContactTestResult]]:
+def find_close_passes(record: ShotRecord) -> tuple[ClosePass, ...]:
     """Find where two balls pass each other so closely that they may have touched, and test that.
 
     Args:
         record: The shot.
 
     Returns:
-        The balls and the result of the contact test; moments of listed contacts are left out.
+        The passes with the results of the contact test; moments of listed contacts are left out.
     """
     passes = []
     for one in range(len(record.ids)):
@@ -115,8 +116,8 @@ def find_close_passes(record: ShotRecord) -> list[tuple[int, int, ContactTestRes
             for t in _list_pass_times(record, one, two):
                 result = evaluate_close_pass(record, one, two, t)
                 if result is not None:
-                    passes.append((one, two, result))
-    return passes
+                    passes.append(ClosePass(one, two, result))
+    return tuple(passes)
 
 
 def evaluate_close_pass(record: ShotRecord, one: int, two: int, t: float) -> ContactTestResult | None:

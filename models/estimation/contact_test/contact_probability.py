@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_evidence import (
     HypothesisFit,
@@ -37,28 +38,6 @@ MIN_SLIDING_SLIP = 0.05
 """m/s of slip from which a ball slides; with less it duplicates the rolling hypothesis."""
 MAX_LOG_ODDS = 20.0
 """ln of the odds at which a hypothesis is dropped."""
-
-
-@dataclass(frozen=True, slots=True)
-class ContactTestResult:
-    """Result of the contact test at one moment."""
-
-    probability: float
-    """Of a contact of the bodies."""
-    t: float
-    """s: of the contact; of the nearest approach if that is more probable."""
-    t_sigma: float
-    gap: float
-    """m: least distance of the surfaces on free paths, negative where they would overlap, whichever hypothesis is more
-    probable.
-    """
-    gap_sigma: float
-    chi2: float
-    """Per degree of freedom, of the more probable hypothesis, against the stated errors of the samples."""
-    correlation: float
-    """Of errors of successive samples."""
-    closing: float
-    """m/s along the normal at contact; 0 if they did not touch."""
 
 
 @dataclass(frozen=True, slots=True)

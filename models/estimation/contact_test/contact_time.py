@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from models.core.shot import ContactTestResult
 from models.estimation.contact_test.contact_moment import PossibleContact
 from models.estimation.contact_test.contact_probability import (
-    ContactTestResult,
     combine_hypotheses,
     fit_contact,
     list_motion_hypotheses,

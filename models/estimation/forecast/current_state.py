@@ -37,7 +37,8 @@ from models.estimation.joint_fit.prior_residuals import (
     SLIDING_PRIOR,
 )
 from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
@@ -117,7 +118,8 @@ def estimate_states(
         raise TrackError(
             f"{len(observed_tracks.t)} frames were detected until {t:g} s; a prediction needs at least {MIN_FRAMES}"
         )
-    fit, solution = fit_with_solution(observed_tracks, scene)
+    shot = explain(observed_tracks, scene)
+    fit, solution = view_shot(shot), shot.solution
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")
     clock = fit.trajectory.clock

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from models.core.by_hand.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 

@@ -7,9 +7,9 @@ import numpy as np
 from models.core.contact_graph import Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
+from models.core.shot import BreakExit, SimulatedBreak
 from models.core.trajectory import Trajectory
-from models.estimation.break_shot.break_data import BreakShot
-from models.estimation.break_shot.break_posterior import BreakExit, BreakPosterior, summarize_break
+from models.estimation.break_shot.break_posterior import summarize_break
 from models.estimation.break_shot.break_search import search_break
 from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.joint_refinement import refine_graph
@@ -31,7 +31,7 @@ _SEED = 1987
 
 def reconstruct_breaks(
     solution: JointSolution, observations: Observations, table: Table, rng: np.random.Generator | None = None
-) -> tuple[JointSolution, Observations, tuple[BreakPosterior, ...]]:
+) -> tuple[JointSolution, Observations, tuple[SimulatedBreak, ...]]:
     """Replace break shots by simulations where these explain the samples.
 
     Returns the solution, the observations that the rest of the graph has to explain, and the break shots.
@@ -54,7 +54,7 @@ def reconstruct_breaks(
     return refine_graph(graph, remaining, table, initial=solution), remaining, tuple(breaks)
 
 
-def select_outside_breaks(observations: Observations, breaks: tuple[BreakPosterior, ...]) -> Observations:
+def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
     """Select the observations outside each ball's first and last contact in a break."""
     is_outside = np.ones(len(observations.t), np.bool_)
     for ball_exit in (leaving for posterior in breaks for leaving in posterior.exits):
@@ -66,7 +66,7 @@ def select_outside_breaks(observations: Observations, breaks: tuple[BreakPosteri
     return observations.select_rows(is_outside)
 
 
-def list_break_contacts(breaks: tuple[BreakPosterior, ...], ids: tuple[str, ...]) -> list[EventRow]:
+def list_break_contacts(breaks: tuple[SimulatedBreak, ...], ids: tuple[str, ...]) -> list[EventRow]:
     """List the contacts in breaks as events."""
     return [
         EventRow(
@@ -85,13 +85,13 @@ def list_break_contacts(breaks: tuple[BreakPosterior, ...], ids: tuple[str, ...]
     ]
 
 
-def build_break_pieces(breaks: tuple[BreakPosterior, ...]) -> list[TrajectoryPiece]:
+def build_break_pieces(breaks: tuple[SimulatedBreak, ...]) -> list[TrajectoryPiece]:
     """Build the trajectories of balls in breaks from the best simulations."""
     pieces = []
     for posterior in breaks:
-        motion, break_shot = posterior.ensemble.samples[0].run.to_trajectory(), posterior.ensemble.break_shot
         for ball_exit in posterior.exits:
-            pieces += _build_ball_pieces(motion, break_shot.balls.index(ball_exit.ball), ball_exit, break_shot.start)
+            number = posterior.balls.index(ball_exit.ball)
+            pieces += _build_ball_pieces(posterior.motion, number, ball_exit, posterior.start)
     return pieces
 
 
@@ -115,14 +115,13 @@ def _build_ball_pieces(
     return pieces
 
 
-def _insert_break(graph: ContactGraph, posterior: BreakPosterior) -> ContactGraph:
+def _insert_break(graph: ContactGraph, posterior: SimulatedBreak) -> ContactGraph:
     """Let balls leave a break as simulated."""
-    break_shot = posterior.ensemble.break_shot
-    end = max(ball_exit.end for ball_exit in posterior.exits) + break_shot.interval
-    starts = {ball_exit.ball: _last_reliable_time(graph, break_shot, ball_exit.ball) for ball_exit in posterior.exits}
+    end = max(ball_exit.end for ball_exit in posterior.exits) + posterior.interval
+    starts = {ball_exit.ball: _last_reliable_time(graph, posterior, ball_exit.ball) for ball_exit in posterior.exits}
     while removed := [
         k for k, c in enumerate(graph.contacts)
-        if c.kind != "break" and (c.t <= break_shot.hit or c.kind != "cushion")
+        if c.kind != "break" and (c.t <= posterior.hit or c.kind != "cushion")
         and any(starts[ball] < c.t <= end for ball in starts.keys() & graph.balls_at(c))
     ]:  # fmt: skip
         graph = graph.remove_contact(removed[-1])
@@ -143,7 +142,7 @@ def _insert_break(graph: ContactGraph, posterior: BreakPosterior) -> ContactGrap
     return graph.mark_pushed_strikes()
 
 
-def _add_arrival_observations(observations: Observations, breaks: tuple[BreakPosterior, ...]) -> Observations:
+def _add_arrival_observations(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
     """Add the place of each ball at its first contact in a break as an observation."""
     exits = [one for posterior in breaks for one in posterior.exits]
     ball = np.concatenate([observations.ball, np.array([one.ball for one in exits], dtype=np.int64)])
@@ -154,8 +153,8 @@ def _add_arrival_observations(observations: Observations, breaks: tuple[BreakPos
     return Observations(ball[order], t[order], xy[order], np.concatenate([observations.whiten, whitening])[order])
 
 
-def _last_reliable_time(graph: ContactGraph, break_shot: BreakShot, ball: int) -> float:
+def _last_reliable_time(graph: ContactGraph, one: SimulatedBreak, ball: int) -> float:
     """Return the time, s, until which the graph of a ball holds: as it comes in, or starts to rest."""
-    if ball == break_shot.balls[0]:
-        return graph.start_time(find_segment_at(graph, ball, break_shot.start + TIME_EPSILON))
-    return rest_start_time(graph, ball, break_shot.hit)
+    if ball == one.balls[0]:
+        return graph.start_time(find_segment_at(graph, ball, one.start + TIME_EPSILON))
+    return rest_start_time(graph, ball, one.hit)

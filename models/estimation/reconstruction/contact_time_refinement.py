@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.events import Events
+from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 from models.estimation.contact_test.candidate_contacts import cut_ball_window
 from models.estimation.contact_test.contact_moment import PossibleContact
-from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.contact_test.contact_time import estimate_contact_time
 from models.estimation.contact_test.shot_record import ShotRecord
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events, merge_events
+from models.core.shot import ClosePass, ContactTestResult
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.contact_test.candidate_contacts import evaluate_close_pass
-from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.reconstruction.contact_time_refinement import MAX_MOVE
 from models.estimation.reconstruction.event_list import frame_at
@@ -71,21 +71,21 @@ def convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExpl
 
 
 def add_close_passes(
-    events: Events, explanation: ShotExplanation, passes: list[tuple[int, int, ContactTestResult]], tracks: Tracks
+    events: Events, explanation: ShotExplanation, passes: tuple[ClosePass, ...], tracks: Tracks
 ) -> tuple[Events, ShotExplanation]:
     """Add passes of two balls that may have been contacts.
 
     Args:
         events: Events of the shot.
         explanation: Explanation of the shot.
-        passes: The balls of each pass, and the result of its contact test.
+        passes: The passes with the results of their contact tests.
         tracks: Tracks of the shot.
 
     Returns:
         The events with the contacts that are probable enough to be listed, and the explanation with all of them.
     """
     moments, rows = list(explanation.moments), []
-    for one, two, result in passes:
+    for one, two, result in ((each.one, each.other, each.result) for each in passes):
         hypotheses, p = _weigh_close_pass(tracks.ids[two], result)
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))

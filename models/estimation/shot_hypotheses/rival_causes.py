@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from models.core.contact_graph import ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
+from models.core.shot import ContactRivals, RivalContact
 from models.estimation.structure_search.contact_partners import find_partners, join_by_ball_contact
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.local_costs import refine_differences
 
 
-@dataclass(frozen=True, slots=True)
-class RivalContact:
-    """A contact of two balls that may have happened instead."""
+def collect_hypotheses(solution: JointSolution, observations: Observations, table: Table) -> tuple[ContactRivals, ...]:
+    """Collect what may have happened instead of every contact of the graph.
 
-    ball: int
-    other: int
-    t: float
-    cost: float
-    """chi2 beyond that of the best explanation, of the segments that differ; negative where the rival fits better."""
+    Args:
+        solution: The best explanation, with C contacts.
+        observations: K observations.
+        table: The table.
+
+    Returns:
+        (C,) rivals of each contact.
+    """
+    collected = []
+    for number, contact in enumerate(solution.graph.contacts):
+        if contact.kind in ("jump", "break"):
+            collected.append(ContactRivals((), 0.0))
+            continue
+        apart = cost_of_separate_changes(solution, observations, number, table) if contact.kind == "ball" else 0.0
+        rivals = find_rival_contacts(solution, observations, number, table)
+        collected.append(ContactRivals(tuple(rivals), apart))
+    return tuple(collected)
 
 
 def find_rival_contacts(

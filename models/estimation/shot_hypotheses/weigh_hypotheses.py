@@ -8,6 +8,7 @@ import numpy as np
 
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Table
+from models.core.shot import ContactRivals, RivalContact
 from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -23,11 +24,6 @@ from models.estimation.shot_hypotheses.event_evidence import (
 )
 from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
 from models.estimation.shot_hypotheses.event_row import EventRow
-from models.estimation.shot_hypotheses.rival_causes import (
-    RivalContact,
-    cost_of_separate_changes,
-    find_rival_contacts,
-)
 from models.estimation.structure_search.ball_encounters import frame_interval
 from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
 from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
@@ -52,7 +48,7 @@ class _Shot:
     """What evidence is collected from."""
 
     solution: JointSolution
-    observations: Observations
+    hypotheses: tuple[ContactRivals, ...]
     tracks: Tracks
     table: Table
     chi2: FloatArray
@@ -69,6 +65,7 @@ def weigh_events(
     tracks: Tracks,
     table: Table,
     chi2: FloatArray,
+    hypotheses: tuple[ContactRivals, ...],
 ) -> tuple[list[EventRow], ShotExplanation]:
     """Weigh all events, their rivals, and velocity changes without a cause.
 
@@ -79,13 +76,14 @@ def weigh_events(
         tracks: Tracks of N balls.
         table: The table.
         chi2: (S,) chi2 per degree of freedom of each segment.
+        hypotheses: (C,) what may have happened instead of each contact.
 
     Returns:
         The events that are probable enough to be listed, with their probabilities, and all hypotheses.
     """
     owner = assign_observations(solution.graph, observations)
     count = np.bincount(owner, minlength=len(solution.graph.segments)).astype(float)
-    shot = _Shot(solution, observations, tracks, table, chi2, count, frame_interval(observations))
+    shot = _Shot(solution, hypotheses, tracks, table, chi2, count, frame_interval(observations))
     likely: list[EventRow] = []
     moments: list[Moment] = []
     explained: set[int] = set()
@@ -104,7 +102,7 @@ def weigh_events(
     for number, contact in enumerate(solution.graph.contacts):
         if contact.kind in CAUSELESS_KINDS and number not in explained:
             change = _describe_change(shot, number)
-            rivals = find_rival_contacts(solution, observations, number, table)
+            rivals = hypotheses[number].rivals
             evidence = _collect_evidence(shot, change, rivals)
             weighed = _weigh_rivals(shot, change, rivals, evidence, 1.0)
             likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
@@ -120,11 +118,11 @@ def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tupl
     return tuple(ids[graph.segments[k].ball] for k in first if np.hypot(*graph.segments[k].state[2:4]) > REST_SPEED)
 
 
-def _find_rivals(shot: _Shot, row: EventRow) -> list[RivalContact]:
+def _find_rivals(shot: _Shot, row: EventRow) -> tuple[RivalContact, ...]:
     """Find the rivals of an event that belongs to a fitted contact."""
     if row.contact < 0 or row.kind in ("rest", "pocket") or row.category == "passing":
-        return []
-    return find_rival_contacts(shot.solution, shot.observations, row.contact, shot.table)
+        return ()
+    return shot.hypotheses[row.contact].rivals
 
 
 def _describe_change(shot: _Shot, number: int) -> EventRow:
@@ -142,7 +140,7 @@ def _describe_change(shot: _Shot, number: int) -> EventRow:
 
 
 def _weigh_rivals(
-    shot: _Shot, row: EventRow, rivals: list[RivalContact], evidence: EventEvidence, rest: float
+    shot: _Shot, row: EventRow, rivals: tuple[RivalContact, ...], evidence: EventEvidence, rest: float
 ) -> list[tuple[EventRow, EventEvidence]]:
     """Weigh the rivals of an event; together they are at most as probable as `rest`."""
     ids = shot.tracks.ids
@@ -158,7 +156,7 @@ def _weigh_rivals(
     return [(replace(one, probability=one.probability * share), own) for one, own in rows]
 
 
-def _collect_evidence(shot: _Shot, row: EventRow, rivals: list[RivalContact]) -> EventEvidence:
+def _collect_evidence(shot: _Shot, row: EventRow, rivals: tuple[RivalContact, ...]) -> EventEvidence:
     """Collect the evidence on an event of the best explanation."""
     solution, graph, radius = shot.solution, shot.solution.graph, shot.table.ball_radius
     t_first, t_last = float(shot.tracks.t[0]), float(shot.tracks.t[-1])
@@ -181,7 +179,7 @@ def _collect_evidence(shot: _Shot, row: EventRow, rivals: list[RivalContact]) ->
     is_contact = row.kind in ("ball", "cushion")
     apart = 0.0
     if row.kind == "ball" and contact.kind == "ball":
-        apart = -cost_of_separate_changes(solution, shot.observations, row.contact, shot.table)
+        apart = -shot.hypotheses[row.contact].apart
     return replace(
         own,
         gain=compress_gain(contact.gain),

@@ -6,9 +6,9 @@ from math import erf, sqrt
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import SPIN_STATES, ShotNumber, SpinState
 from models.core.fit_result import WholeShotSolution
 from models.core.scene import Table
+from models.core.shot_numbers import SPIN_STATES, ShotNumber, SpinState
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.segment_prior_residuals import STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.capture_clock import CaptureClock
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.events import Events
 from models.core.fit_result import Fit, WholeShotSolution
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
+from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import (
     collect_captured_observations,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumber
 from models.core.events import Events
 from models.core.joint_solution import layout_parameters
+from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.physics.billiards.cloth.closed_form_motion import duration_until_rest
 

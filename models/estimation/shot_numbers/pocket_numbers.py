@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumber
 from models.core.scene import POCKETS, Table
+from models.core.shot_numbers import ShotNumber
 from models.core.typing import FloatArray
 from models.estimation.shot_numbers.posterior_view import LinearState, PosteriorView
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from models.core.coaching.shot_numbers import ShotNumbers
+from models.core.shot_numbers import ShotNumbers
 from models.core.typing import FloatArray
 from models.numerics.robust import MAD_TO_SIGMA
 

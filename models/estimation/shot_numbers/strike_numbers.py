@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumber
+from models.core.shot_numbers import ShotNumber
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.segment_prior_residuals import LEAST_SLIP, STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED

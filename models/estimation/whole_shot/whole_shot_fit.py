@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
-from models.core.fit_result import Fit, WholeShotMisfit, WholeShotSolution
+from models.core.fit_result import Fit, WholeShotFit, WholeShotMisfit, WholeShotSolution
 from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.tracks import Tracks
@@ -43,8 +43,8 @@ MIN_FRAMES = 10
 
 def fit_shot_laws(
     fit: Fit, tracks: Tracks, table: Table, options: FitOptions, table_prior: TablePrior | None = None
-) -> Fit:
-    """Add the contact models that explain a clip's whole shots to its fit.
+) -> WholeShotFit:
+    """Find the contact models that explain a clip's whole shots.
 
     Args:
         fit: Fit of the segments of the clip.
@@ -54,26 +54,26 @@ def fit_shot_laws(
         table_prior: Physics of the table, where it is known.
 
     Returns:
-        The fit with its field `laws`, or with the reason of its absence.
+        The models, or why there are none.
     """
     refusal = _find_refusal(fit, tracks)
     if refusal:
-        return replace(fit, whole_shot_refusal=refusal)
+        return WholeShotFit(refusal=refusal)
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
     balls = np.flatnonzero(fit.moving.any(axis=0))
     segments = extract_segments(fit, apply_noise(tracks, noise), balls, options.moving_speed, table.ball_radius)
     if not segments:
-        return replace(fit, whole_shot_refusal="No shot was recorded from its strike on.")
+        return WholeShotFit(refusal="No shot was recorded from its strike on.")
     try:
         search = search_laws(segments, table, table_prior, None if options.laws else EvaluationBudget())
     except np.linalg.LinAlgError as failure:
-        return replace(fit, whole_shot_refusal=f"The fit of whole shots failed: {failure}.")
+        return WholeShotFit(refusal=f"The fit of whole shots failed: {failure}.")
     best, ids = search.best, tuple(tracks.ids[k] for k in balls)
     if best is not None and best.converged and best.chi2_per_dof < MAX_CHI2:
-        return replace(fit, whole_shot=_summarize_laws(best, segments, ids, table))
+        return WholeShotFit(_summarize_laws(best, segments, ids, table))
     if search.unexplained:
-        return replace(fit, whole_shot_misfit=_summarize_misfit(search, fit.events, ids))
-    return replace(fit, whole_shot_refusal=_format_failure(best))
+        return WholeShotFit(misfit=_summarize_misfit(search, fit.events, ids))
+    return WholeShotFit(refusal=_format_failure(best))
 
 
 def extract_segments(

@@ -15,7 +15,7 @@ from models.estimation.table_learning.rebound_summary import fit_restitution_for
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
-from pipeline.io.tables.view_profile import collect_views
+from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.reporting.text.number_format import format_measured
 from pipeline.terminal.command_line import (

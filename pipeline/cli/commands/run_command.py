@@ -22,7 +22,6 @@ from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
-from pipeline.stages.fit_stage import fits_whole_shots
 from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -75,7 +74,7 @@ def run(
     answers: list[FinishedRun] = []
     with (
         DeferredExecutor(load_detectors) as executor,
-        KernelPreparation(with_shots=fits_whole_shots(options.fit)) as kernels,
+        KernelPreparation(with_shots=options.fit.laws) as kernels,
         StageDisplay(console, str(clip)) as display,
         _announce_compilation(),
     ):
@@ -131,7 +130,7 @@ def _print_run(
     elif not is_answered:
         _print_answer(finished)
     if profile is not None:
-        from pipeline.io.tables.view_profile import update_profile  # pydantic is slow to import
+        from pipeline.io.view_profile import update_profile  # pydantic is slow to import
 
         _print_notes((*update_profile(profile, finished.folder), f"{profile} now holds this run too"))
     if as_json:

@@ -26,14 +26,15 @@ class BilliardsFit:
 
     def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
         """Fit the shot; seed and budget have no effect. Positions in metres are those of the run at these times."""
-        from models.estimation.reconstruction.fit_shot import fit_shot  # slow to import
+        from models.estimation.reconstruction.explain_shot import explain
+        from models.estimation.reconstruction.shot_views import view_shot  # slow to import
 
         t, _ = validate_samples(times, states)
         segment = read_complete_segment(self.run, self.shot)
         tracks, scene, _ = read_observed_shot(self.run, self.shot)
         began = time.process_time()
         visible = select_tracks(tracks, find_nearest_rows(tracks.t, t + segment.t[0]), segment.ids)
-        fit = fit_shot(visible, scene)
+        fit = view_shot(explain(visible, scene))
         seconds = time.process_time() - began
         radius = scene.table.ball_radius
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from models.core.coaching.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
 from models.core.errors import OptionError
+from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
 
 KEY = "shot_numbers"
 """Key of scene.json."""

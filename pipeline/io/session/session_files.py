@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from models.core.coaching.shot_numbers import ShotNumbers
+from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers
 from pipeline.io.run_tables import Columns, write_columns
 

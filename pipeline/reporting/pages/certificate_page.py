@@ -9,7 +9,7 @@ from typing import Any
 from models.core.scene import CUSHIONS
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.tables.certificate_files import (
+from pipeline.io.certificate_files import (
     ADVISED_CONTACTS,
     ADVISED_SHOTS,
     NAMES,

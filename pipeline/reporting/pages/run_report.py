@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import combinations
 from pathlib import Path
@@ -36,7 +36,6 @@ from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
 from pipeline.reporting.text.number_format import format_measured, format_probability, format_unit, format_with_sigma
 from pipeline.reporting.text.number_sentences import list_number_rows
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.shot_summary import summarize_shots
 from pipeline.reporting.text.text_formatting import (
     format_event,
@@ -130,13 +129,11 @@ def write_report(
     """
     colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
     by_hand = [note for note in scene.notes if note.startswith(HAND_PREFIX)]
-    trust = assess_run_trust(clip, fit)
-    fit = replace(fit, trust=trust)
     places = select_check_places(tracks, fit, scene.table)
     html = render_template(
         "report.html",
         name=title,
-        trust=trust,
+        trust=fit.trust,
         summaries=summarize_shots(
             tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
         ),

@@ -10,6 +10,7 @@ import rerun as rr
 
 from models.core.progress import Progress
 from pipeline.engine.stage_graph import RunWatcher
+from pipeline.io.run_view import view_run
 from pipeline.reporting.recording import text_layer
 from pipeline.reporting.recording.forecast_layer import log_forecast_fans
 from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot
@@ -55,8 +56,8 @@ class LiveRecording:
             log_detect_stage(stream, clip, value)
         elif stage == "track":
             log_track_stage(stream, clip, value)
-        elif stage == "fit":
-            self._shot = build_recorded_shot(clip, self._values["calibrate"], self._values["track"], value)
+        elif stage == "explain":
+            self._shot = build_recorded_shot(clip, value.scene, value.tracks, view_run(value))
             log_fit_stage(stream, self._shot)
         elif stage == "forecast" and self._shot is not None:
             log_forecast_fans(stream, self._shot, value)

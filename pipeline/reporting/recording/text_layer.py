@@ -13,7 +13,6 @@ from pipeline.reporting.recording.plan_layer import residual_magnification
 from pipeline.reporting.recording.recorded_shot import RecordedShot
 from pipeline.reporting.recording.recording_stream import build_time_columns
 from pipeline.reporting.text.number_format import format_measured, format_unit
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_textbook_range
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
@@ -61,7 +60,7 @@ def describe_tracks(tracks: Tracks) -> list[LogLine]:
 
 def describe_fit(clip: Clip, fit: Fit) -> list[LogLine]:
     """Describe noise, misfit and trust level of a fit."""
-    trust = assess_run_trust(clip, fit)
+    trust = fit.trust
     level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]
     quality = f"noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
     sentence = format_whole_shot(fit)
@@ -84,7 +83,7 @@ def log_about(stream: rr.RecordingStream, shot: RecordedShot) -> None:
 
 def format_about(shot: RecordedShot) -> str:
     """Format trust level, parameters and the legend of the plan as Markdown."""
-    trust = assess_run_trust(shot.clip, shot.fit)
+    trust = shot.fit.trust
     lines = [f"# Trust: {trust.level}", *(f"- {reason}" for reason in trust.reasons), "", "## Fitted"]
     lines += ["| parameter | value | sigma | unit | textbook range |", "|---|---|---|---|---|"]
     lines += [_format_parameter_row(p) for p in shot.fit.parameters]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks

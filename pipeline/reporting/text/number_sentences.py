@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from pipeline.reporting.text.number_format import (
     format_probability,
     format_with_sigma,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from rich.markup import escape
 
 from models.core.fit_result import Fit, Trust
+from models.core.shot import Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import is_undecided
-from video.io.clip import INCOMPLETE_PREFIXES, Clip
 
 DECIDING_CAUSES = ("strike", "ball", "pocket")
 """Causes that the course of a shot depends on: a run with such an undecided one is not green."""
@@ -18,18 +18,18 @@ SAME_TIME = 0.05
 """s between two moments of the same event: a contact may be a moment of either ball."""
 
 
-def assess_run_trust(clip: Clip, fit: Fit) -> Trust:
+def assess_run_trust(shot: Shot, fit: Fit) -> Trust:
     """Assess the trust level of a run.
 
     Args:
-        clip: The clip with its notes.
-        fit: The fit with its own trust level.
+        shot: The shot with its notes.
+        fit: Its views, with the trust level of the fit.
 
     Returns:
         The trust level of the fit; at most amber if the clip is incomplete, because its later part is missing, or if
         strikes, contacts of balls or pocketed balls are undecided, or if the motion contradicts what was set by hand.
     """
-    before = tuple(f"The clip is incomplete: {note}." for note in clip.notes if note.startswith(INCOMPLETE_PREFIXES))
+    before = tuple(f"The clip is incomplete: {note.detail}." for note in shot.notes if note.code == "incomplete_clip")
     after = (*format_outcomes(fit.mark_outcomes), *_format_undecided(fit.explanation))
     if not before and not after:
         return fit.trust

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability

@@ -6,6 +6,9 @@ import math
 
 from models.core.fit_result import Fit, WholeShotMisfit
 
+NOT_ASKED = "Which published contact models explain the whole shot was not asked for; run --laws fits them."
+"""Reason of a run without them."""
+
 
 def format_law(name: str) -> str:
     """Format the name of a contact model for readers, such as "Han 2005" for `han_2005`."""
@@ -23,14 +26,14 @@ def format_whole_shot(fit: Fit) -> str:
         Sentences with the contact model, and the deviation from it over the measurement noise; or the reason why no
         model was fitted.
     """
+    if fit.laws is None:
+        return NOT_ASKED
     if fit.whole_shot is not None:
         return (
             f"{format_law(fit.whole_shot.cushion_model)} explains the shot to"
             f" {math.sqrt(fit.whole_shot.chi2_per_dof):.1f} times the measurement noise."
         )
-    if fit.whole_shot_misfit is not None:
-        return _format_misfit(fit.whole_shot_misfit)
-    return fit.whole_shot_refusal
+    return fit.laws.refusal if fit.laws.misfit is None else _format_misfit(fit.laws.misfit)
 
 
 def _format_misfit(misfit: WholeShotMisfit) -> str:

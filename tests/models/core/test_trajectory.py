@@ -6,7 +6,8 @@ import numpy as np
 from support.filmed_shots import random_shot
 
 from models.core.trajectory import Trajectory
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 
 def one_parabola() -> Trajectory:
@@ -43,7 +44,7 @@ def test_states_have_the_shape_of_the_times() -> None:
 
 def test_pieces_of_a_fit_do_not_overlap_and_join_without_jumps() -> None:
     shot = random_shot(6)
-    path = fit_shot(shot.tracks, shot.scene).trajectory
+    path = view_shot(explain(shot.tracks, shot.scene)).trajectory
     for ball in range(3):
         rows = np.flatnonzero(path.ball == ball)
         assert np.all(path.start[rows[1:]] >= path.end[rows[:-1]] - 1e-9)
@@ -54,7 +55,7 @@ def test_pieces_of_a_fit_do_not_overlap_and_join_without_jumps() -> None:
 
 def test_energy_never_grows_within_a_piece() -> None:
     shot = random_shot(3)
-    path = fit_shot(shot.tracks, shot.scene).trajectory
+    path = view_shot(explain(shot.tracks, shot.scene)).trajectory
     for row in range(len(path.ball)):
         if path.phase[row] != "roll":
             continue

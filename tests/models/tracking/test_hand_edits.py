@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.tracking_shots import observe, overhead, owners, play
 
-from models.core.by_hand.corrections import NO_CORRECTIONS, BallMark, BallPlace, Corrections, TrackEdit
+from models.core.corrections import NO_CORRECTIONS, BallMark, BallPlace, Corrections, TrackEdit
 from models.core.tracks import Tracks
 from models.tracking.build_tracks import build_tracks
 

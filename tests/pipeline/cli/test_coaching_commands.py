@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from support.filmed_pot import R, film_pot
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from support.shot_folders import FPS, write_shots
 
-from models.core.tracks import Tracks
+from models.estimation.reconstruction.explain_shot import explain
 from pipeline.actions import fit_table
 from pipeline.cli.execute import execute_command_line
-from pipeline.engine.result_cache import ResultCache
 from pipeline.io.observed_shot import read_observed_shot
 
 
@@ -65,15 +64,14 @@ def test_an_unusable_shot_is_reported_and_the_others_teach_the_table(
     folder, profile = write_shots(tmp_path / "shots", 4), tmp_path / "profile.json"
     with (folder / "tracks.csv").open("a") as file:
         file.write("4,0,0.5,white,1.0,0.7\n4,1,0.4,white,1.1,0.7\n")  # time goes back
-    fit = fit_table.fit_cached_shot
+    load = fit_table.load_shot
 
-    def fail_once(tracks: Tracks, *rest: Any) -> Any:
-        if tracks.xy[0, 0, 0] == first:
+    def fail_once(source: Path, number: int, *rest: Any) -> Any:
+        if number == 1:
             raise FloatingPointError("the shot does not end")
-        return fit(tracks, *rest)
+        return load(source, number, *rest)
 
-    first = read_observed_shot(folder, 1)[0].xy[0, 0, 0]
-    monkeypatch.setattr(fit_table, "fit_cached_shot", fail_once)
+    monkeypatch.setattr(fit_table, "load_shot", fail_once)
     missing = str(tmp_path / "missing")
     command = ["fit-table", missing, str(folder), "-o", str(profile), "--cache", str(tmp_path / "cache"), "--json"]
     assert execute_command_line(command) == 0
@@ -96,7 +94,7 @@ def test_cloth_and_contacts_are_learned_at_the_same_times(tmp_path: Path) -> Non
         sigma=tracks.sigma[rows], sigma_along=tracks.sigma_along[rows], streak=tracks.streak[rows],
         radius_px=tracks.radius_px[rows],
     )  # fmt: skip
-    _, prepared = fit_table.prepare_shot(shown, scene, ResultCache(tmp_path / "cache"))
+    _, prepared = fit_table.prepare_shot(explain(shown, scene))
     lag = prepared.t - tracks.t[rows]
     assert np.ptp(lag) < 0.3 / FPS  # as captured, up to a common offset
     assert np.ptp(shown.t - tracks.t[rows]) == pytest.approx(2 / FPS)

@@ -13,7 +13,7 @@ from selenium.webdriver.common.keys import Keys
 from support.browser import accessibility_violations, console_messages, open_chromium, wait_on
 from support.edit_servers import serve_synthetic_run, wait_for_result
 
-from models.core.by_hand.corrections import BallPlace, ContactCorrection, Corrections
+from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.shot_explanation import MarkOutcome
 from pipeline.editing.edit_server import EditServer
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from support.edit_servers import ask, serve_synthetic_run, wait_for_result
 
-from models.core.by_hand.corrections import Corrections
+from models.core.corrections import Corrections
 from pipeline.editing.edit_server import EditServer
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, read_corrections, write_corrections
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.edit_servers import SHOWN_TABLES, ask, serve_synthetic_run, wait_for_result
 
-from models.core.by_hand.corrections import Corrections
+from models.core.corrections import Corrections
 from pipeline.chain import STAGE_FILES, write_source
 from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections
 from pipeline.run_options import RunOptions, build_options

@@ -11,7 +11,7 @@ import pytest
 
 from models.core.errors import OptionError
 from models.physics.billiards.tables import TABLE_PRESETS
-from pipeline.io.tables.certificate_files import (
+from pipeline.io.certificate_files import (
     SCHEMA,
     compare_certificates,
     describe_comparison,

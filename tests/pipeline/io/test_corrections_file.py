@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.core.by_hand.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.errors import OptionError
 from pipeline.io.by_hand.corrections_file import (
     SCHEMA,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
-from models.core.fit_result import Fit, Parameter, WholeShotSolution
+from models.core.fit_result import Fit, Parameter, WholeShotFit, WholeShotSolution
 from models.core.scene import BallSize, Scene
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.contact_ball_size import CONTACT_FLOOR
@@ -147,7 +147,7 @@ def test_the_scene_is_that_of_a_track_folder_and_strict_json(
 def test_contact_models_of_whole_shots_are_in_the_scene_with_the_spin_they_determine(
     clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, tmp_path: Path
 ) -> None:
-    write_scene(clip, scene, tracks, replace(fit, whole_shot_refusal="No ball moved."), tmp_path / "scene.json")
+    write_scene(clip, scene, tracks, replace(fit, laws=WholeShotFit(refusal="No ball moved.")), tmp_path / "scene.json")
     assert json.loads((tmp_path / "scene.json").read_text())["laws"]["why"] == "No ball moved."
     parameters = (
         Parameter("cushion_restitution.e", 0.9, 0.01, "1", False),
@@ -156,7 +156,7 @@ def test_contact_models_of_whole_shots_are_in_the_scene_with_the_spin_they_deter
     )
     state = np.array([[0.2, 0.5, 1.0, 0.0, 0.0, 35.0, 7.0]])
     laws = WholeShotSolution("han_2005", "inelastic", 1.1, parameters, 0.1, ("white",), state, np.eye(7)[None])
-    write_scene(clip, scene, tracks, replace(fit, whole_shot=laws), tmp_path / "scene.json")
+    write_scene(clip, scene, tracks, replace(fit, laws=WholeShotFit(laws)), tmp_path / "scene.json")
     document = json.loads((tmp_path / "scene.json").read_text())
     assert set(document["effects"]) == {"cushion_restitution"}
     assert document["laws"]["cushion"] == "han_2005"

@@ -12,7 +12,7 @@ import pytest
 from models.core.errors import OptionError
 from models.core.fit_result import Parameter
 from pipeline.io.table_profile import parse_table_prior, read_profile_text
-from pipeline.io.tables.view_profile import collect_views, list_profile_misfits, parse_view_prior, update_profile
+from pipeline.io.view_profile import collect_views, list_profile_misfits, parse_view_prior, update_profile
 
 CORNERS = np.array([[100.0, 80.0], [1180.0, 82.0], [1178.0, 640.0], [102.0, 642.0]])
 LAB = [45.0, -30.0, 5.0]

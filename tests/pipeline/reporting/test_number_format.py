@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from models.core.coaching.shot_numbers import ShotNumber
+from models.core.shot_numbers import ShotNumber
 from pipeline.reporting.text.number_format import format_measured, format_probability, format_value, format_with_sigma
 from pipeline.reporting.text.number_sentences import format_number
 

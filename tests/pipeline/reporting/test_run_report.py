@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from support import synthetic_run as shot
 
-from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotSolution
+from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
 from models.core.scene import Scene
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
@@ -186,7 +186,7 @@ def test_a_parameter_of_both_fits_stands_under_two_headings_with_its_own_digits(
     others = (replace(own, value=0.009061, sigma=3.1e-05), replace(own, name="nose.left", value=-4e-232, sigma=0.004))
     empty = np.empty((0, 7, 7))
     whole = WholeShotSolution("mathavan_2010", "inelastic", 1.0, others, 0.1, (), empty[..., 0], empty)
-    page = write_page(tmp_path, replace(fit, whole_shot=whole), shot.make_scene())
+    page = write_page(tmp_path, replace(fit, laws=WholeShotFit(whole)), shot.make_scene())
     assert page.index(run_report.BY_SEGMENT_HEADING) < page.index(run_report.WHOLE_SHOT_HEADING)
     assert "<td>0.009061</td><td>0.000031</td>" in page
     assert "<td>0</td><td>0.004</td>" in page

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from pipeline.reporting.text.shot_summary import summarize_shots

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from support.staged_shot import fit as staged_fit
 
-from models.core.fit_result import WholeShotMisfit, WholeShotSolution
+from models.core.fit_result import WholeShotFit, WholeShotMisfit, WholeShotSolution
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 
 MISFIT = WholeShotMisfit(
@@ -17,23 +17,23 @@ MISFIT = WholeShotMisfit(
 
 def test_an_explained_shot_is_described_by_its_model_and_the_noise() -> None:
     laws = WholeShotSolution("han_2005", "inelastic", 1.69, (), 0.0, (), np.empty((0, 7)), np.empty((0, 7, 7)))
-    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), whole_shot=laws))
+    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(laws)))
     assert sentence == "Han 2005 explains the shot to 1.3 times the measurement noise."
 
 
 def test_an_unexplained_shot_is_described_by_its_first_unexplained_contact() -> None:
-    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), whole_shot_misfit=MISFIT))
+    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(misfit=MISFIT)))
     assert "Han 2005 explains all positions until 1.35 s." in sentence
     assert "that of red and the top cushion at 1.38 s: red deviates by 9.3 mm (RMS), 4.2 times" in sentence
     assert "before Stronge; --laws completes it" in sentence
     complete = replace(MISFIT, whole_times_noise=3.1, untried=(), contact="", other="")
-    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), whole_shot_misfit=complete))
+    sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(misfit=complete)))
     assert "Red then deviates from it by 9.3 mm" in sentence
     assert sentence.endswith("the best model leaves 3.1 times the noise.")
 
 
 def test_without_a_fit_the_reason_is_given() -> None:
     assert (
-        format_whole_shot(replace(staged_fit(np.arange(31) / 30), whole_shot_refusal="No ball moved."))
+        format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(refusal="No ball moved.")))
         == "No ball moved."
     )

@@ -14,7 +14,7 @@ from pipeline.actions.certify_table import certify_table, list_shot_folders
 from pipeline.chain import require_writable_folder
 from pipeline.engine.atomic_write import write_json
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.tables.certificate_files import (
+from pipeline.io.certificate_files import (
     CERTIFICATE_FILE,
     NAMES,
     compare_certificates,

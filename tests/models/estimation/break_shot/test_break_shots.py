@@ -15,8 +15,9 @@ from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.break_shot.break_posterior import summarize_break
 from models.estimation.break_shot.break_search import search_break
 from models.estimation.break_shot.break_simulation import OVERLAP_SIGMA, BreakModel
-from models.estimation.reconstruction import fit_shot as fit_shot_module
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction import explain_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 SIGMA, INTERVAL = 0.002, 1 / 30
 """m, and s between frames."""
@@ -126,7 +127,7 @@ def simulate_break(seed: int) -> Filmed:
 @cache
 def reconstruct_break(seed: int) -> tuple[Filmed, Fit]:
     filmed = simulate_break(seed)
-    return filmed, fit_shot(filmed.tracks, filmed.scene)
+    return filmed, view_shot(explain(filmed.tracks, filmed.scene))
 
 
 def early(filmed: Filmed, fit: Fit) -> tuple[list[frozenset[str]], list[frozenset[str]]]:
@@ -146,8 +147,8 @@ def test_a_break_is_reconstructed_contact_by_contact(seeds: tuple[int, ...]) -> 
         filmed, fit = reconstruct_break(seed)
         happened, fitted = early(filmed, fit)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(fit_shot_module, "reconstruct_breaks", lambda solution, seen, table: (solution, seen, ()))
-            without = early(filmed, fit_shot(filmed.tracks, filmed.scene))[1]
+            patch.setattr(explain_shot, "reconstruct_breaks", lambda solution, seen, table: (solution, seen, ()))
+            without = early(filmed, view_shot(explain(filmed.tracks, filmed.scene)))[1]
         pairs, true = pairs + len(fitted), true + len(happened)
         shared += sum(min(fitted.count(pair), happened.count(pair)) for pair in set(happened))
         before += sum(min(without.count(pair), happened.count(pair)) for pair in set(happened))

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from support import filmed_shots
 
-from models.core.by_hand.corrections import BallPlace, ContactCorrection
+from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.fit_result import Fit
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 SHOT = filmed_shots.film(
     np.array([[0.5, 0.6], [1.1, 0.62], [1.2, 0.3]]), np.array([[2.6, 0.0], [0, 0], [0, 0]]), np.zeros((3, 3)),
@@ -22,7 +23,7 @@ FPS = 30
 
 @cache
 def fit(*marks: ContactCorrection) -> Fit:
-    return fit_shot(SHOT.tracks, SHOT.scene, marks=marks)
+    return view_shot(explain(SHOT.tracks, SHOT.scene, corrections=Corrections(contacts=marks)))
 
 
 def place(ball: str, frame: float) -> BallPlace:

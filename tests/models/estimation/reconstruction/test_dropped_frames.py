@@ -9,7 +9,8 @@ import pytest
 from support.filmed_shots import Filmed, match, random_shot
 
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 PER_FRAME = ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
 
@@ -32,7 +33,7 @@ def as_shown(shot: Filmed) -> Filmed:
 @pytest.mark.parametrize("seed", [3, 5])
 def test_contacts_are_reported_at_presentation_times(seed: int) -> None:
     shot = as_shown(random_shot(seed, missing=0.0))
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     errors, missed, extra = match(fit, shot)
     assert not missed
     assert extra == 0
@@ -43,7 +44,7 @@ def test_contacts_are_reported_at_presentation_times(seed: int) -> None:
 
 def test_speeds_are_those_of_the_real_shot() -> None:
     shot = random_shot(3, missing=0.0)
-    whole, part = fit_shot(shot.tracks, shot.scene), fit_shot(convert_rate(shot.tracks), shot.scene)
+    whole, part = view_shot(explain(shot.tracks, shot.scene)), view_shot(explain(convert_rate(shot.tracks), shot.scene))
     t = 0.6 + np.arange(20) / 30
     shown = np.interp(t, shot.tracks.t[np.arange(len(shot.tracks.t)) % 6 != 4], convert_rate(shot.tracks).t)
     assert part.trajectory.at(shown).v[:, 0] == pytest.approx(whole.trajectory.at(t).v[:, 0], abs=0.03)

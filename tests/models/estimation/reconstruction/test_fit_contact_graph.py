@@ -9,7 +9,8 @@ import pytest
 from support.filmed_shots import DELAY, RADIUS, film
 
 from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.estimation.reconstruction.fit_shot import fit_contact_graph, fit_shot
+from models.estimation.reconstruction.explain_shot import explain, explain_graph
+from models.estimation.reconstruction.shot_views import view_shot
 
 START, V = np.array([[1.2, 0.6]]), np.array([[1.6, 0.5]])
 
@@ -23,8 +24,8 @@ def test_a_known_graph_is_fitted_as_well_as_a_searched_one() -> None:
     states = (np.array([1.23, 0.61, *V[0], *np.zeros(4)]), np.array([2.51, 1.0, -1.2, 0.5, *np.zeros(4)]))
     segments = (Segment(0, False, None, 0, begin, states[0]), Segment(0, False, 0, None, true, states[1]))
     graph = ContactGraph(segments, (Contact("cushion", true + 2e-3, (0,), (1,), "right"),))
-    fit = fit_contact_graph(graph, replace(shot.tracks, xy=early), shot.scene)
-    full_fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain_graph(graph, replace(shot.tracks, xy=early), shot.scene))
+    full_fit = view_shot(explain(shot.tracks, shot.scene))
     assert [name for name in fit.events.kind if name != "rest"] == ["cushion"]
     assert fit.events.t[0] == pytest.approx(true, abs=3e-3)
     assert (
@@ -39,8 +40,10 @@ def test_an_unexplained_velocity_change_is_listed_with_ball_and_time() -> None:
     states = (np.array([*START[0], *V[0], *np.zeros(4)]), np.array([1.4, 0.66, *V[0], *np.zeros(4)]))
     segments = (Segment(0, False, None, 0, DELAY, states[0]), Segment(0, False, 0, None, 0.55, states[1]))
     xy = np.where((shot.tracks.t < DELAY)[:, None, None], np.nan, shot.tracks.xy)
-    fit = fit_contact_graph(
-        ContactGraph(segments, (Contact("free", 0.55, (0,), (1,)),)), replace(shot.tracks, xy=xy), shot.scene
+    fit = view_shot(
+        explain_graph(
+            ContactGraph(segments, (Contact("free", 0.55, (0,), (1,)),)), replace(shot.tracks, xy=xy), shot.scene
+        )
     )
     (doubt,) = (reason for reason in fit.trust.reasons if "unexplained velocity change" in reason)
     assert doubt.startswith("1 unexplained velocity change: cue at 0.")

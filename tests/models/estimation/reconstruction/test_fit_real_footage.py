@@ -14,7 +14,8 @@ from support.sample_clips import read_sample_truth
 from models.core.fit_result import Fit
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 RADIUS, LENGTH, WIDTH = 0.03075, 2.84, 1.42
 PX_PER_M = (740 - 134) / (LENGTH - 2 * RADIUS)
@@ -46,7 +47,7 @@ def carom(folder: Path, name: str) -> tuple[Tracks, Scene, list[dict[str, object
 def fit_carom(folder: Path, name: str) -> tuple[Fit, list[dict[str, object]]]:
     """Fit a clip, and return its marked events too."""
     tracks, scene, marks = carom(folder, name)
-    return fit_shot(tracks, scene), marks
+    return view_shot(explain(tracks, scene)), marks
 
 
 def make_carom_scene() -> Scene:
@@ -107,7 +108,7 @@ def sample_carom() -> tuple[Tracks, Scene, list[dict[str, Any]]]:
 
 def test_events_of_a_rendered_carom_shot_are_found() -> None:
     tracks, scene, events = sample_carom()
-    fit = fit_shot(tracks, scene)
+    fit = view_shot(explain(tracks, scene))
     kinds = ("strike", "ball", "cushion")
     contacts = [event for event in events if event["kind"] in kinds]
     rows = [k for k, kind in enumerate(fit.events.kind) if kind in kinds]
@@ -126,7 +127,7 @@ def test_events_of_a_rendered_carom_shot_are_found() -> None:
 
 def test_paths_of_a_rendered_carom_shot_stay_within_a_pixel() -> None:
     tracks, scene, _ = sample_carom()
-    fit = fit_shot(tracks, scene)
+    fit = view_shot(explain(tracks, scene))
     miss = fit.residual[np.isfinite(fit.residual[..., 0]) & fit.accepted] * SAMPLE_PX_PER_M
     assert np.sqrt((miss**2).sum(axis=1).mean()) < 0.9
     assert (fit.moving & fit.accepted).sum() > 0.8 * fit.moving.sum()

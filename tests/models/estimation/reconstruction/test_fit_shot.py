@@ -10,7 +10,8 @@ from support.filmed_shots import PX_PER_M, RADIUS, film, match, position_rms_px,
 from support.fixed_step_table import GRIPPING, MIRROR, SPEED_DEPENDENT
 
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 STILL = np.zeros((1, 2))
 
@@ -32,7 +33,7 @@ def test_contacts_of_random_shots_are_found_in_time(law: int, fps: int, noise_px
     errors, missed, extra, true, rms = [], 0, 0, 0, []
     for seed in (1, 2, 3):
         shot = random_shot(seed, law=law, fps=fps, noise_px=noise_px)
-        fit = fit_shot(shot.tracks, shot.scene)
+        fit = view_shot(explain(shot.tracks, shot.scene))
         matched, lost, more = match(fit, shot)
         errors += matched
         missed, extra, true = missed + len(lost), extra + more, true + len(shot.contacts)
@@ -50,7 +51,7 @@ def test_a_collision_of_two_balls_is_timed_to_a_millisecond_and_errors_are_hones
             np.array([[0.5, 0.6], [1.1, 0.61]]), np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)),
             np.random.default_rng(seed), seconds=1.6,
         )  # fmt: skip
-        fit = fit_shot(shot.tracks, shot.scene)
+        fit = view_shot(explain(shot.tracks, shot.scene))
         row = fit.events.kind.index("ball")
         error = fit.events.t[row] - shot.contacts[0][0]
         assert abs(error) < 1.5e-3
@@ -68,7 +69,7 @@ def test_the_error_of_a_path_is_honest_from_its_beginning_to_its_end() -> None:
         shot = film(
             np.array([[0.4, 0.6]]), np.array([[0.9, 0.05]]), np.zeros((1, 3)), np.random.default_rng(seed), seconds=3.0
         )
-        fit = fit_shot(shot.tracks, shot.scene)
+        fit = view_shot(explain(shot.tracks, shot.scene))
         values = slice(30, -5)  # from half a second after the strike on
         state = fit.trajectory.at(shot.tracks.t[values])
         off = state.xy[:, 0] - shot.xy[values, 0]
@@ -81,13 +82,13 @@ def test_the_error_of_a_path_is_honest_from_its_beginning_to_its_end() -> None:
 def test_a_miss_by_a_millimetre_is_no_contact() -> None:
     x = np.array([[0.5, 0.6], [1.1, 0.6 + 2 * RADIUS + 0.001]])
     shot = film(x, np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)), np.random.default_rng(0), seconds=1.6)
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     assert "ball" not in fit.events.kind
 
 
 def test_a_strike_is_the_cue_ball_leaving_its_place() -> None:
     shot = random_shot(3)
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     row = fit.events.kind.index("strike")
     assert fit.events.a[row] == "cue"
     assert fit.events.t[row] == pytest.approx(shot.strike, abs=4e-3)
@@ -98,7 +99,7 @@ def test_a_ball_into_a_corner_is_potted_there_and_ends() -> None:
     x = np.array([[0.5, 0.5], [0.3, 0.3]])
     direction = -np.array([1.0, 1.0]) / np.sqrt(2)
     shot = film(x, np.array([1.2 * direction, [0, 0]]), np.zeros((2, 3)), np.random.default_rng(1), pocket=0.045)
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     row = fit.events.kind.index("pocket")
     assert (fit.events.a[row], fit.events.b[row]) == ("solid-1", "top-left")
     gone = shot.tracks.t[~np.isfinite(shot.xy[:, 1, 0])][0]
@@ -110,14 +111,14 @@ def test_a_ball_at_rest_has_a_position_before_and_after_its_detections() -> None
     shot = random_shot(2)
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
     tracks.xy[:20, 2] = np.nan
-    fit = fit_shot(tracks, shot.scene)
+    fit = view_shot(explain(tracks, shot.scene))
     np.testing.assert_allclose(fit.trajectory.at(0.05).xy[2], shot.xy[0, 2], atol=1e-3)
 
 
 def test_nothing_moves_and_nothing_happens() -> None:
     x = np.array([[0.4, 0.5], [1.4, 0.7]])
     shot = film(x, np.zeros((2, 2)), np.zeros((2, 3)), np.random.default_rng(5), seconds=2.0)
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     assert len(fit.events) == 0
     assert fit.trust.level == "green"
     assert not fit.moving.any()
@@ -130,7 +131,7 @@ def test_a_ball_whose_detections_leap_to_and_fro_rests() -> None:
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
     leaps = np.random.default_rng(4).integers(0, 2, len(tracks.t) // 5 + 1).repeat(5)[: len(tracks.t)]
     tracks.xy[:, still] = shot.xy[0, still] + 0.3 * RADIUS * leaps[:, None] * [1.0, 0.3]
-    fit = fit_shot(tracks, shot.scene)
+    fit = view_shot(explain(tracks, shot.scene))
     assert not fit.moving[:, still].any()
     assert not {k for k, a in zip(fit.events.kind, fit.events.a, strict=True) if a == tracks.ids[still]}
     assert fit.events.kind.count("strike") == 1
@@ -141,7 +142,7 @@ def test_a_strike_within_a_gap_is_found_from_the_way_back_to_the_place_of_rest()
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
     hidden = (tracks.t > shot.strike - 0.05) & (tracks.t < shot.strike + 0.15)
     tracks.xy[hidden, tracks.ids.index("cue")] = np.nan
-    fit = fit_shot(tracks, shot.scene)
+    fit = view_shot(explain(tracks, shot.scene))
     row = fit.events.kind.index("strike")
     assert fit.events.a[row] == "cue"
     assert abs(fit.events.t[row] - shot.strike) < 3 * fit.events.t_sigma[row]
@@ -152,9 +153,9 @@ def test_a_failed_fit_shows_the_measurements(monkeypatch: pytest.MonkeyPatch) ->
     def fails(*_: object, **__: object) -> None:
         raise np.linalg.LinAlgError("no solution")
 
-    monkeypatch.setattr("models.estimation.reconstruction.fit_shot.refine_graph", fails)
+    monkeypatch.setattr("models.estimation.reconstruction.explain_shot.refine_graph", fails)
     shot = random_shot(3)
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     assert fit.trust.level == "red"
     assert "no solution" in fit.trust.reasons[0]
     assert np.isfinite(fit.trajectory.at(shot.tracks.t).xy[shot.tracks.is_observed]).all()
@@ -165,7 +166,7 @@ def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
         np.array([[0.5, 0.6], [2.0, 0.3]]), np.array([[0.5, 0.0], [0, 0]]), np.zeros((2, 3)),
         np.random.default_rng(0), seconds=6.0,
     )  # fmt: skip
-    fit = fit_shot(shot.tracks, shot.scene)
+    fit = view_shot(explain(shot.tracks, shot.scene))
     row = fit.events.kind.index("rest")
     to_go = np.linalg.norm(shot.xy[:, 0] - shot.xy[-1, 0], axis=1)
     assert fit.events.t[row] == pytest.approx(shot.tracks.t[np.argmax(to_go < 0.05 * RADIUS)], abs=0.06)
@@ -173,7 +174,7 @@ def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
 
 def test_the_coefficients_of_the_cloth_come_out() -> None:
     shot = random_shot(6)
-    values = {p.name: p for p in fit_shot(shot.tracks, shot.scene).parameters}
+    values = {p.name: p for p in view_shot(explain(shot.tracks, shot.scene)).parameters}
     assert values["rolling_resistance.mu"].value == pytest.approx(0.0125, abs=0.001)
     assert not values["rolling_resistance.mu"].prior_only
     assert 0.12 < values["sliding_friction.mu"].value < 0.28
@@ -183,7 +184,7 @@ def test_clips_may_begin_and_end_in_motion() -> None:
     shot = random_shot(4)
     rows = np.arange(18, 70)
     cut = only(shot.tracks, rows)
-    fit = fit_shot(cut, shot.scene)
+    fit = view_shot(explain(cut, shot.scene))
     miss = (fit.trajectory.at(cut.t).xy - shot.xy[rows])[fit.moving] * PX_PER_M
     assert np.sqrt(np.nanmean(miss**2)) < 0.5
     assert (fit.moving & fit.accepted).sum() > 0.9 * fit.moving.sum()
@@ -196,7 +197,7 @@ def test_a_ball_that_obeys_no_law_is_measured_and_not_trusted() -> None:
     tracks.xy[:, 2] = np.stack([1.2 + 0.3 * np.sin(3 * t), 0.6 + 0.2 * np.cos(5 * t)], axis=1)
     sigma = np.full(tracks.sigma.shape, 0.3 / PX_PER_M)
     tracks = replace(tracks, sigma=sigma, sigma_along=sigma)
-    fit = fit_shot(tracks, shot.scene)
+    fit = view_shot(explain(tracks, shot.scene))
     assert fit.trajectory.at(t[40:50]).measured[:, 2].any()
     assert fit.trust.level != "green"
     values = tracks.is_observed[:, 2]
@@ -208,7 +209,7 @@ def test_outliers_and_lost_frames_do_little_harm() -> None:
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
     tracks.xy[60, 0] += 0.08
     tracks.xy[90, 1] -= 0.1
-    fit = fit_shot(tracks, shot.scene)
+    fit = view_shot(explain(tracks, shot.scene))
     _, missed, extra = match(fit, shot)
     assert not missed
     assert extra == 0
@@ -219,21 +220,21 @@ def test_noise_is_not_taken_for_motion() -> None:
     shot = random_shot(3)
     sigma = np.full(shot.tracks.sigma.shape, 1e-3)
     anywhere = np.random.default_rng(0).uniform(0, 1, shot.tracks.xy.shape)
-    fit = fit_shot(replace(shot.tracks, xy=anywhere, sigma=sigma, sigma_along=sigma), shot.scene)
+    fit = view_shot(explain(replace(shot.tracks, xy=anywhere, sigma=sigma, sigma_along=sigma), shot.scene))
     assert fit.trust.level == "red"
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 5])
 def test_few_frames_are_no_error(count: int) -> None:
     shot = random_shot(3)
-    fit = fit_shot(only(shot.tracks, np.arange(count) + 30), shot.scene)
+    fit = view_shot(explain(only(shot.tracks, np.arange(count) + 30), shot.scene))
     assert fit.residual.shape == (count, 3, 2)
 
 
 def test_empty_tracks_give_an_empty_fit() -> None:
     shot = random_shot(3)
     blind = replace(shot.tracks, xy=np.full_like(shot.tracks.xy, np.nan))
-    fit = fit_shot(blind, scene())
+    fit = view_shot(explain(blind, scene()))
     assert len(fit.events) == 0
     assert fit.trust.level != "green"
     assert np.isnan(fit.trajectory.at(1.0).xy).all()
@@ -241,7 +242,7 @@ def test_empty_tracks_give_an_empty_fit() -> None:
 
 def test_the_same_tracks_give_the_same_bytes() -> None:
     shot = random_shot(2)
-    one, two = (fit_shot(shot.tracks, shot.scene) for _ in range(2))
+    one, two = (view_shot(explain(shot.tracks, shot.scene)) for _ in range(2))
     assert one.trajectory.position.tobytes() == two.trajectory.position.tobytes()
     assert one.events.t.tobytes() == two.events.t.tobytes()
 
@@ -249,6 +250,6 @@ def test_the_same_tracks_give_the_same_bytes() -> None:
 def test_progress_ends_at_one() -> None:
     shot = random_shot(2, balls=2)
     values: list[float] = []
-    fit_shot(shot.tracks, shot.scene, progress=values.append)
+    view_shot(explain(shot.tracks, shot.scene, progress=values.append))
     assert values == sorted(values)
     assert values[-1] == 1.0

@@ -10,10 +10,10 @@ from support import staged_shot as shot
 
 from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
+from models.core.shot import ContactTestResult
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH
-from models.estimation.contact_test.contact_probability import ContactTestResult
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.reconstruction import contact_time_refinement, event_list, shot_moments
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from support.filmed_pot import FPS, LEAD, SCENE, film_pot, true_numbers
 
-from models.core.coaching.shot_numbers import ShotNumber, ShotNumbers
 from models.core.errors import TrackError
 from models.core.fit_result import WholeShotSolution
 from models.core.scene import Table
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.contact_numbers import classify_spin, evaluate_contact
 from models.estimation.shot_numbers.measure_shots import measure_shots
 from models.estimation.shot_numbers.struck_samples import rewind_samples
@@ -51,7 +52,8 @@ def test_a_contact_without_friction_has_the_angles_of_geometry(cut: float) -> No
 
 def test_a_clip_in_which_nothing_moves_has_no_shot() -> None:
     still = film_pot(0).truncate_after(LEAD - 1 / FPS)
-    fit, solution = fit_with_solution(still, SCENE)
+    explained = explain(still, SCENE)
+    fit, solution = view_shot(explained), explained.solution
     assert solution is not None
     assert measure_shots(fit, solution, still, SCENE.table) == ()
     with pytest.raises(TrackError, match="no ball moves"):
@@ -96,7 +98,8 @@ def test_the_mouth_of_a_pocket_is_square_to_its_centre_line() -> None:
 @pytest.fixture(scope="module")
 def shot() -> ShotNumbers:
     tracks = film_pot(3)
-    fit, solution = fit_with_solution(tracks, SCENE)
+    explained = explain(tracks, SCENE)
+    fit, solution = view_shot(explained), explained.solution
     assert solution is not None
     (one,) = measure_shots(fit, solution, tracks, SCENE.table)
     return one
@@ -142,7 +145,8 @@ def test_a_clip_that_begins_in_motion_has_no_speed_at_the_strike() -> None:
         sigma=tracks.sigma[rows], sigma_along=tracks.sigma_along[rows], streak=tracks.streak[rows],
         radius_px=tracks.radius_px[rows],
     )  # fmt: skip
-    fit, solution = fit_with_solution(late, SCENE)
+    explained = explain(late, SCENE)
+    fit, solution = view_shot(explained), explained.solution
     assert solution is not None
     (one,) = measure_shots(fit, solution, late, SCENE.table)
     speed = one.find_number("cue_speed")

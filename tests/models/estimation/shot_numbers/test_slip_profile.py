@@ -6,7 +6,8 @@ import numpy as np
 from support.filmed_pot import SCENE, film_pot, true_numbers
 
 from models.estimation.forecast.current_state import collect_captured_observations, inflate_covariance
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import list_shot_courses
 from models.estimation.shot_numbers.slip_profile import SlipProfile, profile_slip
@@ -14,7 +15,8 @@ from models.estimation.shot_numbers.slip_profile import SlipProfile, profile_sli
 
 def profile_of(seed: int) -> SlipProfile:
     tracks = film_pot(seed)
-    fit, solution = fit_with_solution(tracks, SCENE)
+    explained = explain(tracks, SCENE)
+    fit, solution = view_shot(explained), explained.solution
     assert solution is not None
     (course,) = list_shot_courses(solution.graph, 0)
     view = PosteriorView(solution, inflate_covariance(solution, 1.0), SCENE.table.ball_radius)

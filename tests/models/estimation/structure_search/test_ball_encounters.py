@@ -9,7 +9,8 @@ from support.filmed_shots import RADIUS, WIDTH, Filmed, film
 from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import ClothFriction
 from models.estimation.joint_fit.contact_cascades import predict_cascade
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 CLOTH = ClothFriction(0.2, 0.01)
@@ -71,7 +72,7 @@ def test_nearly_every_first_contact_of_a_row_is_found() -> None:
     count = 0
     for seed in range(4):
         shot = row_shot(2, seed)
-        events = fit_shot(shot.tracks, shot.scene).events
+        events = view_shot(explain(shot.tracks, shot.scene)).events
         for t, kind, a, b in shot.contacts[:2]:
             count += any(
                 events.kind[k] == kind and {events.a[k], events.b[k]} == {a, b} and abs(events.t[k] - t) < 1 / 60

@@ -10,7 +10,8 @@ from support.filmed_shots import DELAY, film
 from support.filmed_shots import scene as film_scene
 
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 
 def _cut(tracks: Tracks, first: int) -> Tracks:
@@ -32,7 +33,7 @@ def _shot(seed: int) -> Tracks:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_strike_after_two_frames_at_rest_is_found_in_time(seed: int) -> None:
     tracks = _cut(_shot(seed), int(DELAY * 30) - 1)  # two frames at rest
-    events = fit_shot(tracks, film_scene()).events
+    events = view_shot(explain(tracks, film_scene())).events
     strikes = [k for k in range(len(events)) if events.kind[k] == "strike" and events.a[k] == "cue"]
     assert len(strikes) == 1
     assert events.t[strikes[0]] == pytest.approx(DELAY, abs=0.5 / 30)
@@ -41,7 +42,7 @@ def test_a_strike_after_two_frames_at_rest_is_found_in_time(seed: int) -> None:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_ball_that_already_moves_was_not_surely_struck_within_the_clip(seed: int) -> None:
     tracks = _cut(_shot(seed), int(DELAY * 30) + 4)
-    fit = fit_shot(tracks, film_scene())
+    fit = view_shot(explain(tracks, film_scene()))
     sure = [k for k in range(len(fit.events)) if fit.events.kind[k] == "strike" and fit.events.probability[k] >= 0.9]
     assert not sure
     assert "cue" in fit.explanation.moving_at_start

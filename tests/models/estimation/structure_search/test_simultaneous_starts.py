@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, Filmed, film
 
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 FPS = 8
 """Frames per second: one is taken 25 ms before the strike, the next 100 ms after it."""
@@ -30,7 +31,7 @@ def quick_opening(seed: int) -> Filmed:
 @pytest.mark.parametrize("seed", [0, 2, 15, 18, 19])
 def test_a_ball_that_is_hit_before_the_next_frame_was_hit_by_the_struck_one(seed: int) -> None:
     shot = quick_opening(seed)
-    events = fit_shot(shot.tracks, shot.scene).events
+    events = view_shot(explain(shot.tracks, shot.scene)).events
     t, kind, a, b = shot.contacts[0]
     assert (kind, {a, b}) == ("ball", {"cue", "solid-1"})
     first = [k for k in range(len(events)) if events.kind[k] in ("strike", "ball") and events.t[k] < t + GAP]

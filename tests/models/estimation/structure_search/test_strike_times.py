@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.filmed_shots import DELAY, RADIUS, Filmed, film
 
-from models.estimation.reconstruction.fit_shot import fit_shot
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 FPS = 8
 TIP_RADII = 0.2
@@ -26,7 +27,7 @@ def test_strikes_are_neither_early_nor_late_at_eight_fps() -> None:
     errors, pulls = [], []
     for seed in range(20):
         shot = lone_shot(seed)
-        events = fit_shot(shot.tracks, shot.scene).events
+        events = view_shot(explain(shot.tracks, shot.scene)).events
         row = events.kind.index("strike")
         errors.append(float(events.t[row]) - DELAY)
         pulls.append(errors[-1] / float(events.t_sigma[row]))

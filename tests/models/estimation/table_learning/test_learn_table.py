@@ -13,7 +13,7 @@ from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import forecast_shot
 from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.reconstruction.fit_shot import fit_with_solution
+from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.table_learning.learn_table import combine_noses, learn_table
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
@@ -68,7 +68,7 @@ def test_a_learned_table_foresees_other_shots_better() -> None:
     fits = []
     for seed in range(8):
         tracks = film(play(seed), seed)
-        solution = fit_with_solution(tracks, SCENE)[1]
+        solution = explain(tracks, SCENE).solution
         assert solution is not None
         fits.append((solution, apply_noise(tracks, estimate_noise(tracks, 0.1, R))))
     lesson = learn_table(fits, TABLE, ("mirror", "han_2005", "stronge"))
@@ -94,7 +94,7 @@ def test_a_learned_table_foresees_other_shots_better() -> None:
 def test_a_ball_that_meets_no_cushion_teaches_no_table() -> None:
     rolls = BallSet(("white",), np.array([[0.5, 0.7, 0.5, 0, 0, 0.5 / R, 0]]), np.array([R]), np.array([0.21]))
     tracks = film(simulate(rolls, TABLE, Physics.from_effects(EFFECTS, "han_2005", "inelastic"), SECONDS), 0)
-    solution = fit_with_solution(tracks, SCENE)[1]
+    solution = explain(tracks, SCENE).solution
     assert solution is not None
     with pytest.raises(TrackError, match="too few"):
         learn_table([(solution, tracks)], TABLE)

@@ -39,7 +39,7 @@ def simulate_fit(seed: int) -> tuple[Fit, Tracks, np.ndarray]:
 
 def test_a_whole_shot_identifies_its_contact_model_and_initial_spin() -> None:
     fit, tracks, truth = simulate_fit(3)
-    laws = fit_shot_laws(fit, tracks, TABLE, FitOptions()).whole_shot
+    laws = fit_shot_laws(fit, tracks, TABLE, FitOptions()).solution
     assert laws is not None
     assert (laws.cushion_model, laws.ball_model) == ("mirror", "inelastic")
     assert 0.4 < laws.chi2_per_dof < 1.2
@@ -55,14 +55,14 @@ def test_a_shot_without_explanation_reports_its_misfit() -> None:
     fit, tracks, _ = simulate_fit(3)
     bent = replace(tracks, xy=tracks.xy + 0.01 * np.sin(3 * tracks.t)[:, None, None])
     result = fit_shot_laws(fit, bent, TABLE, FitOptions())
-    assert result.whole_shot is None
-    misfit = result.whole_shot_misfit
+    assert result.solution is None
+    misfit = result.misfit
     assert misfit is not None
     assert misfit.deviation > 2 * SIGMA
     assert misfit.times_noise > 1.2
     events = list(zip(fit.events.kind, fit.events.t.tolist(), strict=True))
     assert (misfit.contact, misfit.t) in events
-    complete = fit_shot_laws(fit, bent, TABLE, FitOptions(laws=True)).whole_shot_misfit
+    complete = fit_shot_laws(fit, bent, TABLE, FitOptions(laws=True)).misfit
     assert complete is not None
     assert complete.whole_times_noise > MAX_CHI2**0.5
     assert complete.untried == ()
@@ -70,7 +70,7 @@ def test_a_shot_without_explanation_reports_its_misfit() -> None:
 
 def test_a_search_within_its_budget_repeats_exactly() -> None:
     fit, tracks, _ = simulate_fit(3)
-    first, second = (fit_shot_laws(fit, tracks, TABLE, FitOptions()).whole_shot for _ in range(2))
+    first, second = (fit_shot_laws(fit, tracks, TABLE, FitOptions()).solution for _ in range(2))
     assert first is not None
     assert second is not None
     np.testing.assert_array_equal(first.state, second.state)
@@ -80,18 +80,18 @@ def test_a_spent_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None
     fit, tracks, _ = simulate_fit(3)
     monkeypatch.setattr(whole_shot_fit, "EvaluationBudget", lambda: EvaluationBudget(50.0))
     result = fit_shot_laws(fit, tracks, TABLE, FitOptions())
-    assert result.whole_shot is None
-    assert "reached its limit" in result.whole_shot_refusal
+    assert result.solution is None
+    assert "reached its limit" in result.refusal
 
 
 def test_a_break_shot_is_not_fitted_whole() -> None:
     """Two balls that meet two others are fitted; every ball more multiplies the orders of contacts."""
     fit, tracks, _ = simulate_fit(3)
     five, four = (replace(fit, moving=np.ones((len(tracks.t), count), bool)) for count in (5, 4))
-    assert "5 balls" in fit_shot_laws(five, tracks, TABLE, FitOptions()).whole_shot_refusal
+    assert "5 balls" in fit_shot_laws(five, tracks, TABLE, FitOptions()).refusal
     assert whole_shot_fit._find_refusal(four, tracks) == ""
 
 
 def test_a_clip_without_motion_is_not_fitted() -> None:
     fit, tracks, _ = simulate_fit(3)
-    assert fit_shot_laws(replace(fit, moving=np.zeros_like(fit.moving)), tracks, TABLE, FitOptions()).whole_shot_refusal
+    assert fit_shot_laws(replace(fit, moving=np.zeros_like(fit.moving)), tracks, TABLE, FitOptions()).refusal

@@ -1,1 +1,0 @@
-"""Values that are measured for players and coaches."""

@@ -1,1 +1,0 @@
-"""Dataclasses whose fields are columns."""

@@ -1,0 +1,224 @@
+"""Explanation of a recording: tracks in, contact graph with states, times and covariance out, as one `Shot`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import ContactGraph
+from models.core.corrections import NO_CORRECTIONS, Corrections
+from models.core.joint_solution import JointSolution, Observations
+from models.core.options import FitOptions
+from models.core.progress import Progress, ignore_progress
+from models.core.scene import Scene, Table
+from models.core.shot import ContactRivals, Note, Shot
+from models.core.shot_explanation import MarkOutcome
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray
+from models.estimation.contact_test.candidate_contacts import find_close_passes
+from models.estimation.contact_test.shot_record import make_shot_record
+from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, condition_on_marks, settle_marks
+from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
+from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations
+from models.estimation.joint_fit.joint_refinement import add_covariance, refine_graph
+from models.estimation.joint_fit.trust_level import (
+    evaluate_segment_chi2,
+)
+from models.estimation.reconstruction.break_refinement import (
+    reconstruct_breaks,
+)
+from models.estimation.reconstruction.capture_times import estimate_capture_times
+from models.estimation.reconstruction.noise_reestimation import reestimate_noise
+from models.estimation.reconstruction.shot_views import view_captured
+from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
+from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
+from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
+from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
+from models.estimation.structure_search.initial_rests import insert_initial_rests
+from models.estimation.structure_search.missed_cushions import refit_rebounds
+from models.estimation.structure_search.pass_log import log_pass
+from models.estimation.structure_search.strike_times import refit_strikes
+from models.estimation.structure_search.structure_revision import remove_unexplained_contacts, revise_graph
+from models.tracking.track_noise import (
+    NOISE_FLOOR_RADII,
+    TrackNoise,
+    apply_noise,
+    estimate_noise,
+    find_outliers,
+    find_rarely_detected,
+)
+
+
+def explain(
+    tracks: Tracks,
+    scene: Scene,
+    options: FitOptions = FitOptions(),
+    progress: Progress = ignore_progress,
+    corrections: Corrections = NO_CORRECTIONS,
+    notes: tuple[Note, ...] = (),
+) -> Shot:
+    """Explain the recording of a shot; this is the only inference on a whole shot.
+
+    Never raises for odd tracks: motion that physics cannot explain is `measured` in the trajectory, and the trust level
+    reports it.
+
+    Args:
+        tracks: Tracks of N balls over T frames.
+        scene: Table and camera.
+        options: Prices and limits.
+        progress: Called with the finished share of the work.
+        corrections: What a person corrected; contacts that were marked, moved or deleted are strong priors.
+        notes: Remarks on the recording.
+
+    Returns:
+        The shot.
+    """
+    clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)
+    captured = replace(tracks, t=clock.capture_time)
+    marks, missing = resolve_marks(corrections.contacts, captured)
+    blank = Shot(
+        scene, tracks, clock, np.full((*tracks.xy.shape, 2), np.nan), None, corrections=corrections, outcomes=missing,
+        notes=notes, moving_speed=options.moving_speed,
+    )  # fmt: skip
+    try:
+        shot = _explain_tracks(blank, captured, options, progress, marks)
+    except np.linalg.LinAlgError as failure:
+        shot = replace(blank, notes=(*notes, Note("fit_failed", str(failure))))
+    return _add_close_passes(shot)
+
+
+def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Shot:
+    """Explain a recording by a known contact graph: states, times and coefficients are fitted, its contacts stay.
+
+    The tracks' sigmas are used as they are; samples before the first segment of a ball must be left out.
+
+    Args:
+        graph: The contact graph.
+        tracks: Tracks of N balls over T frames, at capture times.
+        scene: Table and camera.
+        options: Limits.
+
+    Returns:
+        The shot.
+    """
+    observations = collect_observations(tracks)
+    solution = add_covariance(refine_graph(graph, observations, scene.table, iterations=60), observations, scene.table)
+    clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
+    hypotheses = collect_hypotheses(solution, observations, scene.table)
+    shot = Shot(
+        scene, tracks, clock, tracks.whitening, solution, hypotheses=hypotheses, moving_speed=options.moving_speed
+    )
+    return _add_close_passes(shot)
+
+
+def _add_close_passes(shot: Shot) -> Shot:
+    """Test the passes of two balls that may have been grazes."""
+    if not len(shot.tracks.t):
+        return shot
+    view = view_captured(shot)
+    record = make_shot_record(
+        shot.captured, view.events, view.trajectory, shot.scene.table, shot.scene.camera, view.explanation
+    )
+    return replace(shot, passes=find_close_passes(record))
+
+
+def _explain_tracks(
+    blank: Shot, tracks: Tracks, options: FitOptions, progress: Progress, marks: tuple[ResolvedMark, ...]
+) -> Shot:
+    """Explain tracks at their capture times; `blank` is the shot without an explanation."""
+    table = blank.scene.table
+    noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
+    noise = replace(noise, timing=np.hypot(noise.timing, blank.clock.sigma))
+    is_rare = find_rarely_detected(tracks)
+    selected = apply_noise(_remove_unreliable_samples(tracks, noise, is_rare), noise)
+    whitening = selected.whitening
+    observations = collect_observations(selected)
+    if len(observations.t) == 0:
+        return replace(blank, notes=(*blank.notes, Note("no_ball")))
+    prices = (options.break_price, options.free_price)
+
+    def log(name: str, after: JointSolution) -> JointSolution:
+        return log_pass(name, solution, after, prices)
+
+    solution = refine_graph(_build_initial_graph(selected, table, options), observations, table)
+    progress(0.4)
+    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
+    solution = log("strike times", refit_strikes(solution, observations, table))
+    solution = log("rebounds", refit_rebounds(solution, observations, table))
+    if marks:
+        solution = log("marks by hand", apply_marks(solution, marks, MarkedFit(observations, table, prices)))
+    progress(0.6)
+    solution = log("structure search", revise_graph(solution, observations, table, *prices))
+    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
+    reestimated = reestimate_noise(selected, tracks, noise, solution, observations)
+    if reestimated is not None:
+        selected = reestimated
+        observations = replace(observations, whiten=collect_observations(selected).whiten)
+        solution = log("new noise", refine_graph(solution.graph, observations, table, initial=solution))
+        solution = log("structure search", revise_graph(solution, observations, table, *prices))
+    solution = log("strike times", refit_strikes(solution, observations, table))
+    solution = log("rebounds", refit_rebounds(solution, observations, table))
+    after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)
+    solution = log("simulated breaks", after_breaks)
+    if breaks:
+        solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
+    excess = _excess_chi2(solution, observations)
+    if np.any(excess > 1.5):  # systematic model errors count as noise
+        observations = replace(observations, whiten=observations.whiten / np.sqrt(excess)[:, None, None])
+        solution = log("misfit as noise", refine_graph(solution.graph, observations, table, 10, solution))
+        fewer = remove_unexplained_contacts(solution, observations, table, options.free_price)
+        solution = log("remove needless contacts", fewer)
+    progress(0.9)
+    outcomes: tuple[MarkOutcome, ...] = ()
+    if marks:
+        marked, outcomes = settle_marks(solution, marks, MarkedFit(observations, table, prices), tracks.ids)
+        solution = log("marks by hand", marked)
+    solution = add_covariance(solution, observations, table)
+    if marks:
+        solution, outcomes = condition_on_marks(solution, marks, outcomes, observations)
+    shot = replace(
+        blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
+        hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts),
+    )  # fmt: skip
+    shot = replace(shot, hypotheses=collect_hypotheses(solution, shot.observations, table))
+    progress(1.0)
+    return shot
+
+
+def _remove_unreliable_samples(tracks: Tracks, noise: TrackNoise, is_rare: NDArray[np.bool_]) -> Tracks:
+    """Remove balls that are `is_rare` (N,), and samples far off between good neighbours."""
+    xy = tracks.xy.copy()
+    xy[~(np.isfinite(tracks.sigma) & np.isfinite(tracks.sigma_along))] = np.nan
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        is_outlier = find_outliers(tracks.t[rows], xy[rows, ball], tracks.sigma[rows, ball] * noise.scale[ball])
+        xy[rows if is_rare[ball] else rows[is_outlier], ball] = np.nan
+    return replace(tracks, xy=xy)
+
+
+def _build_initial_graph(tracks: Tracks, table: Table, options: FitOptions) -> ContactGraph:
+    """Build the contact graph of the segmented tracks."""
+    samples, sigma_xy = [], tracks.sigma_xy
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        sigma = np.sqrt((sigma_xy[rows, ball] ** 2).mean(axis=1))
+        samples.append(BallSamples(tracks.t[rows], tracks.xy[rows, ball], sigma, sigma_xy[rows, ball] / sigma[:, None]))
+    parts_by_ball = []
+    for ball, ball_samples in enumerate(samples):
+        allowed = find_contact_opportunities(ball_samples, samples[:ball] + samples[ball + 1 :], table)
+        parts = segment_track(ball_samples, allowed, options.break_price, options.free_price)
+        parts_by_ball.append(remove_jitter(ball_samples, parts, table.ball_radius) if parts else [])
+    parts_by_ball = extend_rest_until_hit(samples, parts_by_ball)
+    return build_contact_graph(samples, parts_by_ball, table, tracks.kinds).mark_pushed_strikes()
+
+
+def _excess_chi2(solution: JointSolution, observations: Observations) -> FloatArray:
+    """Return the chi2 per degree of freedom of each sample's segment (K,), 1 to 100.
+
+    With it bad segments do not bend the good ones.
+    """
+    chi2, _, _ = evaluate_segment_chi2(solution, observations)
+    return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[assign_observations(solution.graph, observations)]

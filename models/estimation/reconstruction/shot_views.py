@@ -1,0 +1,258 @@
+"""Views of a shot: events, trajectory, hypotheses, parameters and trust level, computed from its solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.capture_clock import CaptureClock
+from models.core.events import Events
+from models.core.fit_result import Fit, Parameter, Trust
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.shot import Shot
+from models.core.shot_explanation import ShotExplanation
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray
+from models.estimation.hand_marks.event_marks import weigh_marks
+from models.estimation.hand_marks.resolved_marks import resolve_marks
+from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
+from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
+from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
+from models.estimation.joint_fit.trust_level import (
+    add_warnings,
+    assess_trust,
+    evaluate_segment_chi2,
+    find_accepted_segments,
+)
+from models.estimation.reconstruction.break_refinement import (
+    build_break_pieces,
+    list_break_contacts,
+)
+from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
+from models.estimation.reconstruction.event_list import collect_events, frame_at, list_events
+from models.estimation.reconstruction.pocket_events import find_pocketed_balls
+from models.estimation.reconstruction.shot_moments import add_close_passes, convert_times
+from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
+from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
+from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
+
+_MAX_LISTED = 3
+"""Velocity changes that a warning lists."""
+_KEPT_VIEWS = 4
+"""Shots whose views are kept in memory: a command reads one, and compares it with few."""
+
+
+@lru_cache(_KEPT_VIEWS)
+def view_shot(shot: Shot) -> Fit:
+    """Evaluate the views of a shot at presentation times.
+
+    Args:
+        shot: The shot.
+
+    Returns:
+        Events, trajectory, hypotheses, parameters and trust level.
+    """
+    fit = view_captured(shot)
+    warnings = (*shot.scene.warnings, *warn_of_contact_ball_size(fit.parameters, shot.scene))
+    return _convert_to_presentation_time(replace(fit, trust=add_warnings(fit.trust, warnings)), shot.tracks, shot.clock)
+
+
+def view_captured(shot: Shot) -> Fit:
+    """Evaluate the views of a shot at capture times.
+
+    Args:
+        shot: The shot.
+
+    Returns:
+        Events, trajectory, hypotheses, parameters and trust level.
+    """
+    fit = _view_measured_motion(shot) if shot.solution is None else _view_solution(shot, shot.solution)
+    if not len(shot.tracks.t):
+        return fit
+    tracks = shot.captured
+    events, explanation = add_close_passes(fit.events, fit.explanation, shot.passes, tracks)
+    if shot.solution is not None and shot.corrections.contacts:
+        marks, _ = resolve_marks(shot.corrections.contacts, tracks)
+        events, explanation = weigh_marks(events, explanation, marks, shot.outcomes[: len(marks)], tracks)
+    explanation = mark_unexplained_motion(explanation, fit.trajectory, tracks)
+    trust = add_warnings(fit.trust, _warn_of_unexplained_changes(explanation))
+    return replace(fit, events=events, explanation=explanation, trust=trust)
+
+
+def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
+    """View a shot that physics explains."""
+    original, tracks, observations, table = shot.captured, shot.used, shot.observations, shot.scene.table
+    is_accepted = find_accepted_segments(
+        solution, observations, table.ball_radius, _pixel_size(original, table.ball_radius)
+    )
+    chi2, _, _ = evaluate_segment_chi2(solution, observations)
+    pocketed = find_pocketed_balls(solution, tracks, table)
+    rows = list_events(solution, tracks, table, chi2, pocketed, list_break_contacts(shot.breaks, tracks.ids))
+    weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2, shot.hypotheses)
+    ends = {tracks.ids.index(event.a): event.t for event in pocketed}
+    unfitted_balls = [
+        ball
+        for ball in range(len(original.ids))
+        if original.is_observed[:, ball].any() and not tracks.is_observed[:, ball].any()
+    ]
+    unfitted_pieces = [piece for ball in unfitted_balls for piece in build_measured_pieces(original, ball)]
+    clip_span = (float(tracks.t[0]), float(tracks.t[-1]))
+    trajectory = pack_trajectory(
+        build_pieces(solution, observations, is_accepted, len(original.ids), clip_span, table.ball_radius, ends)
+        + build_break_pieces(shot.breaks)
+        + unfitted_pieces,
+        original.ids,
+    )
+    state = trajectory.at(original.t)
+    moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
+    accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
+    share, seconds = _share_of_accepted_time(original.t, moving, accepted)
+    chi2_all, noise = _summarize_misfit(solution, observations, is_accepted)
+    return Fit(
+        collect_events(weighed, tracks),
+        trajectory,
+        _list_coefficients(solution),
+        noise,
+        chi2_all,
+        original.xy - state.xy,
+        moving,
+        accepted,
+        assess_trust(
+            share,
+            chi2_all,
+            seconds,
+            _list_warnings(solution, original.ids, [original.ids[ball] for ball in unfitted_balls]),
+        ),
+        explanation,
+        shot.outcomes,
+    )
+
+
+def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock) -> Fit:
+    """Convert a fit from capture times to presentation times."""
+    if clock.is_even:
+        return fit
+    t = clock.presentation_time_at(fit.events.t)
+    events = replace(
+        fit.events,
+        t=t,
+        t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t),
+        frame=frame_at(tracks, t),
+    )
+    explanation = convert_times(fit.explanation, clock)
+    outcomes = tuple(
+        replace(one, t=float(clock.presentation_time_at(np.array([one.t]))[0])) for one in fit.mark_outcomes
+    )
+    motion = fit.trajectory
+    motion = replace(
+        motion, start=clock.presentation_time_at(motion.start), end=clock.presentation_time_at(motion.end), clock=clock
+    )
+    offset = clock.capture_time - clock.presentation_time
+    note = (
+        f"Frames were dropped, duplicated or late: their capture times deviate by up to {1e3 * np.ptp(offset):.0f} ms."
+    )
+    return replace(
+        fit,
+        events=events,
+        trajectory=motion,
+        explanation=explanation,
+        mark_outcomes=outcomes,
+        trust=Trust(fit.trust.level, (*fit.trust.reasons, note)),
+    )
+
+
+def _warn_of_unexplained_changes(explanation: ShotExplanation) -> tuple[str, ...]:
+    """Return a warning that names velocity changes whose most probable cause is unknown; empty without any."""
+    unknown = [(one.t, one.ball) for one in explanation.moments if one.best.cause == "unexplained"]
+    if not unknown:
+        return ()
+    places = ", ".join(f"{ball} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
+    more = " ..." if len(unknown) > _MAX_LISTED else ""
+    return (f"{len(unknown)} unexplained velocity change{'s' if len(unknown) > 1 else ''}: {places}{more}.",)
+
+
+def _pixel_size(tracks: Tracks, radius: float) -> float:
+    """Return the size of a pixel at the balls, root mean square per axis, m; 0 where it is unknown."""
+    has_radius = tracks.is_observed & np.isfinite(tracks.radius_px) & (tracks.radius_px > 0)
+    if not has_radius.any():
+        return 0.0
+    # the outline of a ball has the scale of the direction without foreshortening
+    smallest_scale = (
+        1.0 if tracks.image_jacobian is None else np.linalg.norm(tracks.image_jacobian[has_radius], -2, axis=(1, 2))
+    )
+    return float(np.median(radius / tracks.radius_px[has_radius] / smallest_scale))
+
+
+def _list_warnings(solution: JointSolution, ids: tuple[str, ...], unfitted_balls: list[str]) -> list[str]:
+    """List sentences about results that a user should not rely on."""
+    warnings, graph = [], solution.graph
+    if jumps := sum(contact.kind == "jump" for contact in graph.contacts):
+        warnings.append(f"Paths jump at {jumps} place{'s' if jumps > 1 else ''}: frames may be missing there.")
+    if unfitted_balls:
+        warnings.append(f"Too few detections to be fitted: {', '.join(unfitted_balls)}.")
+    return warnings
+
+
+def _share_of_accepted_time(
+    t: FloatArray, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return the share of the moving time that is accepted, and the moving time in ball seconds."""
+    step = np.gradient(t)[:, None] if len(t) > 1 else np.ones((len(t), 1))
+    seconds = float((moving * step).sum())
+    return (
+        float((moving & accepted).astype(float).ravel() @ np.broadcast_to(step, moving.shape).ravel()) / seconds
+        if seconds
+        else 1.0
+    ), seconds
+
+
+def _summarize_misfit(
+    solution: JointSolution, observations: Observations, is_accepted: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return the chi2 per degree of freedom of accepted segments, outliers trimmed, and the noise per axis, m."""
+    owner = assign_observations(solution.graph, observations)
+    rows = is_accepted[owner]
+    if not rows.any():
+        return float("nan"), float("nan")
+    residual = evaluate_residuals(solution, observations)[rows]
+    size = (np.einsum("kij,kj->ki", observations.whiten[rows], residual) ** 2).sum(axis=1)
+    free = sum(2 if solution.graph.segments[k].static else 5 for k in np.unique(owner[rows]))
+    chi2 = float(np.minimum(size, 25.0).sum() / max(2 * len(size) - free, 1))
+    return chi2, float(np.sqrt(np.median((residual**2).sum(axis=1)) / (2 * np.log(2))))
+
+
+def _list_coefficients(solution: JointSolution) -> tuple[Parameter, ...]:
+    """List coefficients with errors; undetermined ones keep most of their prior's error."""
+    first = layout_parameters(solution.graph).shared
+    sigma = np.sqrt(np.diag(solution.covariance)[first:])
+    friction = solution.friction
+    coefficients = []
+    for name, value, spread, prior in (
+        ("sliding_friction.mu", friction.sliding, sigma[0], SLIDING_PRIOR[1]),
+        ("rolling_resistance.mu", friction.rolling, sigma[1], ROLLING_PRIOR[1]),
+    ):
+        coefficients.append(Parameter(name, value, float(value * spread), "", bool(spread > 0.8 * prior)))
+    return (*coefficients, describe_ball_factor(solution.diameter_factor, float(sigma[DIAMETER_COLUMN])))
+
+
+def _view_measured_motion(shot: Shot) -> Fit:
+    """View a shot that physics could not be fitted to: curves through the samples, without events."""
+    tracks, failure = shot.captured, next((note.detail for note in shot.notes if note.code == "fit_failed"), None)
+    reason = "No ball was detected." if failure is None else f"The fit failed: {failure}; paths are as measured."
+    empty = np.empty(0)
+    events = Events((), empty, empty, empty, (), (), np.empty((0, 2)), empty, empty, empty, empty)
+    trajectory = pack_trajectory(
+        [piece for ball in range(len(tracks.ids)) for piece in build_measured_pieces(tracks, ball)], tracks.ids
+    )
+    state = trajectory.at(tracks.t)
+    moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
+    never = np.zeros_like(moving)
+    _, seconds = _share_of_accepted_time(tracks.t, moving, never)
+    trust = Trust("red", (reason,)) if seconds else assess_trust(0.0, float("nan"), 0.0, [reason])
+    return Fit(
+        events, trajectory, (), float("nan"), float("nan"), tracks.xy - state.xy, moving, never, trust,
+        mark_outcomes=shot.outcomes,
+    )  # fmt: skip

@@ -1,0 +1,184 @@
+"""The saved shot of a run folder: what every answer reads, and of which the tables of the folder are exports.
+
+shot/shot.json      format, version of the program, options of the run, and the value without its arrays
+shot/HASH.npz       the arrays, under the hash that shot.json names
+shot/kept/          what answers computed later from the shot, by key: a `ResultCache` of its own
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from models.core.errors import OptionError
+from models.core.shot import Shot
+from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import hash_sources, library_versions
+from pipeline.engine.value_files import AnyArray, decode_value, encode_value, load_value, save_value
+
+SHOT_FOLDER, SHOT_FILE, KEPT_FOLDER = "shot", "shot.json", "kept"
+FORMAT = 1
+"""Version of the layout; a later program reads every earlier one."""
+HASH_DIGITS = 16
+V = TypeVar("V")
+
+
+def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Path) -> None:
+    """Write a shot into a folder.
+
+    Args:
+        shot: The shot.
+        options: Options that explained it, as JSON values.
+        version: Version of the program.
+        folder: The folder, which exists.
+    """
+    arrays: dict[str, AnyArray] = {}
+    tree = encode_value(shot, "", arrays)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    name = f"{hashlib.sha256(buffer.getvalue()).hexdigest()[:HASH_DIGITS]}.npz"
+    document = {"format": FORMAT, "program": version, "options": dict(options), "arrays": name, "value": tree}
+    text = json.dumps(document, indent=1, allow_nan=False)
+    _write_files(folder / SHOT_FOLDER, name, buffer.getvalue(), text.encode())
+
+
+def publish_shot(source: Path, folder: Path) -> None:
+    """Copy a saved shot that `write_shot` wrote elsewhere into a run folder; what was kept there stays.
+
+    Args:
+        source: Folder that holds the saved shot.
+        folder: The run folder, which exists.
+    """
+    path = source / SHOT_FOLDER / SHOT_FILE
+    text = path.read_bytes()
+    target = folder / SHOT_FOLDER
+    with suppress(OSError):
+        if (target / SHOT_FILE).read_bytes() == text:
+            return
+    name = json.loads(text)["arrays"]
+    _write_files(target, name, (path.parent / name).read_bytes(), text)
+
+
+def _write_files(target: Path, name: str, arrays: bytes, document: bytes) -> None:
+    """Write the arrays, then the document that names them, so that a reader finds the old shot or the new one."""
+    target.mkdir(exist_ok=True)
+    for file, content in ((name, arrays), (SHOT_FILE, document)):
+        with replace_file(target / file) as path:
+            path.write_bytes(content)
+    for other in target.glob("*.npz"):
+        if other.name != name:
+            other.unlink(missing_ok=True)
+
+
+def has_shot(source: Path) -> bool:
+    """Find out whether a folder holds a saved shot.
+
+    Args:
+        source: A run folder, a track folder, or a tracks.csv.
+
+    Returns:
+        Whether it does.
+    """
+    return (source / SHOT_FOLDER / SHOT_FILE).is_file()
+
+
+def read_shot(folder: Path) -> Shot:
+    """Read the saved shot of a run folder.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        The shot.
+
+    Raises:
+        OptionError: There is none, or it cannot be read.
+    """
+    for _ in range(2):  # a run that replaces the shot removes the arrays of the one before
+        path = folder / SHOT_FOLDER / SHOT_FILE
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+            if document["format"] > FORMAT:
+                raise OptionError(
+                    f"{path} was saved by trueroll {document['program']}, whose format {document['format']} this"
+                    f" version does not know; update trueroll, or run the clip again"
+                )
+            with np.load(path.parent / document["arrays"], allow_pickle=False) as arrays:
+                shot: Shot = decode_value(Shot, document["value"], dict(arrays))
+            return shot
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            failure = error
+    if not path.is_file():
+        raise OptionError(
+            f"{folder} holds no saved shot, because an earlier version of trueroll wrote it; run the clip again:"
+            f" trueroll run CLIP -o {folder}"
+        )
+    raise OptionError(f"{path} cannot be read ({failure}); run the clip again: trueroll run CLIP -o {folder}")
+
+
+def keep_value(
+    source: Path | None, cache: ResultCache, name: str, facts: Mapping[str, Any], kind: type[V], code: str,
+    build: Callable[[], V],
+) -> V:  # fmt: skip
+    """Return what an answer needs: kept beside the saved shot or in the cache, else computed and kept now.
+
+    Two processes that keep values in one folder do not disturb each other.
+
+    Args:
+        source: Run folder or track folder that the value belongs to; None for neither.
+        cache: Holds the value where the source has no saved shot, or cannot be written.
+        name: Name of the value.
+        facts: What the value depends on beside the saved shot, as JSON values.
+        kind: Type of the value.
+        code: Module that computes it.
+        build: Computes it.
+
+    Returns:
+        The value.
+    """
+    store, key = _address_value(source, cache, name, facts, code)
+    entry = store.find_or_build(key, lambda folder: save_value(build(), folder))
+    return load_value(kind, entry.folder)
+
+
+def find_kept_value(
+    source: Path, cache: ResultCache, name: str, facts: Mapping[str, Any], kind: type[V], code: str
+) -> V | None:
+    """Find what `keep_value` with the same arguments would return without computing it.
+
+    Args:
+        source: Run folder, track folder or tracks.csv that the value belongs to.
+        cache: Holds the value where the source has no saved shot, or cannot be written.
+        name: Name of the value.
+        facts: What the value depends on beside the saved shot, as JSON values.
+        kind: Type of the value.
+        code: Module that computes it.
+
+    Returns:
+        The value; None where it was not kept.
+    """
+    store, key = _address_value(source, cache, name, facts, code)
+    entry = store.find(key)
+    return None if entry is None else load_value(kind, entry.folder)
+
+
+def _address_value(
+    source: Path | None, cache: ResultCache, name: str, facts: Mapping[str, Any], code: str
+) -> tuple[ResultCache, CacheKey]:
+    """Return where a value is kept, and under which key."""
+    parts: dict[str, Any] = {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions()}
+    if source is None or not has_shot(source):
+        return cache, CacheKey(name, parts)
+    parts["shot"] = hashlib.sha256((source / SHOT_FOLDER / SHOT_FILE).read_bytes()).hexdigest()
+    with suppress(OSError):
+        return ResultCache(source / SHOT_FOLDER / KEPT_FOLDER), CacheKey(name, parts)
+    return cache, CacheKey(name, parts)

@@ -1,1 +1,0 @@
-"""Files about a table: places of balls, clip profiles, certificates."""
