@@ -31,7 +31,7 @@ from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder, run_clip
 from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.io.run_folder import TEXT_COLUMNS
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
 from pipeline.run_options import build_options, list_settings

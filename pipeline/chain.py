@@ -31,7 +31,7 @@ from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_outpu
 from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
 from pipeline.io.explained_shot import keep_laws
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import publish_shot
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text

@@ -20,7 +20,7 @@ from pipeline.chain import build_shot_graph, require_writable_folder, run_shot_g
 from pipeline.engine.atomic_write import create_folder, replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import RunWatcher
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 from pipeline.run_options import RunOptions
 from video.flow.optical_flow import CrossFade, Interpolator, OpticalFlowInterpolator
 from video.io.audio import add_audio

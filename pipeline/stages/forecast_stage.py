@@ -28,7 +28,7 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     """Predict where balls could have gone, and with a profile compare the rest of the shot; else no forecast."""
     if not (options.fans or options.profile):
         return ForecastFans(())
-    from pipeline.io.run_view import view_run
+    from pipeline.io.run_views import view_run
 
     shot: Shot = inputs["explain"]
     fit = view_run(shot, None, options.profile)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 from video.io.video_options import RenderOptions
 
 SLOW_FILE, START_FILE = "slow.mp4", "start.json"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from pipeline.engine.stage import Inputs
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 
 
 def list_view_inputs(options: FitOptions) -> tuple[str, ...]:

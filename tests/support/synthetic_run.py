@@ -9,10 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from models.core.capture_clock import CaptureClock
 from models.core.detections import Detections
 from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.scene import Camera, Scene, Table
+from models.core.shot import Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
@@ -82,6 +84,12 @@ def make_fit(t: np.ndarray) -> Fit:
         accepted=everywhere,
         trust=Trust("green", ("everything is made up",)),
     )
+
+
+def make_unexplained_shot(tracks: Tracks, scene: Scene) -> Shot:
+    """Make a shot that nothing explains."""
+    clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
+    return Shot(scene, tracks, clock, np.full((*tracks.xy.shape, 2), np.nan), None)
 
 
 def make_unsure_fit(t: np.ndarray) -> Fit:

@@ -109,7 +109,13 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: Fi
     clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
     hypotheses = collect_hypotheses(solution, observations, scene.table)
     shot = Shot(
-        scene, tracks, clock, tracks.whitening, solution, hypotheses=hypotheses, moving_speed=options.moving_speed
+        scene,
+        tracks,
+        clock,
+        _whiten_observed(tracks),
+        solution,
+        hypotheses=hypotheses,
+        moving_speed=options.moving_speed,
     )
     return _add_close_passes(shot)
 
@@ -134,7 +140,7 @@ def _explain_tracks(
     noise = replace(noise, timing=np.hypot(noise.timing, blank.clock.sigma))
     is_rare = find_rarely_detected(tracks)
     selected = apply_noise(_remove_unreliable_samples(tracks, noise, is_rare), noise)
-    whitening = selected.whitening
+    whitening = _whiten_observed(selected)
     observations = collect_observations(selected)
     if len(observations.t) == 0:
         return replace(blank, notes=(*blank.notes, Note("no_ball")))
@@ -186,6 +192,11 @@ def _explain_tracks(
     shot = replace(shot, hypotheses=collect_hypotheses(solution, shot.observations, table))
     progress(1.0)
     return shot
+
+
+def _whiten_observed(tracks: Tracks) -> FloatArray:
+    """Return the whitening matrices (T, N, 2, 2) of the observed positions; NaN elsewhere."""
+    return np.where(tracks.is_observed[..., None, None], tracks.whitening, np.nan)
 
 
 def _remove_unreliable_samples(tracks: Tracks, noise: TrackNoise, is_rare: NDArray[np.bool_]) -> Tracks:

@@ -10,7 +10,7 @@ import rerun as rr
 
 from models.core.progress import Progress
 from pipeline.engine.stage_graph import RunWatcher
-from pipeline.io.run_view import view_run
+from pipeline.io.run_views import view_run
 from pipeline.reporting.recording import text_layer
 from pipeline.reporting.recording.forecast_layer import log_forecast_fans
 from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot

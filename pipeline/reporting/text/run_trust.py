@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.markup import escape
 
 from models.core.fit_result import Fit, Trust
-from models.core.shot import Shot
+from models.core.shot import Note
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import is_undecided
@@ -18,18 +20,18 @@ SAME_TIME = 0.05
 """s between two moments of the same event: a contact may be a moment of either ball."""
 
 
-def assess_run_trust(shot: Shot, fit: Fit) -> Trust:
+def assess_run_trust(notes: Sequence[Note], fit: Fit) -> Trust:
     """Assess the trust level of a run.
 
     Args:
-        shot: The shot with its notes.
+        notes: Notes of the shot.
         fit: Its views, with the trust level of the fit.
 
     Returns:
         The trust level of the fit; at most amber if the clip is incomplete, because its later part is missing, or if
         strikes, contacts of balls or pocketed balls are undecided, or if the motion contradicts what was set by hand.
     """
-    before = tuple(f"The clip is incomplete: {note.detail}." for note in shot.notes if note.code == "incomplete_clip")
+    before = tuple(f"The clip is incomplete: {note.detail}." for note in notes if note.code == "incomplete_clip")
     after = (*format_outcomes(fit.mark_outcomes), *_format_undecided(fit.explanation))
     if not before and not after:
         return fit.trust

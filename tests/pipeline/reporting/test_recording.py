@@ -13,6 +13,7 @@ from support import synthetic_run as shot
 
 from models.core.progress import Progress
 from pipeline.reporting.figures.motion_samples import kinetic_energy, simplify_line
+from pipeline.reporting.recording import live_recording
 from pipeline.reporting.recording.event_layer import format_mark
 from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
 from pipeline.reporting.recording.plan_layer import residual_magnification
@@ -215,6 +216,7 @@ def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
     clip = shot.write_clip(tmp_path / "clip.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
+    monkeypatch.setattr(live_recording, "view_run", lambda one: shot.make_fit(one.tracks.t))
     live = LiveRecording("nowhere", "made up")
     shares: list[float] = []
     watcher = LiveWatcher(ProgressRecorder(shares), live)
@@ -223,7 +225,7 @@ def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
         ("calibrate", scene),
         ("detect", shot.make_detections(tracks)),
         ("track", tracks),
-        ("fit", shot.make_fit(tracks.t)),
+        ("explain", shot.make_unexplained_shot(tracks, scene)),
         ("forecast", shot.make_fans()),
     ):
         progress = watcher.start_stage(stage)
@@ -234,7 +236,7 @@ def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
     live.close()
     shown = {chunk.entity_path: chunk for chunk in RrdReader(sent).stream()}
     assert {entity for entity in chunks if not entity.startswith("/__")} <= set(shown)
-    assert "/log/chain/progress/fit" in shown
+    assert "/log/chain/progress/explain" in shown
     assert len(shares) == 6 * 5, "the other watcher still receives everything"
 
 

@@ -32,4 +32,4 @@ def view_run(shot: Shot, laws: WholeShotFit | None = None, profile: str = "") ->
     fit = replace(fit, profile_misfits=list_profile_misfits(profile, shot.scene.cloth_lab, fit.parameters))
     if shot.solution is not None:
         fit = replace(fit, shot_numbers=measure_shots(fit, shot.solution, shot.tracks, shot.scene.table))
-    return replace(fit, trust=assess_run_trust(shot, fit))
+    return replace(fit, trust=assess_run_trust(shot.notes, fit))
