@@ -10,6 +10,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +31,8 @@ SHOT_FOLDER, SHOT_FILE, KEPT_FOLDER = "shot", "shot.json", "kept"
 FORMAT = 1
 """Version of the layout; a later program reads every earlier one."""
 HASH_DIGITS = 16
+_UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
+"""What files raise that were cut off or altered."""
 V = TypeVar("V")
 
 
@@ -112,11 +116,12 @@ def read_shot(folder: Path) -> Shot:
                     f"{path} was saved by trueroll {document['program']}, whose format {document['format']} this"
                     f" version does not know; update trueroll, or run the clip again"
                 )
-            with np.load(path.parent / document["arrays"], allow_pickle=False) as arrays:
+            packed = io.BytesIO((path.parent / document["arrays"]).read_bytes())
+            with np.load(packed, allow_pickle=False) as arrays:
                 shot: Shot = decode_value(Shot, document["value"], dict(arrays))
             return shot
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            failure = error
+        except _UNREADABLE as error:
+            failure: BaseException = error
     if not path.is_file():
         raise OptionError(
             f"{folder} holds no saved shot, because an earlier version of trueroll wrote it; run the clip again:"

@@ -6,7 +6,7 @@ realistic spread instead: spin about the vertical, the level of the table, the f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from models.core.errors import TrackError
 from models.core.fit_result import Trust
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Scene, Table
+from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.forecast.state_estimate import (
@@ -78,7 +79,13 @@ NOSE_FRICTION_SIGMA = 0.4
 """Of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 
 
-def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable | None = None) -> StateEstimate:
+Explain = Callable[[Tracks, Scene], Shot]
+"""A function that explains the frames until a moment."""
+
+
+def estimate_state(
+    tracks: Tracks, scene: Scene, t: float, learned: LearnedTable | None = None, explain_past: Explain = explain
+) -> StateEstimate:
     """Estimate the state of a shot at a moment; only frames until then are fitted.
 
     Args:
@@ -86,6 +93,7 @@ def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable
         scene: Table and camera.
         t: Presentation time, s.
         learned: What other shots taught about the table.
+        explain_past: Explains the frames until then, or finds an explanation that was kept.
 
     Returns:
         States of the balls on the table, with their covariance.
@@ -93,11 +101,11 @@ def estimate_state(tracks: Tracks, scene: Scene, t: float, learned: LearnedTable
     Raises:
         TrackError: If there are too few frames, or physics cannot be fitted.
     """
-    return estimate_states(tracks, scene, t, (learned,))[0]
+    return estimate_states(tracks, scene, t, (learned,), explain_past)[0]
 
 
 def estimate_states(
-    tracks: Tracks, scene: Scene, t: float, tables: Sequence[LearnedTable | None]
+    tracks: Tracks, scene: Scene, t: float, tables: Sequence[LearnedTable | None], explain_past: Explain = explain
 ) -> tuple[StateEstimate, ...]:
     """Estimate the state as `estimate_state` for several tables, with one fit.
 
@@ -106,6 +114,7 @@ def estimate_states(
         scene: Table and camera.
         t: Presentation time, s.
         tables: What other shots taught about the table, in several ways; None for nothing.
+        explain_past: As in `estimate_state`.
 
     Returns:
         One state per table.
@@ -118,7 +127,7 @@ def estimate_states(
         raise TrackError(
             f"{len(observed_tracks.t)} frames were detected until {t:g} s; a prediction needs at least {MIN_FRAMES}"
         )
-    shot = explain(observed_tracks, scene)
+    shot = explain_past(observed_tracks, scene)
     fit, solution = view_shot(shot), shot.solution
     if solution is None:
         raise TrackError(f"physics could not be fitted to the frames until {t:g} s; {fit.trust.reasons[0]}")

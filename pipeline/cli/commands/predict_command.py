@@ -19,11 +19,20 @@ from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from pipeline.actions.predict_particles import predict_particles
 from pipeline.chain import require_writable_folder
 from pipeline.engine.atomic_write import replace_file
+from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
 from pipeline.io.prediction_files import format_strict_json, summarize_prediction, write_prediction
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
-from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, make_output_console
+from pipeline.terminal.command_line import (
+    CacheOption,
+    DebugOption,
+    JsonOption,
+    OutBesideOption,
+    app,
+    make_output_console,
+    open_cache,
+)
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 STEP_S = 0.02
@@ -58,6 +67,7 @@ def predict(
         typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the ensemble.")] = 0,
+    cache: CacheOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
@@ -76,7 +86,9 @@ def predict(
     t = _choose_start_time(tracks, at)
     times = _list_prediction_times(tracks, t, seconds)
     learned = None if profile is None else parse_learned_table(read_profile_text(profile))
-    prediction = forecast_shot(estimate_state(tracks, scene, t, learned), times, seed, draws)
+    store = open_cache(cache)
+    state = estimate_state(tracks, scene, t, learned, lambda past, place: explain_tracks(past, place, store))
+    prediction = forecast_shot(state, times, seed, draws)
     later = check_prediction(prediction, tracks)
     document = summarize_prediction(prediction, number, later if len(later.t) else None)
     folder.mkdir(parents=True, exist_ok=True)
