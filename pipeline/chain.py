@@ -46,9 +46,10 @@ from pipeline.run_options import (
 from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
-from pipeline.stages.explain_stage import explain_stage, laws_stage
+from pipeline.stages.explain_stage import explain_stage
 from pipeline.stages.export_stage import ExportOptions, export_stage
 from pipeline.stages.forecast_stage import forecast_stage
+from pipeline.stages.laws_stage import laws_stage
 from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage

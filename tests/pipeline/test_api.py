@@ -101,7 +101,7 @@ def test_a_second_run_uses_the_cache_and_reports_progress(names: dict[str, Any])
         slow=8,
     )
     assert [share for _, share in progress] == [1.0] * len(progress)
-    assert {"read", "calibrate", "detect", "track", "fit", "record", "report"} <= {stage for stage, _ in progress}
+    assert {"read", "calibrate", "detect", "track", "explain", "record", "report"} <= {stage for stage, _ in progress}
     assert again.tracks.ids == names["shot"].tracks.ids
 
 

@@ -34,7 +34,7 @@ HANG_S = 600
 """Time after which a process hangs, s."""
 FILES = {
     "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
-    "recording.rrd", "report.html", "poster.png", "source.json",
+    "recording.rrd", "report.html", "poster.png", "source.json", "shot",
 }  # fmt: skip
 
 
@@ -132,7 +132,10 @@ def test_a_second_run_takes_everything_from_the_cache(home: Home, tmp_path: Path
     assert {view["state"] for view in json.loads(done.out)} == {"cached"}
     done = home.trueroll("run", home.clip, "-o", tmp_path / "again", "--quick", "--slow", SLOW, "--json")
     assert done.status == 0, done.err
-    again, before = ({path.name: path.read_bytes() for path in out.iterdir()} for out in (tmp_path / "again", home.out))
+    again, before = (
+        {path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+        for out in (tmp_path / "again", home.out)
+    )
     assert again == before
     assert json.loads(done.out)["trust"] == home.scene["trust"]
 
@@ -148,7 +151,7 @@ def test_another_speed_of_playing_makes_only_what_is_played_again(home: Home) ->
 def test_a_full_run_after_a_quick_one_repeats_only_what_differs(home: Home) -> None:
     done = home.trueroll("graph", home.clip, "--slow", SLOW, "--json")
     views = {view["stage"]: view["state"] for view in json.loads(done.out)}
-    shared = ("read", "calibrate", "detect", "track", "motion", "poster", "forecast")
+    shared = ("read", "calibrate", "detect", "track", "explain", "export", "poster", "forecast", "record")
     assert [name for name, state in views.items() if state == "cached"] == list(shared)
 
 
@@ -175,27 +178,33 @@ def test_a_clip_in_which_nobody_strikes_gets_its_report_of_where_the_balls_lie(t
     assert still.rows("events.csv") == []
 
 
+def write_exports(folder: Path, text: str) -> None:
+    """Write a saved shot and its tables, all with one text."""
+    (folder / "shot").mkdir(parents=True)
+    (folder / "shot" / "shot.json").write_text(json.dumps({"arrays": f"{text}.npz"}))
+    (folder / "shot" / f"{text}.npz").write_text(text)
+    for name in STAGE_FILES["export"]:
+        (folder / name).write_text(text)
+
+
 @pytest.mark.parametrize(("events", "stays"), [("old", True), ("new", False)])
 def test_a_slow_motion_of_other_tables_is_removed_before_the_new_one_is_made(
     events: str, stays: bool, tmp_path: Path
 ) -> None:
     made, folder = tmp_path / "made", tmp_path / "run"
     for place, text in ((made, events), (folder, "old")):
-        place.mkdir()
-        for name in STAGE_FILES["export"]:
-            (place / name).write_text(text)
+        write_exports(place, text)
     (folder / "slow.mp4").write_text("of the old tables")
     publish_files({"export": CacheEntry(made, "key", "export", "content", 0.0, 0, 0.0)}, folder)
     assert (folder / "slow.mp4").exists() == stays
     assert (folder / "events.csv").read_text() == events
+    assert [path.name for path in (folder / "shot").glob("*.npz")] == [f"{events}.npz"]
 
 
 def test_corrected_tables_leave_the_slow_motion_until_the_next_whole_run(tmp_path: Path) -> None:
     made, folder = tmp_path / "made", tmp_path / "run"
     for place, text in ((made, "new"), (folder, "old")):
-        place.mkdir()
-        for name in STAGE_FILES["export"]:
-            (place / name).write_text(text)
+        write_exports(place, text)
     (folder / "slow.mp4").write_text("of the old tables")
     entries = {"export": CacheEntry(made, "key", "export", "content", 0.0, 0, 0.0)}
     report_tables = find_report_tables(folder)

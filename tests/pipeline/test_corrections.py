@@ -45,7 +45,7 @@ FIRST_STAGES: dict[str, tuple[Corrections, str]] = {
     "placed ball": (Corrections(balls=(BallMark("placed", PLACE),)), "place"),
     "false ball": (Corrections(balls=(BallMark("false", PLACE),)), "track"),
     "track": (Corrections(tracks=(TrackEdit("rename", PLACE, name="nine"),)), "track"),
-    "contact": (Corrections(contacts=(ContactCorrection("delete", "strike", 3.0, PLACE),)), "motion"),
+    "contact": (Corrections(contacts=(ContactCorrection("delete", "strike", 3.0, PLACE),)), "explain"),
 }
 
 

@@ -84,6 +84,11 @@ class Clip:
             raise ValueError("Clip.t and Clip.is_duplicate must have the same shape (T,), and t must increase")
 
     @property
+    def missing_parts(self) -> tuple[str, ...]:
+        """The notes that report missing frames."""
+        return tuple(note for note in self.notes if note.startswith(INCOMPLETE_PREFIXES))
+
+    @property
     def frame_count(self) -> int:
         """Number of frames T, duplicate frames included."""
         return len(self.t)

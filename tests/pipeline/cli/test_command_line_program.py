@@ -308,7 +308,7 @@ def test_the_graph_of_a_clip_says_what_would_run(trueroll: Terminal) -> None:
     shot.write_clip(Path("clip.mp4"))
     views = {view["stage"]: view for view in json.loads(trueroll("graph", "clip.mp4", "--json").out)}
     assert views["read"]["state"] == "stale"
-    assert views["fit"]["state"] == "waiting"
+    assert views["explain"]["state"] == "waiting"
     assert "read" in trueroll("graph", "clip.mp4", "-o", "graph.svg").out
     assert Path("graph.svg").read_text().startswith("<svg")
 

@@ -66,11 +66,9 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
         read_profile_text(tmp_path / "nothing.json")
 
 
-def test_the_fit_of_whole_shots_is_on_within_a_budget_complete_or_off() -> None:
+def test_the_fit_of_whole_shots_is_off_unless_it_is_asked_for() -> None:
     usual = {name: setting.default for name, setting in list_settings().items()}
-    assert list_settings()["laws"].off_flag == "--no-laws"
-    assert list_settings()["fans"].off_flag == ""
-    for value, words in ((None, ()), (True, ("--laws",)), (False, ("--no-laws",))):
+    for value, words in ((False, ()), (True, ("--laws",))):
         options = build_options(usual | {"laws": value})
         assert options.fit.laws is value
         assert format_changed_settings(options) == words

@@ -73,7 +73,7 @@ def test_no_process_is_started_where_the_kernels_are_there_or_the_fit_is_done(
         assert set(multiprocessing.active_children()) == before
     monkeypatch.setattr(kernel_preparation, "_has_kernels", lambda with_shots: False)
     with KernelPreparation(with_shots) as kernels:
-        kernels.start(("read", "fit"))
+        kernels.start(("read", "explain"))
         assert set(multiprocessing.active_children()) == before
         kernels.start(("read",))
         started = set(multiprocessing.active_children()) - before

@@ -14,7 +14,7 @@ from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
 from pipeline.engine.source_fingerprint import ROOT, hash_sources
 
 EFFECTS = ROOT / "models" / "physics" / "effects"
-STAGES = ("fit_stage", "detect_stage", "track_stage")
+STAGES = ("explain_stage", "detect_stage", "track_stage")
 
 
 @pytest.mark.parametrize("effect", BILLIARDS_EFFECTS, ids=lambda effect: effect.name)
