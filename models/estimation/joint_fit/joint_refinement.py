@@ -96,7 +96,7 @@ def refine_graph(
     table: Table,
     iterations: int = 30,
     initial: JointSolution | None = None,
-    held: Sequence[int] = (),
+    fixed_contacts: Sequence[int] = (),
     continuity_sigma: float = SEARCH_CONTINUITY,
 ) -> JointSolution:
     """Refine the states, contact times and coefficients of a contact graph.
@@ -107,7 +107,7 @@ def refine_graph(
         table: The table.
         iterations: Largest number of iterations.
         initial: Solution with the initial coefficients; the priors by default.
-        held: Contacts that keep their times.
+        fixed_contacts: Contacts that keep their times.
         continuity_sigma: m by which paths may jump at contacts.
 
     Returns:
@@ -123,7 +123,7 @@ def refine_graph(
         NO_COVARIANCE,
     )
     arrays, parameters = build_graph_arrays(graph, continuity_sigma), extract_parameters(initial, graph)
-    fixed = arrays.first_contact + np.array(held, np.int64)
+    fixed = arrays.first_contact + np.array(fixed_contacts, np.int64)
     first = _linearize_fit(arrays, parameters, observations, table, parameters)
 
     def move(now: _Linearization, step: FloatArray) -> tuple[_Linearization, float] | None:

@@ -11,8 +11,12 @@ from support.frame_rates import convert_rate
 
 from benchmarks.fitting.path_bends import measure_bends
 from models.core.contact_graph import Contact
+from models.core.corrections import BallPlace, ContactCorrection
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.shot import ContactTestResult
+from models.core.shot_explanation import MarkOutcome
+from models.estimation.hand_marks.graph_marks import HAND_TIME_FRAMES, combine_marked_times
+from models.estimation.hand_marks.resolved_marks import ResolvedMark
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times
 from models.estimation.reconstruction import contact_time_refinement
@@ -97,6 +101,19 @@ def test_times_between_which_a_segment_would_not_last_stay() -> None:
         solution, {0: (hit + 0.1, 1e-3), 1: (hit + 1e-3, 1e-3)}, observations, SCENE.table
     )
     assert [contact.t for contact in after.graph.contacts] == pytest.approx([strike, hit], abs=5e-3)
+
+
+def test_a_time_set_by_hand_is_combined_with_the_refined_one_as_an_independent_measurement() -> None:
+    solution, observations = collision()
+    t, sigma = solution.graph.contacts[1].t, HAND_TIME_FRAMES / 30
+    places = BallPlace(0, 0.0, 0.0, "cue"), BallPlace(0, 0.0, 0.0, "solid-1")
+    mark = ResolvedMark(ContactCorrection("mark", "ball", 30 * t, *places), 0, 1, t + 4e-3, t + 4e-3, 0.08)
+    outcome = MarkOutcome("mark", "confirmed", ("cue", "solid-1"), "", mark.t)
+    times, (outcome,) = combine_marked_times(solution, {1: (t, sigma)}, [mark], (outcome,), observations)
+    assert times[1] == pytest.approx((t + 2e-3, sigma / np.sqrt(2)), rel=1e-6)
+    certain, (contradicted,) = combine_marked_times(solution, {1: (t - 0.06, 1e-4)}, [mark], (outcome,), observations)
+    assert certain == {1: (t - 0.06, 1e-4)}, "the motion contradicts the mark"
+    assert contradicted.code == "other_time"
 
 
 @pytest.mark.parametrize(("chi2", "is_refined"), [(1.4, True), (1.85, False)])
