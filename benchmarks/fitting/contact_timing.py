@@ -1,4 +1,4 @@
-"""Compare errors of fitted contact times with the Cramer-Rao bound and with interpolation.
+"""Compare errors of fitted contact times with the Cramer-Rao bound and with interpolation, and with the bends of paths.
 
     python -m benchmarks.fitting.contact_timing [--quick] [--seeds N] [--truth DIR]
 
@@ -32,6 +32,7 @@ from benchmarks.fitting.ball_pairs import (
     overhead_scene,
     simulate_meetings,
 )
+from benchmarks.fitting.path_bends import measure_bends
 from benchmarks.support.figures import (
     Figure,
     add_quick_option,
@@ -149,11 +150,18 @@ def timing_bound(meeting: Meeting, truth: Truth, t: np.ndarray, physics_known: b
     return float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[0, 0]))
 
 
-def fit_contact_time(tracks: Tracks) -> tuple[float, float]:
-    """Fit the contact time of a and b and its sigma, s; NaN without a detected contact."""
-    events = view_shot(explain(tracks, overhead_scene())).events
+def fit_contact_time(tracks: Tracks) -> tuple[float, float, float]:
+    """Fit the contact time of a and b, its sigma and how far it is from the bends of the paths, s.
+
+    NaN without a detected contact. The paths are sampled and rounded as in trajectory.csv.
+    """
+    fit = view_shot(explain(tracks, overhead_scene()))
+    events, t = fit.events, np.arange(round(tracks.t[0] * 1000), round(tracks.t[-1] * 1000) + 1) / 1000
     rows = [k for k, kind in enumerate(events.kind) if kind == "ball"]
-    return (float(events.t[rows[0]]), float(events.t_sigma[rows[0]])) if rows else (np.nan, np.nan)
+    if not rows:
+        return np.nan, np.nan, np.nan
+    bends = measure_bends(events, t, np.round(fit.trajectory.at(t).xy, 6), tracks.ids)[rows[0]]
+    return float(events.t[rows[0]]), float(events.t_sigma[rows[0]]), float(np.fmax(*np.abs(bends)))
 
 
 RIVALS: dict[str, Callable[[np.ndarray, np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
@@ -180,6 +188,8 @@ class ContactErrors:
     fit: np.ndarray
     pull: np.ndarray
     """Error divided by its stated sigma."""
+    bend: np.ndarray
+    """Largest distance from the bend of a path; NaN where none can be measured."""
     bound: np.ndarray
     bound_with_known_physics: np.ndarray
     rivals: dict[str, np.ndarray]
@@ -193,15 +203,16 @@ def measure_errors(meetings: list[Meeting], truths: list[Truth], fps: int) -> Co
     rows = []
     for seed, (meeting, truth) in enumerate(zip(meetings, truths, strict=True)):
         tracks = film_pair(truth, fps, np.random.default_rng([seed, fps]), noise=NOISE)
-        estimate, sigma = fit_contact_time(tracks)
+        estimate, sigma, bend = fit_contact_time(tracks)
         bounds = (timing_bound(meeting, truth, tracks.t, known) for known in (False, True))
         rivals = (interpolate_contact(name, tracks) - truth.contact for name in RIVALS)
         error = estimate - truth.contact
-        rows.append([error, *bounds, *rivals, error / sigma])
-    fit, bound, informed, *rivals, pull = np.array(rows).T
+        rows.append([error, error / sigma, bend, *bounds, *rivals])
+    fit, pull, bend, bound, informed, *rivals = np.array(rows).T
     return ContactErrors(
-        1e3 * fit, pull, 1e3 * bound, 1e3 * informed, {k: 1e3 * e for k, e in zip(RIVALS, rivals, strict=True)}
-    )
+        1e3 * fit, pull, 1e3 * bend, 1e3 * bound, 1e3 * informed,
+        {k: 1e3 * e for k, e in zip(RIVALS, rivals, strict=True)},
+    )  # fmt: skip
 
 
 def format_row(case: str, fps: int, goal: float, errors: ContactErrors) -> str:
@@ -212,7 +223,7 @@ def format_row(case: str, fps: int, goal: float, errors: ContactErrors) -> str:
     cells = [
         case, str(fps), f"{found.sum()}/{len(found)}", f"{informed:.3f}", f"{least:.3f}", f"{fit:.3f}",
         f"{fit / least:.2f} (<= {goal})", f"{errors.fit[found].mean():+.3f}",
-        f"{_root_mean_square(errors.pull[found]):.2f}",
+        f"{_root_mean_square(errors.pull[found]):.2f}", f"{np.nanmax(errors.bend):.4f}",
         *(f"{_root_mean_square(e[found]):.2f}" for e in errors.rivals.values()),
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
@@ -242,6 +253,7 @@ def measure_figures(folder: Path) -> list[Figure]:
                 lambda x: _root_mean_square(x[:, 0]) / _root_mean_square(x[:, 1]),
             ),
             estimate_rms(f"{fps} fps: error over stated sigma", errors.pull[found], ""),
+            estimate_rms(f"{fps} fps: distance from the bend of the path", errors.bend[np.isfinite(errors.bend)], "ms"),
             *(estimate_rms(f"{fps} fps: {name} interpolation", e[found], "ms") for name, e in errors.rivals.items()),
         ]  # fmt: skip
     return figures
@@ -269,6 +281,7 @@ def main() -> None:
         "over bound",
         "bias ms",
         "RMS error/sigma",
+        "largest distance from bend ms",
         *RIVALS,
     )
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")

@@ -38,8 +38,6 @@ class RivalContact:
 
     ball: int
     other: int
-    t: float
-    """s, capture time."""
     cost: float
     """chi2 beyond that of the best explanation, of the segments that differ; negative where the rival fits better."""
 

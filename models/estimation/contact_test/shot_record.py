@@ -115,26 +115,35 @@ class ShotRecord:
         ball = int(self.ball[is_own][0]) if is_own.any() else 0
         fitted = np.stack([np.interp(self.t[is_own], self.moments, self.path[:, ball, k]) for k in (0, 1)], axis=1)
         deviation = np.hypot(*(self.xy[is_own] - fitted).T) / self.sigma[is_own]
-        deviation = deviation[np.isfinite(deviation)]
-        # half of a two-dimensional normal lies within 1.1774 standard deviations
-        return float(np.clip(np.median(deviation) / 1.1774, 0.5, 5.0)) if len(deviation) >= MIN_RESIDUALS else 1.0
+        return estimate_noise_scale(deviation[np.isfinite(deviation)])
 
     @property
     def reach_sigma(self) -> float:
         """m, of the distance at which two balls touch: their sizes, and the scale if a camera filmed them."""
-        if self.camera is None:
-            return DIAMETER_TOLERANCE
-        corners, covariance = self.camera.corners_px, self.camera.corner_covariance
-        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-        relative_sigma = np.sqrt(np.trace(covariance) / 4) / float(
-            sides.min()
-        )  # errors of two corners over the shortest side
-        return float(np.hypot(DIAMETER_TOLERANCE, np.hypot(SCALE_SIGMA, relative_sigma) * 2 * self.table.ball_radius))
+        return estimate_reach_sigma(self.table, self.camera)
 
     @property
     def nose_sigma(self) -> float:
         """m, of the contact line of a cushion."""
         return NOSE_SIGMA if self.camera else DIAMETER_TOLERANCE
+
+
+def estimate_noise_scale(deviation: FloatArray) -> float:
+    """Estimate the scale of deviations (K,), in stated sigmas, from a path: 1/2 to 5; 1 with too few of them."""
+    # half of a two-dimensional normal lies within 1.1774 standard deviations
+    return float(np.clip(np.median(deviation) / 1.1774, 0.5, 5.0)) if len(deviation) >= MIN_RESIDUALS else 1.0
+
+
+def estimate_reach_sigma(table: Table, camera: Camera | None) -> float:
+    """Estimate the uncertainty of the distance at which two balls touch, m, from their sizes and the calibration."""
+    if camera is None:
+        return DIAMETER_TOLERANCE
+    corners, covariance = camera.corners_px, camera.corner_covariance
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    relative_sigma = np.sqrt(np.trace(covariance) / 4) / float(
+        sides.min()
+    )  # errors of two corners over the shortest side
+    return float(np.hypot(DIAMETER_TOLERANCE, np.hypot(SCALE_SIGMA, relative_sigma) * 2 * table.ball_radius))
 
 
 def make_shot_record(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from models.estimation.joint_fit.contact_cascades import (
     predict_cascade,
 )
 from models.estimation.joint_fit.fit_solution import assign_observations
-from models.estimation.joint_fit.joint_refinement import condition_on_contact_time, refine_graph
+from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
 from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
@@ -98,39 +98,40 @@ def settle_marks(
     return solution, tuple(outcomes)
 
 
-def condition_on_marks(
+def combine_marked_times(
     solution: JointSolution,
+    times: Mapping[int, tuple[float, float]],
     marks: Sequence[ResolvedMark],
     outcomes: tuple[MarkOutcome, ...],
     observations: Observations,
-) -> tuple[JointSolution, tuple[MarkOutcome, ...]]:
-    """Combine the fitted times of marked contacts with those that a person set.
+) -> tuple[dict[int, tuple[float, float]], tuple[MarkOutcome, ...]]:
+    """Combine the times of marked contacts with those that a person set.
 
     Args:
         solution: A solution with its covariance.
+        times: Refined times and their standard deviations, s, by contact; others are those of the solution.
         marks: The marks.
         outcomes: The outcome of each mark so far.
         observations: K observations.
 
     Returns:
-        The solution, and the outcomes; where the motion contradicts a time, it stays and the outcome says so.
+        The times, and the outcomes; where the motion contradicts a time, it stays and the outcome says so.
     """
-    sigma = HAND_TIME_FRAMES * frame_interval(observations)
-    final = list(outcomes)
+    variance = np.diag(solution.covariance)[layout_parameters(solution.graph).contact :]
+    combined, final = dict(times), list(outcomes)
     for k, mark in enumerate(marks):
         number = None if mark.mark.kind == "delete" else find_contact(solution.graph, mark, mark.t)
         if number is None:
             continue
-        column = layout_parameters(solution.graph).contact + number
-        variance = max(float(solution.covariance[column, column]), 0.0)
-        difference = solution.graph.contacts[number].t - mark.t
-        if outcomes[k].code != "no_change" and abs(difference) > CONTRADICTION_SIGMAS * np.hypot(
-            np.sqrt(variance), sigma
-        ):
-            final[k] = replace(final[k], code="other_time", value=difference)
+        own = float(np.sqrt(max(variance[number], 0.0)))
+        t, own = combined.get(number, (solution.graph.contacts[number].t, own))
+        sigma = HAND_TIME_FRAMES * frame_interval(observations)
+        total = float(np.hypot(own, sigma))
+        if outcomes[k].code != "no_change" and abs(t - mark.t) > CONTRADICTION_SIGMAS * total:
+            final[k] = replace(final[k], code="other_time", value=t - mark.t)
         else:
-            solution = condition_on_contact_time(solution, number, mark.t, sigma)
-    return solution, tuple(final)
+            combined[number] = t + (own / total) ** 2 * (mark.t - t), own * sigma / total
+    return combined, tuple(final)
 
 
 def find_contact(graph: ContactGraph, mark: ResolvedMark, t: float) -> int | None:

@@ -18,6 +18,8 @@ STRIKE, BALL, CUSHION, FREE, JUMP, BREAK = range(6)
 SLIDING_COLUMN, ROLLING_COLUMN, DIAMETER_COLUMN, NOSE_COLUMN, RUBBER_COLUMN = 0, 1, 2, 3, 7
 """First columns of the shared parameters."""
 NONE = -1
+SEARCH_CONTINUITY = 2e-4
+"""m by which paths may jump at contacts while the structure is searched: so it gets past wrong contacts."""
 
 
 class GraphArrays(NamedTuple):
@@ -46,6 +48,8 @@ class GraphArrays(NamedTuple):
     leaves: FloatArray
     """(C, 6) states in which balls leave breaks; `whiten` (C, 6, 6) takes deviations to standard deviations."""
     whiten: FloatArray
+    continuity_sigma: float
+    """m by which paths may jump at contacts."""
     column: IntArray
     """(S,) first parameter of a segment."""
     first_contact: int
@@ -64,11 +68,12 @@ class FitParameters(NamedTuple):
     """(10,) friction of sliding and rolling, diameter, four noses, three of the rubber."""
 
 
-def build_graph_arrays(graph: ContactGraph) -> GraphArrays:
+def build_graph_arrays(graph: ContactGraph, continuity_sigma: float = SEARCH_CONTINUITY) -> GraphArrays:
     """Build the arrays that a refinement of a contact graph keeps fixed.
 
     Args:
         graph: The contact graph, of S segments and C contacts.
+        continuity_sigma: m by which paths may jump at contacts.
 
     Returns:
         The arrays.
@@ -89,6 +94,7 @@ def build_graph_arrays(graph: ContactGraph) -> GraphArrays:
         np.array([c.pushed for c in contacts], np.bool_),
         np.array([c.exit_state for c in contacts]).reshape(-1, 6),
         np.array([c.exit_whitening for c in contacts]).reshape(-1, 6, 6),
+        continuity_sigma,
         layout.segment.astype(np.int64),
         layout.contact,
         layout.shared,

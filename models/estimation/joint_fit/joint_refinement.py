@@ -6,6 +6,7 @@ the physics as pseudo-observations.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from models.estimation.joint_fit.fit_arrays import (
     DIAMETER_COLUMN,
     NONE,
     ROLLING_COLUMN,
+    SEARCH_CONTINUITY,
     SLIDING_COLUMN,
     FitParameters,
     GraphArrays,
@@ -56,6 +58,10 @@ SHORTEST_SEGMENT = 1e-4
 """s: least time between two contacts of a ball."""
 MAX_SHORTENING = 0.7
 """Share of the time between two contacts of a ball by which one step may shorten it."""
+CONTINUITY = 2e-5
+"""m by which paths of a final solution may jump at contacts: the bend of a path, extrapolated from both sides, is at
+its contact.
+"""
 NO_COVARIANCE = np.empty((0, 0))
 """The covariance before it is evaluated."""
 SEARCH = SearchOptions(
@@ -90,6 +96,8 @@ def refine_graph(
     table: Table,
     iterations: int = 30,
     initial: JointSolution | None = None,
+    fixed_contacts: Sequence[int] = (),
+    continuity_sigma: float = SEARCH_CONTINUITY,
 ) -> JointSolution:
     """Refine the states, contact times and coefficients of a contact graph.
 
@@ -99,6 +107,8 @@ def refine_graph(
         table: The table.
         iterations: Largest number of iterations.
         initial: Solution with the initial coefficients; the priors by default.
+        fixed_contacts: Contacts that keep their times.
+        continuity_sigma: m by which paths may jump at contacts.
 
     Returns:
         The best-fitting solution, without covariance.
@@ -112,7 +122,8 @@ def refine_graph(
         np.inf,
         NO_COVARIANCE,
     )
-    arrays, parameters = build_graph_arrays(graph), extract_parameters(initial, graph)
+    arrays, parameters = build_graph_arrays(graph, continuity_sigma), extract_parameters(initial, graph)
+    fixed = arrays.first_contact + np.array(fixed_contacts, np.int64)
     first = _linearize_fit(arrays, parameters, observations, table, parameters)
 
     def move(now: _Linearization, step: FloatArray) -> tuple[_Linearization, float] | None:
@@ -134,7 +145,7 @@ def refine_graph(
     best = minimize_cost(
         first,
         first.cost,
-        lambda now: _build_normal_equations(now, arrays.size),
+        lambda now: _hold_parameters(_build_normal_equations(now, arrays.size), fixed),
         solve_normal_equations,
         move,
         replace(SEARCH, iterations=iterations),
@@ -156,32 +167,48 @@ def add_covariance(solution: JointSolution, observations: Observations, table: T
     Returns:
         The solution with its covariance (P, P).
     """
-    arrays, parameters = build_graph_arrays(solution.graph), extract_parameters(solution, solution.graph)
+    arrays = build_graph_arrays(solution.graph, CONTINUITY)
+    parameters = extract_parameters(solution, solution.graph)
     linear = _linearize_fit(arrays, parameters, observations, table, parameters)
     normal = _build_normal_equations(linear, arrays.size).normal
     return replace(solution, covariance=solve_damped(normal, np.eye(arrays.size), 0.0, lower=True))
 
 
-def condition_on_contact_time(solution: JointSolution, contact: int, t: float, sigma: float) -> JointSolution:
-    """Combine the time of a contact with an independent measurement of it, to first order.
+def condition_on_contact_times(
+    solution: JointSolution, times: Mapping[int, tuple[float, float]], observations: Observations, table: Table
+) -> JointSolution:
+    """Replace the distribution of some contact times, or of none; all other parameters follow.
+
+    The times are given, not combined with those of the solution: they may come from the same observations. All other
+    parameters are refined between the contacts held in time, so that paths stay continuous.
 
     Args:
-        solution: A solution with its covariance.
-        contact: Number of the contact.
-        t: Measured time, s.
-        sigma: Its standard deviation, s.
+        solution: A solution.
+        times: Time of each contact and its standard deviation, s, by the number of the contact.
+        observations: K observations.
+        table: The table.
 
     Returns:
-        The solution with all parameters and their covariance updated; unchanged if a segment would not last.
+        The solution with its covariance; times between which a segment would not last stay as they are.
     """
-    arrays, parameters = build_graph_arrays(solution.graph), extract_parameters(solution, solution.graph)
-    column = arrays.first_contact + contact
-    gain = solution.covariance[:, column] / (solution.covariance[column, column] + sigma**2)
-    moved = _apply_step(arrays, parameters, gain * (t - solution.graph.contacts[contact].t))
-    if not _has_valid_order(arrays, moved.t):
-        return solution
-    covariance = solution.covariance - np.outer(gain, solution.covariance[column])
-    return replace(apply_parameters(solution, solution.graph, moved), covariance=covariance)
+    arrays = build_graph_arrays(solution.graph, CONTINUITY)
+    parameters = extract_parameters(solution, solution.graph)
+    while True:
+        t = parameters.t.copy()
+        t[list(times)] = [time for time, _ in times.values()]
+        is_short = end_times(arrays, t) <= start_times(arrays, t) + SHORTEST_SEGMENT
+        limits = {*arrays.start[is_short].tolist(), *arrays.end[is_short].tolist()}
+        if not limits & times.keys():
+            break
+        times = {number: time for number, time in times.items() if number not in limits}
+    moved = apply_parameters(solution, solution.graph, parameters._replace(t=t))
+    refined = refine_graph(moved.graph, observations, table, 30, moved, list(times), CONTINUITY)
+    free = add_covariance(refined, observations, table).covariance
+    columns = arrays.first_contact + np.array(list(times), np.int64)
+    block = free[np.ix_(columns, columns)]
+    gain = free[:, columns] @ np.linalg.inv(block)
+    variance = np.diag([sigma**2 for _, sigma in times.values()])
+    return replace(refined, covariance=free - gain @ (block - variance) @ gain.T)
 
 
 def _build_normal_equations(linear: _Linearization, size: int) -> NormalEquations:
@@ -192,6 +219,14 @@ def _build_normal_equations(linear: _Linearization, size: int) -> NormalEquation
     _add_observation_rows(
         linear.jacobian, linear.columns, linear.residual[:observed], linear.weight[:observed], normal, gradient
     )
+    return NormalEquations(normal, gradient)
+
+
+def _hold_parameters(equations: NormalEquations, fixed: IntArray) -> NormalEquations:
+    """Keep some parameters as they are: their step is zero."""
+    normal, gradient = equations.normal.copy(), equations.gradient.copy()
+    normal[fixed], normal[:, fixed], gradient[fixed] = 0.0, 0.0, 0.0
+    normal[fixed, fixed] = 1.0
     return NormalEquations(normal, gradient)
 
 

@@ -54,8 +54,6 @@ DIAMETER_SIGMA = 0.02
 """Relative: one factor per clip on the distance of touching balls, for calibration errors."""
 NOSE_SIGMA = 0.004
 """m: one offset per cushion, for calibration errors and soft rubber."""
-CONTINUITY_SIGMA = 2e-4
-"""m: paths do not jump at contacts."""
 JUMP_SIGMA, BREAK_SIGMA = 0.01, 1e-6
 """s: how far a jump may move in one step; the time at which a ball leaves a break is fixed."""
 MIN_HIT_SPEED = 0.02
@@ -223,7 +221,7 @@ def _write_contact_rows(arrays, c, parameters, end, reference, reference_end, ta
         if arrays.before[c, ball] != NONE:
             for axis in range(2):
                 by_end[rows, ball, axis], by_start[rows, ball, axis] = 1.0, -1.0
-                sigma[rows] = CONTINUITY_SIGMA
+                sigma[rows] = arrays.continuity_sigma
                 rows += 1
     offset = np.zeros(MAX_ROWS)
     if arrays.kind[c] == BALL:

@@ -7,17 +7,20 @@ of the joint fit stays.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from models.core.events import Events
-from models.core.shot import ContactTestResult
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.scene import Scene
 from models.core.typing import FloatArray
-from models.estimation.contact_test.candidate_contacts import cut_ball_window
-from models.estimation.contact_test.contact_moment import PossibleContact
+from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME
+from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
 from models.estimation.contact_test.contact_time import estimate_contact_time
-from models.estimation.contact_test.shot_record import ShotRecord
+from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma
+from models.estimation.joint_fit.contact_cascades import evaluate_state
+from models.estimation.joint_fit.fit_solution import evaluate_residuals
+from models.estimation.segmentation.track_segmentation import BallSamples
 
 MAX_CHI2 = 1.6
 """Per degree of freedom: beyond, two ideal balls do not explain the samples."""
@@ -29,42 +32,78 @@ MIN_SAMPLES = 3
 """Least number of samples of a ball on either side of a contact."""
 
 
-def refine_contact_times(record: ShotRecord) -> Events:
-    """Refine the times of all ball contacts of a record where exact physics holds."""
-    events = record.events
-    t, t_sigma, gap, gap_sigma = (values.copy() for values in (events.t, events.t_sigma, events.gap, events.gap_sigma))
-    for k in range(len(events)):
-        result = _refine_contact_time(record, k) if events.kind[k] == "ball" else None
-        if result is not None:
-            excess = np.sqrt(max(result.chi2, 1.0))
-            t[k], t_sigma[k] = result.t, result.t_sigma * excess
-            gap[k], gap_sigma[k] = result.gap, result.gap_sigma * excess
-    return _sort_events(record, replace(events, gap=gap, gap_sigma=gap_sigma), t, t_sigma)
+class _FittedShot(NamedTuple):
+    """What contacts are timed from."""
+
+    solution: JointSolution
+    observations: Observations
+    sigma: FloatArray
+    """(K,) m, of the observations, scaled to the scatter of their balls about the fitted paths."""
+    time_sigma: FloatArray
+    """(C,) s, of the contacts."""
 
 
-def _refine_contact_time(record: ShotRecord, k: int) -> ContactTestResult | None:
-    """Refine event k by exact physics; None where that does not hold."""
-    events = record.events
-    t, balls = float(events.t[k]), [record.ball_index(name) for name in (events.a[k], events.b[k])]
+def refine_contact_times(
+    solution: JointSolution, observations: Observations, scene: Scene
+) -> dict[int, tuple[float, float]]:
+    """Refine the times of all contacts of two balls where exact physics holds.
+
+    Args:
+        solution: A solution with its covariance.
+        observations: K observations.
+        scene: Table and camera.
+
+    Returns:
+        Time and its standard deviation, s, by the number of the contact.
+    """
+    layout = layout_parameters(solution.graph)
+    variance = np.diag(solution.covariance)[layout.contact : layout.shared]
+    sigma = np.sqrt(np.trace(np.linalg.inv(observations.whiten.mT @ observations.whiten), axis1=1, axis2=2) / 2)
+    residual = np.einsum("kij,kj->ki", observations.whiten, evaluate_residuals(solution, observations))
+    for ball in np.unique(observations.ball):
+        is_own = observations.ball == ball
+        sigma[is_own] *= estimate_noise_scale(np.hypot(*residual[is_own].T))
+    shot = _FittedShot(solution, observations, sigma, np.sqrt(np.maximum(variance, 0.0)))
+    reach = 2 * scene.table.ball_radius, estimate_reach_sigma(scene.table, scene.camera)
+    refined = (
+        (k, _refine_contact_time(shot, k, *reach)) for k, c in enumerate(solution.graph.contacts) if c.kind == "ball"
+    )
+    return {k: time for k, time in refined if time is not None}
+
+
+def _refine_contact_time(
+    shot: _FittedShot, number: int, reach: float, reach_sigma: float
+) -> tuple[float, float] | None:
+    """Refine the time of a contact by exact physics; None where that does not hold."""
+    t = shot.solution.graph.contacts[number].t
     try:
-        windows = tuple(cut_ball_window(record, t, ball, {events.a[k], events.b[k]}) for ball in balls)
+        windows = tuple(_cut_ball_window(shot, number, ball) for ball in (0, 1))
         if any(min(np.sum(ball.t < t), np.sum(ball.t > t)) < MIN_SAMPLES for ball in windows):
             return None
-        result = estimate_contact_time(PossibleContact(windows, 2 * record.table.ball_radius, record.reach_sigma), t)
+        result = estimate_contact_time(PossibleContact(windows, reach, reach_sigma), t)
     except (ValueError, np.linalg.LinAlgError):
         return None
-    shift = abs(result.t - t)
-    is_near = shift < min(MAX_MOVE_SIGMAS * float(events.t_sigma[k]), MAX_MOVE)
-    return result if result.closing > 0 and result.chi2 < MAX_CHI2 and is_near else None
+    is_near = abs(result.t - t) < min(MAX_MOVE_SIGMAS * float(shot.time_sigma[number]), MAX_MOVE)
+    holds = result.closing > 0 and result.chi2 < MAX_CHI2 and is_near
+    return (result.t, result.t_sigma * np.sqrt(max(result.chi2, 1.0))) if holds else None
 
 
-def _sort_events(record: ShotRecord, events: Events, t: FloatArray, t_sigma: FloatArray) -> Events:
-    """Sort events by their new times t (E,)."""
-    order = np.argsort(t, kind="stable")
-    frame = np.array([record.frame_at(moment) for moment in t]).reshape(-1)
-    has_moved = t != events.t
-    return Events(
-        tuple(events.kind[k] for k in order), t[order], t_sigma[order], np.where(has_moved, frame, events.frame)[order],
-        tuple(events.a[k] for k in order), tuple(events.b[k] for k in order), events.xy[order],
-        events.probability[order], events.gap[order], events.gap_sigma[order], events.speed[order],
-    )  # fmt: skip
+def _cut_ball_window(shot: _FittedShot, number: int, which: int) -> BallWindow:
+    """Cut the samples of a ball of a contact, from its contact before to its next one after."""
+    graph, observations = shot.solution.graph, shot.observations
+    contact = graph.contacts[number]
+    before, after = contact.before[which], contact.after[which]
+    begin = max(contact.t - WINDOW_TIME, float(observations.t.min()), _guard(shot, graph.segments[before].start, 1))
+    begin = min(begin, contact.t)
+    end = min(contact.t + WINDOW_TIME, _guard(shot, graph.segments[after].end, -1))
+    is_inside = (observations.t >= begin) & (observations.t <= max(end, contact.t))
+    rows = (observations.ball == graph.segments[before].ball) & is_inside
+    samples = BallSamples(observations.t[rows], observations.xy[rows], shot.sigma[rows])
+    return make_ball_window(samples, contact.t, begin, evaluate_state(graph, shot.solution.friction, before, begin))
+
+
+def _guard(shot: _FittedShot, number: int | None, sign: int) -> float:
+    """Return the time, s, that samples keep from another contact: after it (sign 1) or before it (-1)."""
+    if number is None:
+        return -sign * np.inf
+    return shot.solution.graph.contacts[number].t + sign * GUARD_SIGMAS * float(shot.time_sigma[number])

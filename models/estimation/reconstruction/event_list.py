@@ -57,18 +57,14 @@ def list_events(
     solution: JointSolution,
     tracks: Tracks,
     table: Table,
-    chi2: FloatArray,
     pocketed: list[EventRow],
     break_contacts: list[EventRow],
 ) -> list[EventRow]:
-    """List all events of a clip, including `break_contacts`; their probabilities are not known yet.
-
-    `chi2` (S,) per segment inflates the errors of times where a segment fits badly.
-    """
+    """List all events of a clip, including `break_contacts`; their probabilities are not known yet."""
     layout = layout_parameters(solution.graph)
     events = [*pocketed, *break_contacts]
     for number, contact in enumerate(solution.graph.contacts):
-        events += _list_contact_events(solution, layout, number, contact, tracks, table, chi2)
+        events += _list_contact_events(solution, layout, number, contact, tracks, table)
     vanish = {event.a: event.t for event in pocketed}
     events += _find_rests(solution, layout, tracks, table.ball_radius)
     jaws = 3 * float(np.median(np.diff(tracks.t))) if pocketed else 0.0
@@ -122,7 +118,6 @@ def _list_contact_events(
     contact: Contact,
     tracks: Tracks,
     table: Table,
-    chi2: FloatArray,
 ) -> list[EventRow]:
     """List the events of one contact."""
     ids = tracks.ids
@@ -134,9 +129,7 @@ def _list_contact_events(
         )
     segments = solution.graph.segments
     balls = [segments[k].ball for k in contact.before]
-    around = chi2[[*contact.before, *contact.after]]
-    excess = max(1.0, float(np.nanmax(around)) if np.isfinite(around).any() else 1.0)
-    sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number] * excess))
+    sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number]))
     after = [segments[k].state for k in contact.after]
     if contact.kind == "strike":
         speed = float(np.hypot(*after[0][2:4]))

@@ -20,10 +20,14 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.candidate_contacts import find_close_passes
 from models.estimation.contact_test.shot_record import make_shot_record
-from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, condition_on_marks, settle_marks
+from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, combine_marked_times, settle_marks
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations
-from models.estimation.joint_fit.joint_refinement import add_covariance, refine_graph
+from models.estimation.joint_fit.joint_refinement import (
+    add_covariance,
+    condition_on_contact_times,
+    refine_graph,
+)
 from models.estimation.joint_fit.trust_level import (
     evaluate_segment_chi2,
 )
@@ -31,6 +35,7 @@ from models.estimation.reconstruction.break_refinement import (
     reconstruct_breaks,
 )
 from models.estimation.reconstruction.capture_times import estimate_capture_times
+from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
 from models.estimation.reconstruction.noise_reestimation import reestimate_noise
 from models.estimation.reconstruction.shot_views import view_captured
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
@@ -106,6 +111,8 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: Fi
     """
     observations = collect_observations(tracks)
     solution = add_covariance(refine_graph(graph, observations, scene.table, iterations=60), observations, scene.table)
+    times = refine_contact_times(solution, observations, scene)
+    solution = condition_on_contact_times(solution, times, observations, scene.table)
     clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
     hypotheses = collect_hypotheses(solution, observations, scene.table)
     shot = Shot(
@@ -171,6 +178,7 @@ def _explain_tracks(
     solution = log("simulated breaks", after_breaks)
     if breaks:
         solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
+    measured = observations
     excess = _excess_chi2(solution, observations)
     if np.any(excess > 1.5):  # systematic model errors count as noise
         observations = replace(observations, whiten=observations.whiten / np.sqrt(excess)[:, None, None])
@@ -183,8 +191,9 @@ def _explain_tracks(
         marked, outcomes = settle_marks(solution, marks, MarkedFit(observations, table, prices), tracks.ids)
         solution = log("marks by hand", marked)
     solution = add_covariance(solution, observations, table)
-    if marks:
-        solution, outcomes = condition_on_marks(solution, marks, outcomes, observations)
+    times = refine_contact_times(solution, measured, blank.scene)
+    times, outcomes = combine_marked_times(solution, times, marks, outcomes, observations)
+    solution = condition_on_contact_times(solution, times, observations, table)
     shot = replace(
         blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
         hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts),

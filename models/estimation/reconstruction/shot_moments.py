@@ -13,7 +13,6 @@ from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanatio
 from models.core.tracks import Tracks
 from models.estimation.contact_test.candidate_contacts import evaluate_close_pass
 from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.reconstruction.contact_time_refinement import MAX_MOVE
 from models.estimation.reconstruction.event_list import frame_at
 from models.estimation.shot_hypotheses.event_evidence import EventEvidence
 from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
@@ -21,33 +20,6 @@ from models.estimation.shot_hypotheses.weigh_hypotheses import MIN_LISTED_PROBAB
 
 MAX_LOG_ODDS = 7.0
 """Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
-
-
-def align_moments(explanation: ShotExplanation, events: Events) -> ShotExplanation:
-    """Take the refined times of contacts over from the events.
-
-    Args:
-        explanation: Explanation of the shot.
-        events: Events with refined times.
-
-    Returns:
-        The explanation with the same times.
-    """
-    moments = []
-    for moment in explanation.moments:
-        same = [
-            k
-            for k in range(len(events))
-            if events.kind[k] == "ball"
-            and moment.best.cause == "ball"
-            and {events.a[k], events.b[k]} == {moment.ball, moment.best.other}
-            and abs(events.t[k] - moment.t) <= MAX_MOVE
-        ]
-        if same:
-            k = min(same, key=lambda row: abs(events.t[row] - moment.t))
-            moment = replace(moment, t=float(events.t[k]), t_sigma=float(events.t_sigma[k]))
-        moments.append(moment)
-    return replace(explanation, moments=tuple(sorted(moments, key=lambda one: one.t)))
 
 
 def convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExplanation:

@@ -90,7 +90,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     pocketed = find_pocketed_balls(solution, tracks, table)
-    rows = list_events(solution, tracks, table, chi2, pocketed, list_break_contacts(shot.breaks, tracks.ids))
+    rows = list_events(solution, tracks, table, pocketed, list_break_contacts(shot.breaks, tracks.ids))
     weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2, shot.hypotheses)
     ends = {tracks.ids.index(event.a): event.t for event in pocketed}
     unfitted_balls = [

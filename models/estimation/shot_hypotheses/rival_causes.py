@@ -81,7 +81,7 @@ def _find_rivals_of_change(
         if joined is not None:
             ball = solution.graph.segments[solution.graph.contacts[number].before[0]].ball
             cost = _evaluate_cost(solution, best, joined, observations, table)
-            rivals.append(RivalContact(ball, solution.graph.segments[partner.segment].ball, partner.t, cost))
+            rivals.append(RivalContact(ball, solution.graph.segments[partner.segment].ball, cost))
     return sorted(rivals, key=lambda one: one.cost)
 
 

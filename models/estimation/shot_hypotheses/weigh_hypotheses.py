@@ -150,7 +150,7 @@ def _weigh_rivals(
         p = estimate_event_probability("rival", own)
         t_sigma = max(row.t_sigma, RIVAL_TIME_SHARE * shot.interval)
         names = ids[rival.ball], ids[rival.other]
-        rows.append((EventRow("ball", rival.t, t_sigma, *names, row.xy, "rival", row.contact, p), own))
+        rows.append((EventRow("ball", row.t, t_sigma, *names, row.xy, "rival", row.contact, p), own))
     total = sum(one.probability for one, _ in rows)
     share = min(rest / total, 1.0) if total else 0.0
     return [(replace(one, probability=one.probability * share), own) for one, own in rows]

@@ -7,19 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.filmed_shots import Filmed, match, random_shot
+from support.frame_rates import convert_rate
 
-from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-
-PER_FRAME = ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
-
-
-def convert_rate(tracks: Tracks) -> Tracks:
-    """Convert 30 to 25 fps by leaving out every sixth frame."""
-    rows = np.flatnonzero(np.arange(len(tracks.t)) % 6 != 4)
-    reduced = replace(tracks, **{name: getattr(tracks, name)[rows] for name in PER_FRAME})
-    return replace(reduced, frame=np.arange(len(rows)), t=np.arange(len(rows)) / 25)
 
 
 def as_shown(shot: Filmed) -> Filmed:

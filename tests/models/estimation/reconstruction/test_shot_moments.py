@@ -15,7 +15,7 @@ from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanatio
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
-from models.estimation.reconstruction import contact_time_refinement, event_list, shot_moments
+from models.estimation.reconstruction import event_list, shot_moments
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 
 
@@ -80,19 +80,3 @@ def test_a_ball_that_stopped_some_time_within_a_second_has_no_moment_of_rest(sig
     covariance = sigma**2 * np.eye(layout.size)
     solution = JointSolution(graph, ClothFriction(0.2, 0.01), 1.0, np.zeros(4), np.zeros(3), 0.0, covariance)
     assert len(event_list._list_stopped_balls(solution, layout, 0, contact, ("cue",))) == count
-
-
-@pytest.mark.parametrize(("chi2", "t"), [(1.4, 0.501), (1.85, 0.5)])
-def test_exact_physics_times_a_contact_only_where_it_explains_the_samples(
-    chi2: float, t: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Samples err by a quarter more than stated where tracks lag; by a third where balls are not ideal."""
-    times, one = np.arange(31) / shot.RATE, np.ones(1)
-    events = replace(
-        shot.fit(times).events, kind=("ball",), t=0.5 * one, t_sigma=5e-3 * one, frame=0.5 * shot.RATE * one, b=("red",)
-    )
-    scene = shot.scene()
-    record = make_shot_record(shot.tracks(times), events, shot.fit(times).trajectory, scene.table, scene.camera)
-    result = ContactTestResult(0.99, 0.501, 1e-3, -1e-3, 1e-4, chi2, 0.0, 0.5)
-    monkeypatch.setattr(contact_time_refinement, "estimate_contact_time", lambda *_: result)
-    assert contact_time_refinement.refine_contact_times(record).t[0] == t
