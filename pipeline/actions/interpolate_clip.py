@@ -16,8 +16,8 @@ from PIL import Image
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
 from models.core.typing import FloatArray, ImageArray
-from pipeline.chain import build_shot_graph, require_writable_folder, run_shot_graph
-from pipeline.engine.atomic_write import create_folder, replace_file
+from pipeline.chain import build_shot_graph, run_shot_graph
+from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run

@@ -15,7 +15,7 @@ from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import build_gap_document, write_gap_files
 from pipeline.io.profile_export import PROFILE_FILE, write_profile_files

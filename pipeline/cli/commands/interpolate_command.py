@@ -15,13 +15,13 @@ from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
-    add_settings_except,
     app,
     console,
     make_output_console,
     open_cache,
     parse_output_path,
 )
+from pipeline.terminal.setting_options import add_settings_except
 
 if TYPE_CHECKING:
     from pipeline.actions.interpolate_clip import InterpolateOptions

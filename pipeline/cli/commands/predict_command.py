@@ -17,8 +17,7 @@ from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE, ShotPr
 from models.estimation.forecast.forecast_check import check_prediction
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from pipeline.actions.predict_particles import predict_particles
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source

@@ -29,7 +29,6 @@ from pipeline.terminal.command_line import (
     DebugOption,
     JsonOption,
     OutOption,
-    add_settings,
     app,
     console,
     make_output_console,
@@ -37,6 +36,7 @@ from pipeline.terminal.command_line import (
 )
 from pipeline.terminal.progress_display import StageDisplay
 from pipeline.terminal.search_display import COMPILING_NOTE
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("run")

@@ -13,7 +13,7 @@ from models.core.scene import POCKETS
 from models.estimation.what_if.shot_outcome import GAMES, Game, ShotGoal
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.prediction_files import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text

@@ -10,7 +10,8 @@ from typing import Annotated
 import typer
 
 from pipeline.run_options import RunOptions, list_overridden_flags
-from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, add_settings, app, console, open_cache
+from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, app, console, open_cache
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("edit")

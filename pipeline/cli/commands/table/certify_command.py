@@ -11,8 +11,7 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from pipeline.actions.certify_table import certify_table, list_shot_folders
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import write_json
+from pipeline.engine.atomic_write import require_writable_folder, write_json
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.certificate_files import (
     CERTIFICATE_FILE,

@@ -16,12 +16,12 @@ from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
-    add_settings,
     app,
     make_output_console,
     open_cache,
     parse_output_path,
 )
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("graph")
