@@ -9,7 +9,6 @@ import typer
 from rich.console import Console
 
 from models.core.errors import OptionError
-from pipeline.engine.result_cache import ResultCache, default_cache_root
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -74,25 +73,6 @@ DebugOption = Annotated[
     bool,
     typer.Option("--debug", help="Print the traceback of an error, and the cost before and after each pass of a fit."),
 ]
-
-
-def open_cache(folder: Path | None) -> ResultCache:
-    """Open the cache of a command.
-
-    Args:
-        folder: Folder of the cache; None for the default.
-
-    Returns:
-        The cache.
-
-    Raises:
-        OptionError: The folder cannot be written.
-    """
-    root = folder if folder is not None else default_cache_root()
-    try:
-        return ResultCache(root)
-    except OSError as error:
-        raise OptionError(f"The cache needs a folder that can be written; {root}: {error.strerror}") from error
 
 
 def _print_version(is_requested: bool) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from models.core.errors import OptionError
+from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -18,7 +19,6 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
 from pipeline.terminal.setting_options import add_settings_except

@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.number_format import format_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
@@ -32,7 +32,6 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
 )
 from pipeline.terminal.progress_display import StageDisplay
 from pipeline.terminal.search_display import COMPILING_NOTE

@@ -13,6 +13,7 @@ from rich.table import Table as Grid
 from pipeline.actions.certify_table import certify_table, list_shot_folders
 from pipeline.engine.atomic_write import require_writable_folder, write_json
 from pipeline.engine.helper_executor import open_executor
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import (
     CERTIFICATE_FILE,
     NAMES,
@@ -35,7 +36,6 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
 from pipeline.terminal.shot_fit_display import show_shot_fits
