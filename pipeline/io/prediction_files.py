@@ -11,8 +11,8 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import EventKey, PredictedEvent, ShotPrediction
 from models.estimation.forecast.forecast_check import PredictionCheck
-from pipeline.io.run_tables import Columns, write_columns
-from pipeline.reporting.text.run_trust import summarize_trust
+from pipeline.io.csv_tables import Columns, write_columns
+from pipeline.reporting.text.text_formatting import summarize_trust
 
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}

@@ -21,11 +21,13 @@ from pydantic import (
 
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
-from models.estimation.contact_test.contact_moment import ClothPriors
-from models.estimation.forecast.current_state import ROLLING_MODEL_SIGMA
-from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.estimation.table_learning.learned_table import (
+    CLOTH_SPREAD,
+    DEFAULT_SCATTER,
+    ROLLING_MODEL_SIGMA,
+    ContactScatter,
+    LearnedTable,
+)
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
@@ -38,6 +40,7 @@ from models.physics.billiards.parameter_vector import (
     neutral_parameters,
 )
 from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import ModelChoice, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
 from pipeline.io.shot_file import ShotSetup
@@ -233,7 +236,7 @@ def parse_learned_table(text: str) -> LearnedTable:
     )
 
 
-def parse_cloth_priors(text: str) -> ClothPriors:
+def parse_cloth_priors(text: str) -> tuple[Prior, Prior]:
     """Build the priors of sliding and rolling friction from a profile, for the contact test of `trueroll call`.
 
     Args:

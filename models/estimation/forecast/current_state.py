@@ -32,7 +32,6 @@ from models.estimation.joint_fit.prior_residuals import (
     BALL_RESTITUTION,
     DIAMETER_SIGMA,
     NOSE_SCATTER,
-    NOSE_SIGMA,
     ROLLING_PRIOR,
     RUBBER_SIGMA,
     SLIDING_PRIOR,
@@ -46,13 +45,15 @@ from models.estimation.table_learning.cushion_contacts import (
     evaluate_segment_state,
     extract_cushion_contacts,
 )
-from models.estimation.table_learning.learn_table import learn_own_cushions
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable, infer_side_spins
+from models.estimation.table_learning.cushion_learning import learn_own_cushions
+from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
+from models.estimation.table_learning.side_spin import infer_side_spins
 from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.tracking.track_noise import apply_noise, estimate_noise
 
 MIN_FRAMES = 5
@@ -73,8 +74,6 @@ RETURN_SCATTER = 0.075
 """Of the restitution: scatter of real cushions about every law, 5 % of the speed, and the effect of the scatter of
 spin, 12 %, once the ball rolls.
 """
-ROLLING_MODEL_SIGMA = 0.1
-"""Of the logarithm of rolling friction: one number for all speeds of a shot."""
 NOSE_FRICTION_SIGMA = 0.4
 """Of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 

@@ -116,7 +116,7 @@ def _interpolate_clip(
     as_json: bool,
 ) -> None:
     from pipeline.actions.interpolate_clip import interpolate_clip
-    from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
+    from pipeline.reporting.text.text_formatting import format_trust_line, summarize_trust
     from pipeline.terminal.progress_display import StageDisplay
 
     with StageDisplay(console, str(clip)) as display:

@@ -13,8 +13,7 @@ from models.core.errors import OptionError
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.estimation.table_learning.learn_table import TableLesson
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, ContactScatter, LearnedTable
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import (
     BALL_E,
