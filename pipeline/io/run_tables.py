@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from pipeline.io.by_hand.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
 from pipeline.io.explanation_json import describe_explanation
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.reporting.text.text_formatting import summarize_trust
@@ -114,7 +114,7 @@ def write_scene(
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip
-    path.write_text(json.dumps(_replace_nonfinite(document), indent=1, allow_nan=False), encoding="utf-8")
+    path.write_text(format_strict_json(document), encoding="utf-8")
 
 
 def _describe_ball_size(scene: Scene, fit: Fit) -> dict[str, Any]:
@@ -237,14 +237,3 @@ def _describe_fit_quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
         "moving_s": float(np.sum(step * fit.moving)),
         "accepted_s": float(np.sum(step * (fit.moving & fit.accepted))),
     }
-
-
-def _replace_nonfinite(data: Any) -> Any:
-    """Replace NaN and infinity by None and numpy scalars by Python numbers, for strict JSON."""
-    if isinstance(data, Mapping):
-        return {key: _replace_nonfinite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_replace_nonfinite(value) for value in data]
-    if isinstance(data, float | np.floating):
-        return float(data) if math.isfinite(data) else None
-    return data.item() if isinstance(data, np.generic) else data

@@ -9,15 +9,13 @@ import numpy as np
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events, merge_events
 from models.core.shot import ClosePass, ContactTestResult
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.contact_test.candidate_contacts import evaluate_close_pass
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.reconstruction.contact_time_refinement import MAX_MOVE
-from models.estimation.reconstruction.event_list import frame_at
 from models.estimation.shot_hypotheses.event_evidence import EventEvidence
 from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
-from models.estimation.shot_hypotheses.weigh_hypotheses import MIN_LISTED_PROBABILITY
 
 MAX_LOG_ODDS = 7.0
 """Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
@@ -132,11 +130,11 @@ def _insert_contacts(
     results = [row[2] for row in rows]
     t = np.array([result.t for result in results])
     added = Events(
-        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), frame_at(tracks, t),
+        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), tracks.frame_at(t),
         tuple(tracks.ids[row[0]] for row in rows), tuple(tracks.ids[row[1]] for row in rows),
         np.array([row[4] for row in rows]), np.array([row[3] for row in rows]),
         np.array([result.gap for result in results]), np.array([result.gap_sigma for result in results]),
         np.array([result.closing for result in results]),
     )  # fmt: skip
     merged = merge_events(events, added)
-    return replace(merged, frame=frame_at(tracks, merged.t))
+    return replace(merged, frame=tracks.frame_at(merged.t))

@@ -9,7 +9,7 @@ import numpy as np
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
-from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
@@ -29,8 +29,6 @@ from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
 from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-MIN_LISTED_PROBABILITY = 0.1
-"""Least probability of a listed event; below, it is a hypothesis of the explanation only."""
 MAX_TIME_FRAMES = 2.0
 """Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much."""
 RIVAL_TIME_SHARE = 0.25

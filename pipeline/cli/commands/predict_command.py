@@ -21,7 +21,8 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
-from pipeline.io.prediction_files import format_strict_json, summarize_prediction, write_prediction
+from pipeline.io.prediction_files import summarize_prediction, write_prediction
+from pipeline.io.strict_json import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.terminal.command_line import (
     CacheOption,

@@ -28,6 +28,7 @@ from pipeline.reporting.text.text_formatting import (
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
+from pipeline.terminal.activity_display import COMPILING_NOTE
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
@@ -39,7 +40,6 @@ from pipeline.terminal.command_line import (
     make_output_console,
 )
 from pipeline.terminal.progress_display import StageDisplay
-from pipeline.terminal.search_display import COMPILING_NOTE
 from pipeline.terminal.setting_options import add_settings
 
 

@@ -11,6 +11,7 @@ from rich.markup import escape
 from models.core.errors import TruerollError
 from models.core.events import Events
 from models.core.fit_result import Trust
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY
 
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
@@ -22,9 +23,8 @@ TEXTBOOK_RANGES = {
 """Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
 Billiards, 1995."""
 
-MIN_LISTED_PROBABILITY, SURE_PROBABILITY = 0.1, 0.9
-"""Probabilities between which a cause is undecided, as in `models.estimation.shot_hypotheses`, which takes long to
-import."""
+SURE_PROBABILITY = 0.9
+"""Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
 MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 

@@ -24,7 +24,7 @@ from models.physics.billiards.parameter_vector import (
     neutral_parameters,
 )
 from models.physics.effects.catalogue import find_prior
-from pipeline.io.profile_export import write_learned_profile
+from pipeline.io.learned_profile import write_learned_profile
 from pipeline.io.shot_file import ShotSetup, parse_shot
 from pipeline.io.table_profile import (
     parse_cloth_priors,

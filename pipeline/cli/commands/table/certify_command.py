@@ -29,6 +29,7 @@ from pipeline.reporting.pages.certificate_page import (
     write_certificate_page,
 )
 from pipeline.reporting.text.text_formatting import name_folders
+from pipeline.terminal.activity_display import show_shot_fits
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -38,7 +39,6 @@ from pipeline.terminal.command_line import (
     make_output_console,
     parse_output_path,
 )
-from pipeline.terminal.shot_fit_display import show_shot_fits
 
 PAGE_FILE = "certificate.html"
 
