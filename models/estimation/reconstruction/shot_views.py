@@ -27,7 +27,7 @@ from models.estimation.joint_fit.trust_level import (
     evaluate_segment_chi2,
     find_accepted_segments,
 )
-from models.estimation.reconstruction.break_refinement import (
+from models.estimation.reconstruction.break_views import (
     build_break_pieces,
     list_break_contacts,
 )
