@@ -20,7 +20,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from models.core.errors import OptionError
+from models.core.scene import Scene
 from models.core.shot import Shot
+from models.core.tracks import Tracks
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import ResultCache
@@ -187,3 +189,20 @@ def _address_value(
     with suppress(OSError):
         return ResultCache(source / SHOT_FOLDER / KEPT_FOLDER), CacheKey(name, parts)
     return cache, CacheKey(name, parts)
+
+
+def hash_tracks(tracks: Tracks, scene: Scene) -> str:
+    """Hash what the explanation of tracks depends on.
+
+    Args:
+        tracks: Tracks of a shot.
+        scene: Its table and camera.
+
+    Returns:
+        SHA-256 as hexadecimal digits.
+    """
+    digest = hashlib.sha256(repr((tracks.ids, tracks.kinds, scene.table)).encode())
+    positions = tracks.xy, tracks.sigma, tracks.sigma_along, tracks.streak
+    for array in (tracks.frame, tracks.t, *positions, scene.camera.matrix):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
