@@ -10,9 +10,10 @@ from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from pipeline.engine.result_cache import ResultCache
+from pipeline.io.kept_values import keep_value
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.shot_folder import has_shot, hash_tracks, keep_value, read_shot
+from pipeline.io.shot_folder import has_shot, hash_tracks, read_shot
 
 
 def load_shot(source: Path, number: int | None, cache: ResultCache) -> Shot:

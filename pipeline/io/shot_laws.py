@@ -10,7 +10,8 @@ from models.core.shot import Shot
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.shot_folder import find_kept_value, hash_tracks, keep_value
+from pipeline.io.kept_values import find_kept_value, keep_value
+from pipeline.io.shot_folder import hash_tracks
 
 
 def load_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit:

@@ -39,11 +39,10 @@ from models.physics.billiards.parameter_vector import (
     TABLE_PARAMETERS,
     neutral_parameters,
 )
-from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
+from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import ModelChoice, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
-from pipeline.io.shot_file import ShotSetup
 
 
 class ProfileNumberEntry(BaseModel):
@@ -256,33 +255,6 @@ def parse_cloth_priors(text: str) -> tuple[Prior, Prior]:
         replace(sliding, sigma=CLOTH_SPREAD),
         replace(rolling, sigma=float(np.hypot(CLOTH_SPREAD, ROLLING_MODEL_SIGMA))),
     )
-
-
-def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:
-    """Replace the physics of a shot by that of a profile.
-
-    Args:
-        shot: The shot.
-        text: Content of the profile, JSON.
-
-    Returns:
-        The shot with the cloth, the contact models, the noses and the correction of the profile.
-
-    Raises:
-        OptionError: The profile is that of a table of another size.
-    """
-    entry, learned = ProfileEntry.model_validate(json.loads(text)), parse_learned_table(text)
-    own = entry.table
-    if (
-        own is not None
-        and max(abs(own.length / shot.table.length - 1), abs(own.width / shot.table.width - 1)) > SIZE_TOLERANCE
-    ):
-        raise OptionError(
-            f"--profile is of a table of {own.length:g} x {own.width:g} m; that of the shot is {shot.table.length:g} x"
-            f" {shot.table.width:g} m"
-        )
-    physics = Physics(learned.physics, PARAMETER_NAMES, learned.cushion_law, entry.laws.ball)
-    return replace(shot, physics=physics, nose_offsets=-learned.noses, correction=learned.correction)
 
 
 def _require_form(name: str, choice: ModelChoice) -> str:
