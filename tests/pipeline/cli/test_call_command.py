@@ -14,8 +14,8 @@ from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.scene import Scene
 from pipeline.io.csv_tables import write_events
+from pipeline.io.run_record import read_shot_record
 from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
-from pipeline.io.shot_record import read_shot_record
 
 trueroll = pytest.fixture(make_terminal)
 

@@ -27,7 +27,7 @@ from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.image_file import read_image, write_image
 from pipeline.io.placement_files import describe_places, write_places
 from pipeline.io.run_folder import read_scene_document
-from pipeline.io.shot_record import read_shot_record
+from pipeline.io.run_record import read_shot_record
 from pipeline.reporting.text.number_format import format_measured
 from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, console, make_output_console
 
