@@ -45,7 +45,6 @@ from models.core.typing import FloatArray, IntArray  # noqa: E402
 from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
 from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
 from models.estimation.contact_test.unlisted_contacts import PairClass, classify_pair  # noqa: E402
-from models.estimation.reconstruction.event_list import frame_at  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402
 from models.estimation.shot_hypotheses.event_evidence import EVIDENCE_NAMES  # noqa: E402
 from models.estimation.shot_hypotheses.event_probability import CATEGORIES  # noqa: E402
@@ -156,13 +155,13 @@ def label_hypotheses(
     nan = np.full(len(pairs), np.nan)
     events = Events(
         tuple(one.cause for _, one in pairs), t, np.array([max(moment.t_sigma, 1e-6) for moment, _ in pairs]),
-        frame_at(fitted.tracks, t), tuple(moment.ball for moment, _ in pairs), tuple(one.other for _, one in pairs),
+        fitted.tracks.frame_at(t), tuple(moment.ball for moment, _ in pairs), tuple(one.other for _, one in pairs),
         np.array([moment.xy for moment, _ in pairs]).reshape(-1, 2), np.ones(len(pairs)), nan, nan, nan,
     )  # fmt: skip
     frame_s = float(np.median(np.diff(fitted.tracks.t) / np.diff(fitted.tracks.frame)))
     matched = match_events(events, truth, match, kept, frame_s, fitted.recording.scene.table.ball_radius)
     labelled = []
-    for (moment, one), event, at in zip(pairs, matched, frame_at(fitted.tracks, t), strict=True):
+    for (moment, one), event, at in zip(pairs, matched, fitted.tracks.frame_at(t), strict=True):
         if one.category == "rest":  # its time has an error of its own; here it counts that the ball rests about then
             is_true = any(
                 other.kind == "rest" and moment.ball in match.ids_of(other.a) and abs(other.hi - at) < REST_FRAMES

@@ -5,7 +5,6 @@ from __future__ import annotations
 import filecmp
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
@@ -23,16 +22,16 @@ from models.core.shot import Shot
 from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
-from pipeline.io.explained_shot import keep_laws
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import publish_shot
+from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
@@ -395,24 +394,6 @@ def _read_file_state(clip: Path) -> list[tuple[int, int, int, int]]:
     except OSError:
         return []
     return [(one.st_size, one.st_ino, one.st_mtime_ns, one.st_ctime_ns) for one in facts]
-
-
-def require_writable_folder(folder: Path) -> None:
-    """Require that results can be written, before any work starts.
-
-    Args:
-        folder: Folder of the results; it need not exist.
-
-    Raises:
-        OptionError: It is no folder, or cannot be written.
-    """
-    place = folder.absolute()
-    while not place.exists() and not place.is_symlink():
-        place = place.parent
-    if not place.is_dir():
-        raise OptionError(f"The results need a folder; {place} is none, name another with -o")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
 
 
 def require_clip_not_overwritten(clip: Path, folder: Path) -> None:

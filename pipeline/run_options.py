@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
-
-import typer
 
 from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
@@ -21,8 +18,6 @@ from video.io.video_options import CalibrateOptions, RenderOptions
 
 OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render", "forecast")
 """Stages with options, in the order of the help."""
-EXPERT_STAGES = ("track", "fit", "forecast")
-"""Stages whose options are for researchers: the help shows them in a separate panel."""
 CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
 """Settings that a person can correct; fields of `Corrections` have the same names."""
 
@@ -96,27 +91,6 @@ def list_settings() -> dict[str, Setting]:
             earlier = settings[name].specs if name in settings else ()
             settings[name] = Setting(name, types[name], getattr(options, name), (*earlier, (stage, spec)))
     return settings
-
-
-def build_parameters(excluded: Collection[str] = ()) -> list[inspect.Parameter]:
-    """Build the parameters of a command from the settings, as typer expects them.
-
-    Args:
-        excluded: Names of settings to leave out.
-
-    Returns:
-        Keyword parameters.
-    """
-    parameters = []
-    for setting in list_settings().values():
-        if setting.name in excluded:
-            continue
-        panel = "For researchers" if setting.stages[0] in EXPERT_STAGES and len(setting.stages) == 1 else None
-        flags = f"{setting.flag}/{setting.off_flag}" if setting.off_flag else setting.flag
-        option = typer.Option(setting.default, flags, help=setting.help, rich_help_panel=panel)
-        kind = inspect.Parameter.KEYWORD_ONLY
-        parameters.append(inspect.Parameter(setting.name, kind, default=option, annotation=setting.type))
-    return parameters
 
 
 def build_options(values: dict[str, Any]) -> RunOptions:

@@ -10,6 +10,7 @@ from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
 from packaging.utils import canonicalize_name
 from support.code_structure import find_cycles, import_graph, package_graph, read_modules
 
@@ -74,6 +75,28 @@ def test_no_import_cycle_joins_modules_or_packages() -> None:
     modules = read_modules(ROOT)
     assert not find_cycles(import_graph(modules))
     assert not find_cycles(package_graph(modules))
+
+
+@pytest.mark.parametrize(
+    ("command", "limit"),
+    [
+        ("upkeep.cache_command", 1_000),
+        ("filming.check_command", 8_000),
+        ("simulate_command", 10_000),
+        ("predict_command", 17_500),
+    ],
+)
+def test_a_command_loads_what_it_needs(command: str, limit: int) -> None:
+    """Lines of code, imports inside functions counted: a helper in the wrong room brings the whole program along."""
+    modules = read_modules(ROOT)
+    graph, lines = import_graph(modules), {module.name: module.code_lines for module in modules}
+    start = f"pipeline.cli.commands.{command}"
+    reached, waiting = {start}, [start]
+    while waiting:
+        new = graph[waiting.pop()] - reached
+        reached |= new
+        waiting.extend(new)
+    assert sum(lines[name] for name in reached) <= limit
 
 
 def test_private_names_stay_in_their_module() -> None:

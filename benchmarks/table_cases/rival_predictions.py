@@ -10,8 +10,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.cushion_learning import CushionFit, refit_scatter
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
 from models.neural.common.method_interface import MIN_SAMPLES, TrainingBudget
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters

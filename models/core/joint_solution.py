@@ -31,6 +31,11 @@ class Observations:
     whiten: FloatArray
     """(K, 2, 2): takes a residual in m to standard deviations."""
 
+    @property
+    def frame_interval(self) -> float:
+        """Median time between two frames, s."""
+        return float(np.median(np.diff(np.unique(self.t))))
+
     def select_rows(self, rows: BoolArray) -> Observations:
         """Return the observations of a mask (K,)."""
         return Observations(self.ball[rows], self.t[rows], self.xy[rows], self.whiten[rows])

@@ -135,6 +135,10 @@ class FitOptions:
     )
 
 
+REQUIRED_GAIN = FitOptions().break_price
+"""chi2: least gain of a contact that the whole clip needs, the usual price of a contact."""
+
+
 @dataclass(frozen=True, slots=True)
 class ForecastOptions:
     """Options of the forecasts that the recording shows."""

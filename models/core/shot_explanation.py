@@ -19,6 +19,8 @@ cause was found.
 """
 
 
+MIN_LISTED_PROBABILITY = 0.1
+"""Least probability of a listed event; below, it is a hypothesis of the explanation only."""
 MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
 """What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
 was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the

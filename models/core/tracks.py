@@ -77,6 +77,14 @@ class Tracks:
             image_jacobian=None if self.image_jacobian is None else self.image_jacobian[part],
         )  # fmt: skip
 
+    def frame_at(self, t: FloatArray) -> FloatArray:
+        """Return fractional frame numbers (E,) at times t (E,) s, also a little outside the clip."""
+        if len(self.t) < 2:
+            return np.zeros_like(t)
+        row = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        share = (t - self.t[row]) / (self.t[row + 1] - self.t[row])
+        return np.asarray(self.frame[row] + share * (self.frame[row + 1] - self.frame[row]), np.float64)
+
     @property
     def is_observed(self) -> NDArray[np.bool_]:
         """(T, N) whether a ball was observed in a frame."""

@@ -13,11 +13,11 @@ from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.prediction_files import format_strict_json
+from pipeline.io.csv_tables import Columns
 from pipeline.io.run_folder import find_repeated_clips, read_scene_document
-from pipeline.io.run_tables import Columns
 from pipeline.io.scene_entries.shot_numbers_json import parse_shot_numbers
 from pipeline.io.session.session_files import SessionShot, tabulate_session, write_session_tables
+from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import write_session_page
 
 Grouping = Literal["folder", "spin", "ball", "pocket", "side"]

@@ -18,8 +18,7 @@ from models.core.typing import FloatArray
 from models.numerics.executor import Executor
 from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.gap_files import write_gap_files
-from pipeline.io.profile_export import write_profile_files
+from pipeline.io.gap_files import write_gap_files, write_profile_files
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.io.view_profile import collect_views

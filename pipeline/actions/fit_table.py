@@ -13,7 +13,7 @@ from models.core.joint_solution import JointSolution
 from models.core.scene import Table
 from models.core.shot import Shot
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import MIN_NOISE_SPEED
+from models.estimation.forecast.solution_state import MIN_NOISE_SPEED
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
 from models.numerics.executor import Executor
 from models.tracking.track_noise import apply_noise, estimate_noise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,13 +15,11 @@ from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
+from models.core.shot import Shot
 from models.core.typing import FloatArray, ImageArray
-from pipeline.chain import build_shot_graph, require_writable_folder, run_shot_graph
-from pipeline.engine.atomic_write import create_folder, replace_file
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
-from pipeline.run_options import RunOptions
 from video.flow.optical_flow import CrossFade, Interpolator, OpticalFlowInterpolator
 from video.io.audio import add_audio
 from video.io.clip import Clip
@@ -93,9 +91,9 @@ def interpolate_clip(
     video: Path,
     frames: Path | None,
     wanted: InterpolateOptions,
-    options: RunOptions,
-    cache: ResultCache,
+    explain_clip: Callable[[], tuple[Clip, Shot]],
     watcher: RunWatcher,
+    with_sound: bool = True,
 ) -> InterpolatedClip:
     """Write the frames of a clip and interpolated frames between them.
 
@@ -106,9 +104,9 @@ def interpolate_clip(
         video: Video to write.
         frames: New or empty folder for PNGs; None for none.
         wanted: Times and synthesis of the frames.
-        options: Options of the chain.
-        cache: Cache of the chain.
-        watcher: Receives the progress of the stages.
+        explain_clip: Called once the outputs can be written; it returns the clip and its shot.
+        watcher: Receives the progress.
+        with_sound: Whether the video has the sound of the clip.
 
     Returns:
         Frame counts, rate, trust level and notes.
@@ -123,7 +121,7 @@ def interpolate_clip(
     if frames is not None and frames.is_dir() and any(frames.iterdir()):
         raise OptionError(f"--frames needs a new or empty folder; {frames} contains files")
     elsewhere = _load_interpolator(wanted.elsewhere)
-    source, shot = run_shot_graph(build_shot_graph(clip, options), clip, cache, watcher)
+    source, shot = explain_clip()
     fit = view_run(shot)
     progress, start = watcher.start_stage("interpolate"), time.perf_counter()
     times, rate, even = _schedule_frames(source, wanted)
@@ -142,7 +140,10 @@ def interpolate_clip(
                     if folder is not None:
                         Image.fromarray(shown).save(folder / f"{k:06d}.png", compress_level=1)
                     progress((k + 1) / len(times))
-            _attach_sound(silent, source, options, wanted.slow, place)
+            if source.has_audio and with_sound:
+                add_audio(silent, source, wanted.slow, place)
+            else:
+                silent.rename(place)
         finally:
             silent.unlink(missing_ok=True)
     watcher.finish_stage("interpolate", time.perf_counter() - start, False)
@@ -176,14 +177,6 @@ def _load_interpolator(name: str) -> Interpolator:
     if not Path(name).is_file():
         raise OptionError(f"--elsewhere is flow, blend or the path of an ONNX network; got {name}")
     return OnnxInterpolator.load(Path(name))
-
-
-def _attach_sound(silent: Path, clip: Clip, options: RunOptions, slow: float, place: Path) -> None:
-    """Add the sound of the clip; not if --fps overrides the times of the container, which the sound follows."""
-    if clip.has_audio and options.read.fps is None:
-        add_audio(silent, clip, slow, place)
-    else:
-        silent.rename(place)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import ParticleMotion, fit_particles
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
     ParticleShot,
     format_physics_lines,

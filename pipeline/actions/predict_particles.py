@@ -11,8 +11,7 @@ from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import Particles
 from models.estimation.particles.particle_prediction import ParticlePrediction, forecast_particles
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
     ParticleShot,
     format_physics_lines,

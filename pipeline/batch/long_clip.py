@@ -10,16 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.chain import (
-    FinishedRun,
-    hash_clip,
-    honour_corrections,
-    make_change_check,
-    require_writable_folder,
-    run_clip,
-    write_source,
-)
-from pipeline.engine.atomic_write import replace_file
+from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_change_check, run_clip, write_source
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage

@@ -16,6 +16,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from models.core.errors import OptionError
+
 LEFTOVER_AGE_S = 3600.0
 """Age after which an unfinished file of another machine counts as left by a killed process, s since its last write."""
 
@@ -44,6 +46,24 @@ def replace_file(target: Path) -> Iterator[Path]:
         raise
     finally:
         path.unlink(missing_ok=True)
+
+
+def require_writable_folder(folder: Path) -> None:
+    """Require that results can be written, before any work starts.
+
+    Args:
+        folder: Folder of the results; it need not exist.
+
+    Raises:
+        OptionError: It is no folder, or cannot be written.
+    """
+    place = folder.absolute()
+    while not place.exists() and not place.is_symlink():
+        place = place.parent
+    if not place.is_dir():
+        raise OptionError(f"The results need a folder; {place} is none, name another with -o")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
 
 
 def write_json(document: Any, target: Path) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from models.core.errors import TruerollError
+from models.core.errors import OptionError, TruerollError
 from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder
 from pipeline.engine.cache_key import CacheKey
 
@@ -293,3 +293,22 @@ def default_cache_root() -> Path:
     if folder := os.environ.get("TRUEROLL_CACHE"):
         return Path(folder)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trueroll"
+
+
+def open_cache(folder: Path | None) -> ResultCache:
+    """Open the cache of a command.
+
+    Args:
+        folder: Folder of the cache; None for the default.
+
+    Returns:
+        The cache.
+
+    Raises:
+        OptionError: The folder cannot be written.
+    """
+    root = folder if folder is not None else default_cache_root()
+    try:
+        return ResultCache(root)
+    except OSError as error:
+        raise OptionError(f"The cache needs a folder that can be written; {root}: {error.strerror}") from error

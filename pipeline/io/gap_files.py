@@ -1,9 +1,11 @@
-"""Files of a diagnosis: gap.json and gap_predictions.csv."""
+"""Files of a diagnosis: gap.json, gap_predictions.csv, and the profile of an improved billiards simulator."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,9 +13,13 @@ import pyarrow as pa
 from pyarrow import csv
 
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength, Unexplained
+from models.core.fit_result import Parameter
+from models.core.scene import Table
 from pipeline.engine.atomic_write import replace_file, write_json
+from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 
 SCHEMA = "trueroll.gap/1"
+PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
 _DECIMALS = 7
 AXES = ("x", "y", "z")
 _PHASES = {"wall_contact": "cushion_contact"}
@@ -31,6 +37,37 @@ def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
     with replace_file(folder / "gap_predictions.csv") as path:
         csv.write_csv(tabulate_predictions(report.gap), path, csv.WriteOptions(quoting_style="needed"))
     write_json(build_gap_document(report), folder / "gap.json")
+
+
+def has_fitted_model(report: DiagnosisReport) -> bool:
+    """Return whether a diagnosis has fitted parameters to write.
+
+    Args:
+        report: Result of a diagnosis.
+
+    Returns:
+        False if the shots were too few to test anything.
+    """
+    return bool(report.fitted)
+
+
+def write_profile_files(
+    report: DiagnosisReport, table: Table, folder: Path, views: Mapping[str, Any] = MappingProxyType({})
+) -> None:
+    """Write profile.json and pooltool.json, each in one step, if parameters were fitted.
+
+    Args:
+        report: Result of a diagnosis of billiards.
+        table: The table.
+        folder: Folder of the files.
+        views: View, cloth and balls of the shots, of `collect_views`.
+    """
+    if not has_fitted_model(report):
+        return
+    cushion, ball = report.forms
+    fitted = [Parameter(one.name, one.value, one.sigma, one.unit, one.prior_only) for one in report.fitted]
+    write_json({**describe_physics(fitted, cushion, ball, table), **views}, folder / PROFILE_FILE)
+    write_json(build_pooltool_parameters(fitted, cushion, ball, table), folder / POOLTOOL_FILE)
 
 
 def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from models.core.typing import FloatArray
 from models.estimation.particles.body_names import group_by_name
 from models.estimation.particles.particle_fit import ParticleMotion, Particles
 from models.estimation.particles.particle_prediction import ParticlePrediction
+from pipeline.io.csv_tables import write_columns
 from pipeline.io.run_folder import Columns, read_csv_columns
-from pipeline.io.run_tables import write_columns
 
 AXES = ("x", "y", "z")
 NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")

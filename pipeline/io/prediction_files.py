@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,8 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import EventKey, PredictedEvent, ShotPrediction
 from models.estimation.forecast.forecast_check import PredictionCheck
-from pipeline.io.run_tables import Columns, write_columns
-from pipeline.reporting.text.run_trust import summarize_trust
+from pipeline.io.csv_tables import Columns, write_columns
+from pipeline.reporting.text.text_formatting import summarize_trust
 
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
@@ -119,26 +118,6 @@ def _compare_with_observations(prediction: ShotPrediction, check: PredictionChec
                 "within_90": float(np.mean(level <= 0.9)) if len(level) else None,
             })  # fmt: skip
     return rows
-
-
-def format_strict_json(document: dict[str, Any]) -> str:
-    """Format a tree as strict JSON.
-
-    Args:
-        document: JSON values.
-
-    Returns:
-        Text in which numbers that are not finite are null.
-    """
-
-    def strict(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: strict(one) for key, one in value.items()}
-        if isinstance(value, list):
-            return [strict(one) for one in value]
-        return None if isinstance(value, float) and not np.isfinite(value) else value
-
-    return json.dumps(strict(document), indent=1, allow_nan=False)
 
 
 def format_ball_sentence(prediction: ShotPrediction, k: int) -> str:

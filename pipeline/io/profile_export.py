@@ -10,23 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from diagnosis.verdicts.verdict import DiagnosisReport, Strength
 from models.core.fit_result import Parameter
-from models.core.scene import CUSHIONS, Table
-from models.estimation.table_learning.learn_table import TableLesson
+from models.core.scene import Table
 from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT, NOSE_HEIGHT_PARAMETER
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
-from models.physics.billiards.parameter_vector import GRAVITY, PARAMETER_NAMES
-from models.physics.effects.catalogue import find_prior
-from pipeline.engine.atomic_write import write_json
+from models.physics.billiards.parameter_vector import GRAVITY
 
 SCHEMA = "trueroll.profile/1"
-PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
 _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "sliding_friction.mu": ("u_s", 1.0),
     "rolling_resistance.mu": ("u_r", 1.0),
@@ -37,10 +29,6 @@ _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "cushion_restitution.e": ("e_c", 1.0),
 }
 """pooltool's name of each parameter, and the factor from our value to its value."""
-_LEARNED_ONLY = ("offsets of the noses", "scatter of cushion contacts")
-"""Properties of a learned table that pooltool does not have."""
-LEARNED_BALL_MODEL = "alciatore"
-"""Ball model of predictions on a learned table."""
 _NEGLIGIBLE_FRICTION = 1e-6
 """Friction coefficient of an absent effect: pooltool rejects zero; this value slows a ball by 10 um/s in 1 s."""
 _ABSENT_PARAMETERS = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _NEGLIGIBLE_FRICTION) | {
@@ -63,90 +51,8 @@ _BALL_MODELS = {
 """pooltool's names of each ball contact model and of its friction model."""
 
 
-def has_fitted_model(report: DiagnosisReport) -> bool:
-    """Return whether a diagnosis has fitted parameters to write.
-
-    Args:
-        report: Result of a diagnosis.
-
-    Returns:
-        False if the shots were too few to test anything.
-    """
-    return bool(report.fitted)
-
-
-def write_profile_files(
-    report: DiagnosisReport, table: Table, folder: Path, views: Mapping[str, Any] = MappingProxyType({})
-) -> None:
-    """Write profile.json and pooltool.json, each in one step, if parameters were fitted.
-
-    Args:
-        report: Result of a diagnosis of billiards.
-        table: The table.
-        folder: Folder of the files.
-        views: View, cloth and balls of the shots, of `collect_views`.
-    """
-    if not has_fitted_model(report):
-        return
-    cushion, ball = report.forms
-    write_json({**build_profile(report, table), **views}, folder / PROFILE_FILE)
-    write_json(build_pooltool_parameters(report.fitted, cushion, ball, table), folder / POOLTOOL_FILE)
-
-
-def write_learned_profile(
-    lesson: TableLesson, table: Table, shot_count: int, path: Path, views: Mapping[str, Any] = MappingProxyType({})
-) -> tuple[str, ...]:
-    """Write the profile of a learned table and, beside it, what pooltool can hold of it, each in one step.
-
-    Args:
-        lesson: What was learned.
-        table: The table.
-        shot_count: Number of shots that taught it.
-        path: The file.
-        views: View, cloth and balls of the shots, of `collect_views`.
-
-    Returns:
-        What pooltool cannot hold.
-    """
-    learned = lesson.table
-    content = _describe_physics(lesson.parameters, learned.cushion_law, LEARNED_BALL_MODEL, table) | {
-        "scatter": asdict(learned.scatter),
-        "noses": {
-            side: {"value": float(value), "sigma": float(sigma), "unit": "m"}
-            for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
-        },
-        "covariance": {
-            "parameters": [PARAMETER_NAMES[k] for k in learned.uncertain],
-            "matrix": learned.covariance.tolist(),
-            "noses": learned.nose_covariance.tolist(),
-        },
-        "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
-        "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},
-        "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
-        **views,
-    }
-    e = find_prior("ball_restitution", "e")  # as in predictions on a learned table
-    usual = Parameter("ball_restitution.e", e.value, e.sigma, e.unit, True)
-    exported = build_pooltool_parameters((*lesson.parameters, usual), learned.cushion_law, LEARNED_BALL_MODEL, table)
-    corrected = ("correction of the cushion model",) if len(learned.correction) else ()
-    exported["not_held"] = sorted({*exported["not_held"], *_LEARNED_ONLY, *corrected})
-    write_json(content, path)
-    write_json(exported, name_pooltool_file(path))
-    return tuple(exported["not_held"])
-
-
-def name_pooltool_file(path: Path) -> Path:
-    """Name the file of pooltool's parameters beside a profile, such as club.pooltool.json beside club.json."""
-    return path.with_name(f"{path.stem}.pooltool.json")
-
-
-def build_profile(report: DiagnosisReport, table: Table) -> dict[str, Any]:
-    """Build the content of profile.json: effects with values and standard deviations, and contact models."""
-    cushion, ball = report.forms
-    return _describe_physics(report.fitted, cushion, ball, table)
-
-
-def _describe_physics(fitted: Iterable[Parameter | Strength], cushion: str, ball: str, table: Table) -> dict[str, Any]:
+def describe_physics(fitted: Iterable[Parameter], cushion: str, ball: str, table: Table) -> dict[str, Any]:
+    """Describe effects with values and standard deviations, and contact models, as in a table profile."""
     effects: dict[str, dict[str, Any]] = {}
     for one in fitted:
         effect, parameter = one.name.split(".")
@@ -165,9 +71,7 @@ def _describe_physics(fitted: Iterable[Parameter | Strength], cushion: str, ball
     }
 
 
-def build_pooltool_parameters(
-    fitted: Sequence[Parameter | Strength], cushion: str, ball: str, table: Table
-) -> dict[str, Any]:
+def build_pooltool_parameters(fitted: Sequence[Parameter], cushion: str, ball: str, table: Table) -> dict[str, Any]:
     """Build the content of pooltool.json: ball parameters, contact models, and effects that pooltool does not have."""
     exported = [one for one in fitted if one.name in _POOLTOOL_NAMES]
     factors = {one.name: _POOLTOOL_NAMES[one.name][1] for one in exported}

@@ -1,4 +1,4 @@
-"""Reading of run folders: tracks, events, motion and scene."""
+"""Reading of run folders: tables, scene, and the clip that they were made from."""
 
 from __future__ import annotations
 
@@ -15,14 +15,8 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from models.core.errors import OptionError
-from models.core.events import EVENT_KINDS, Events
 from models.core.scene import Camera, Table
-from models.core.typing import FloatArray
-from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
-from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
-from pipeline.io.explanation_json import parse_explanation
-from pipeline.io.shot_folder import has_shot, read_shot
 
 Columns = dict[str, NDArray[Any]]
 
@@ -31,65 +25,6 @@ SOURCE_FILE = "source.json"
 """File of a run folder that names the source clip."""
 DEFAULT_SIGMA = 1e-3
 """m, standard deviation of positions without a sigma."""
-GRID_HZ = 1000.0
-
-
-def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
-    """Read one shot of a run folder: its saved shot, or the tables of a folder that holds none.
-
-    Args:
-        folder: Run folder.
-        shot: Number of the shot.
-
-    Returns:
-        Observations and fitted motion of the N balls.
-
-    Raises:
-        OptionError: The folder is missing or incomplete.
-    """
-    if not folder.is_dir():
-        raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
-    if has_shot(folder):
-        return _record_saved_shot(folder, shot)
-    scene = read_scene_document(folder / "scene.json")
-    tracks, events, motion = (
-        _select_shot_rows(read_csv_columns(folder / f"{name}.csv", wanted), shot)
-        for name, wanted in (
-            ("tracks", ("frame", "t", "id", "x", "y")),
-            ("events", ("kind", "t", "a", "b")),
-            ("trajectory", ("t", "id", "x", "y", "vx", "vy")),
-        )
-    )
-    if not len(tracks["t"]) or not len(motion["t"]):
-        raise OptionError(f"{folder} has no motion of shot {shot}")
-    table = parse_table(scene)
-    ids = tuple(dict.fromkeys(tracks["id"].tolist()))
-    kinds = dict(zip(tracks["id"].tolist(), tracks.get("kind", tracks["id"]).tolist(), strict=True))
-    observed = tracks.get("observed", np.ones(len(tracks["t"]))) > 0
-    ball = np.array([ids.index(name) for name in tracks["id"]])
-    order = np.lexsort((tracks["t"], ball))
-    order = order[observed[order]]
-    sigma = np.nan_to_num(tracks.get("sigma", np.full(len(observed), DEFAULT_SIGMA)), nan=DEFAULT_SIGMA)
-    blank = np.full(len(observed), np.nan)
-    frame, at = np.unique(tracks["frame"], return_index=True)
-    parsed = _parse_events(events)
-    return ShotRecord(
-        ids, tuple(kinds[name] for name in ids), frame.astype(np.int64), tracks["t"][at],
-        ball[order], tracks["t"][order], np.stack([tracks["x"], tracks["y"]], axis=1)[order],
-        np.stack([tracks.get("x_px", blank), tracks.get("y_px", blank)], axis=1)[order],
-        np.maximum(sigma, 1e-6)[order], parsed, *_resample_motion(motion, ids, table.ball_radius), table,
-        parse_camera(scene), parse_explanation(scene, parsed),
-    )  # fmt: skip
-
-
-def _record_saved_shot(folder: Path, number: int) -> ShotRecord:
-    """Record the saved shot of a run folder."""
-    shot = read_shot(folder)
-    fit = view_shot(shot)
-    if number or not len(fit.trajectory.start):
-        raise OptionError(f"{folder} has no motion of shot {number}")
-    scene = shot.scene
-    return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
 
 
 def read_scene_document(path: Path) -> dict[str, Any]:
@@ -257,53 +192,3 @@ def parse_camera(scene: dict[str, Any]) -> Camera | None:
         return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:
         raise OptionError(f"scene.json has a calibration that cannot be used: {error}") from error
-
-
-def _select_shot_rows(columns: Columns, shot: int) -> Columns:
-    if "shot" not in columns:
-        return columns
-    rows = columns["shot"] == shot
-    return {name: values[rows] for name, values in columns.items()}
-
-
-def _parse_events(columns: Columns) -> Events:
-    rows = np.argsort(columns["t"], kind="stable")
-    rows = rows[[columns["kind"][k] in EVENT_KINDS for k in rows]] if len(rows) else rows
-    t = columns["t"][rows]
-
-    def number(name: str, scale: float = 1.0) -> FloatArray:
-        return np.asarray(scale * columns[name][rows] if name in columns else np.full(len(t), np.nan), np.float64)
-
-    text = {name: tuple(str(v) for v in columns[name][rows]) for name in ("kind", "a", "b")}
-    return Events(
-        text["kind"], t, np.nan_to_num(number("t_sigma"), nan=1e-3), number("frame"), text["a"], text["b"],
-        np.stack([number("x"), number("y")], axis=1), np.nan_to_num(number("probability"), nan=1.0),
-        number("gap_mm", 1e-3), number("gap_mm_sigma", 1e-3), number("speed"),
-    )  # fmt: skip
-
-
-def _resample_motion(
-    motion: Columns, ids: tuple[str, ...], radius: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Resample the motion on one regular grid.
-
-    Returns times (M,), positions, velocities and contact-point velocities (M, N, 2), and sigmas (M, N); NaN where a
-    ball has no motion.
-    """
-    first, last = float(motion["t"].min()), float(motion["t"].max())
-    t = first + np.arange(round((last - first) * GRID_HZ) + 1) / GRID_HZ
-    blank = np.full(len(motion["t"]), np.nan)
-    spin_x, spin_y = (motion.get(name, blank) for name in ("wx", "wy"))
-    columns = np.stack(
-        [motion["x"], motion["y"], motion["vx"], motion["vy"], motion["vx"] - radius * spin_y,
-         motion["vy"] + radius * spin_x, motion.get("sigma", np.full(len(blank), DEFAULT_SIGMA))], axis=1,
-    )  # fmt: skip
-    grid = np.full((len(t), len(ids), columns.shape[1]), np.nan)
-    for k, name in enumerate(ids):
-        rows = np.flatnonzero(motion["id"] == name)
-        rows = rows[np.argsort(motion["t"][rows], kind="stable")]
-        if len(rows):
-            own = motion["t"][rows]
-            inside = (t >= own[0] - 1e-9) & (t <= own[-1] + 1e-9)
-            grid[inside, k] = np.stack([np.interp(t[inside], own, column[rows]) for column in columns.T], axis=1)
-    return t, grid[..., 0:2], grid[..., 2:4], grid[..., 4:6], grid[..., 6]

@@ -1,55 +1,34 @@
-"""Writing of the tables of a run: tracks.csv, events.csv, trajectory.csv and scene.json."""
+"""Writing of the tables of a run: tracks.csv, trajectory.csv and scene.json."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
-from pyarrow import csv
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.events import Events
 from models.core.fit_result import Fit, Parameter, WholeShotFit
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
-from models.core.trajectory import State, Trajectory
+from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.by_hand.corrections_file import describe_corrections
+from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
 from pipeline.io.explanation_json import describe_explanation
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
-from pipeline.reporting.text.run_trust import summarize_trust
+from pipeline.reporting.text.text_formatting import summarize_trust
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
 
-Columns = dict[str, Sequence[str] | NDArray[Any]]
-
 TRAJECTORY_HZ = 1000.0
 DEFAULT_MODEL = ("rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution")
-DECIMALS = {
-    "x": 6,
-    "y": 6,
-    "sigma": 6,
-    "t": 6,
-    "t_sigma": 6,
-    "x_px": 3,
-    "y_px": 3,
-    "radius_px": 2,
-    "frame": 3,
-    "xx": 12,
-    "xy": 12,
-    "yy": 12,
-}
-"""Decimals of each column (m, s, px); other columns have six."""
-SHOT_NUMBER = 0
 TABLE_PARAMETERS = ("ball_size", "collision_radius", "nose")
 """Fitted groups of parameters that are no effects of the catalogue."""
 
@@ -82,22 +61,6 @@ def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
     write_columns(columns, path)
 
 
-def write_events(events: Events, path: Path) -> None:
-    """Write events.csv: one row per event, gaps in mm.
-
-    Args:
-        events: Events of the shot.
-        path: File to write.
-    """
-    columns: Columns = {
-        "shot": np.full(len(events), SHOT_NUMBER), "kind": list(events.kind), "t": events.t, "t_sigma": events.t_sigma,
-        "frame": events.frame, "a": list(events.a), "b": list(events.b), "x": events.xy[:, 0], "y": events.xy[:, 1],
-        "probability": events.probability, "gap_mm": 1000 * events.gap, "gap_mm_sigma": 1000 * events.gap_sigma,
-        "speed": events.speed,
-    }  # fmt: skip
-    write_columns(columns, path)
-
-
 def write_trajectory(motion: Trajectory, path: Path) -> None:
     """Write trajectory.csv: the fitted motion at `TRAJECTORY_HZ`, ball by ball.
 
@@ -109,26 +72,6 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
     last = float(motion.end.max()) if len(motion.end) else 0.0
     t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
     write_states(motion.ids, t, motion.at(t), path)
-
-
-def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) -> None:
-    """Write the states of balls, ball by ball; unknown positions have no row.
-
-    Args:
-        ids: Names of the N balls.
-        t: Times (T,) s.
-        state: States (T, N).
-        path: File to write.
-    """
-    ball, row = np.nonzero(np.isfinite(state.xy[..., 0]).T) if len(ids) else (np.empty(0, int),) * 2
-    columns: Columns = {"shot": np.full(len(row), SHOT_NUMBER), "t": t[row], "id": [ids[k] for k in ball]}
-    for name, values in (
-        ("x", state.xy[..., 0]), ("y", state.xy[..., 1]), ("vx", state.v[..., 0]), ("vy", state.v[..., 1]),
-        ("wx", state.w[..., 0]), ("wy", state.w[..., 1]), ("wz", state.w[..., 2]),
-        ("sigma", state.sigma), ("sigma_v", state.sigma_v),
-    ):  # fmt: skip
-        columns[name] = values[row, ball]
-    write_columns(columns, path)
 
 
 def write_scene(
@@ -171,7 +114,7 @@ def write_scene(
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
                  "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
     }  # fmt: skip
-    path.write_text(json.dumps(_replace_nonfinite(document), indent=1, allow_nan=False), encoding="utf-8")
+    path.write_text(format_strict_json(document), encoding="utf-8")
 
 
 def _describe_ball_size(scene: Scene, fit: Fit) -> dict[str, Any]:
@@ -294,34 +237,3 @@ def _describe_fit_quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
         "moving_s": float(np.sum(step * fit.moving)),
         "accepted_s": float(np.sum(step * (fit.moving & fit.accepted))),
     }
-
-
-def _replace_nonfinite(data: Any) -> Any:
-    """Replace NaN and infinity by None and numpy scalars by Python numbers, for strict JSON."""
-    if isinstance(data, Mapping):
-        return {key: _replace_nonfinite(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_replace_nonfinite(value) for value in data]
-    if isinstance(data, float | np.floating):
-        return float(data) if math.isfinite(data) else None
-    return data.item() if isinstance(data, np.generic) else data
-
-
-def write_columns(columns: Columns, path: Path, quoting: Literal["none", "needed"] = "none") -> None:
-    """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
-
-    Args:
-        columns: Values by name.
-        path: File to write.
-        quoting: `needed` puts texts into quotes, which may then contain commas.
-    """
-    arrays = {}
-    for name, values in columns.items():
-        if isinstance(values, np.ndarray) and values.dtype.kind == "f":
-            rounded = np.round(values, DECIMALS.get(name, 6)) + 0.0
-            arrays[name] = pa.array(rounded, mask=~np.isfinite(rounded))
-        elif isinstance(values, np.ndarray):
-            arrays[name] = pa.array(values)
-        else:
-            arrays[name] = pa.array(list(values), type=pa.string())
-    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style=quoting, quoting_header="none"))

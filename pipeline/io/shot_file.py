@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,9 +14,11 @@ from models.core.errors import OptionError
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, parse_learned_table
 
 FiniteNumber = Annotated[float, Field(allow_inf_nan=False)]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -209,3 +211,30 @@ def _format_first_error(error: ValidationError) -> str:
     mistake = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in mistake["loc"])
     return f"{place or 'the file'}: {mistake['msg'][:1].lower()}{mistake['msg'][1:]}"
+
+
+def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:
+    """Replace the physics of a shot by that of a profile.
+
+    Args:
+        shot: The shot.
+        text: Content of the profile, JSON.
+
+    Returns:
+        The shot with the cloth, the contact models, the noses and the correction of the profile.
+
+    Raises:
+        OptionError: The profile is that of a table of another size.
+    """
+    entry, learned = ProfileEntry.model_validate(json.loads(text)), parse_learned_table(text)
+    own = entry.table
+    if (
+        own is not None
+        and max(abs(own.length / shot.table.length - 1), abs(own.width / shot.table.width - 1)) > SIZE_TOLERANCE
+    ):
+        raise OptionError(
+            f"--profile is of a table of {own.length:g} x {own.width:g} m; that of the shot is {shot.table.length:g} x"
+            f" {shot.table.width:g} m"
+        )
+    physics = Physics(learned.physics, PARAMETER_NAMES, learned.cushion_law, entry.laws.ball)
+    return replace(shot, physics=physics, nose_offsets=-learned.noses, correction=learned.correction)

@@ -2,7 +2,7 @@
 
 shot/shot.json      format, version of the program, options of the run, and the value without its arrays
 shot/HASH.npz       the arrays, under the hash that shot.json names
-shot/kept/          what answers computed later from the shot, by key: a `ResultCache` of its own
+shot/kept/          what answers computed later from the shot, see `kept_values`
 """
 
 from __future__ import annotations
@@ -12,28 +12,26 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from models.core.errors import OptionError
+from models.core.scene import Scene
 from models.core.shot import Shot
+from models.core.tracks import Tracks
 from pipeline.engine.atomic_write import replace_file
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import ResultCache
-from pipeline.engine.source_fingerprint import hash_sources, library_versions
-from pipeline.engine.value_files import AnyArray, decode_value, encode_value, load_value, save_value
+from pipeline.engine.value_files import AnyArray, decode_value, encode_value
 
-SHOT_FOLDER, SHOT_FILE, KEPT_FOLDER = "shot", "shot.json", "kept"
+SHOT_FOLDER, SHOT_FILE = "shot", "shot.json"
 FORMAT = 1
 """Version of the layout; a later program reads every earlier one."""
 HASH_DIGITS = 16
 _UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
 """What files raise that were cut off or altered."""
-V = TypeVar("V")
 
 
 def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Path) -> None:
@@ -130,60 +128,18 @@ def read_shot(folder: Path) -> Shot:
     raise OptionError(f"{path} cannot be read ({failure}); run the clip again: trueroll run CLIP -o {folder}")
 
 
-def keep_value(
-    source: Path | None, cache: ResultCache, name: str, facts: Mapping[str, Any], kind: type[V], code: str,
-    build: Callable[[], V],
-) -> V:  # fmt: skip
-    """Return what an answer needs: kept beside the saved shot or in the cache, else computed and kept now.
-
-    Two processes that keep values in one folder do not disturb each other.
+def hash_tracks(tracks: Tracks, scene: Scene) -> str:
+    """Hash what the explanation of tracks depends on.
 
     Args:
-        source: Run folder or track folder that the value belongs to; None for neither.
-        cache: Holds the value where the source has no saved shot, or cannot be written.
-        name: Name of the value.
-        facts: What the value depends on beside the saved shot, as JSON values.
-        kind: Type of the value.
-        code: Module that computes it.
-        build: Computes it.
+        tracks: Tracks of a shot.
+        scene: Its table and camera.
 
     Returns:
-        The value.
+        SHA-256 as hexadecimal digits.
     """
-    store, key = _address_value(source, cache, name, facts, code)
-    entry = store.find_or_build(key, lambda folder: save_value(build(), folder))
-    return load_value(kind, entry.folder)
-
-
-def find_kept_value(
-    source: Path, cache: ResultCache, name: str, facts: Mapping[str, Any], kind: type[V], code: str
-) -> V | None:
-    """Find what `keep_value` with the same arguments would return without computing it.
-
-    Args:
-        source: Run folder, track folder or tracks.csv that the value belongs to.
-        cache: Holds the value where the source has no saved shot, or cannot be written.
-        name: Name of the value.
-        facts: What the value depends on beside the saved shot, as JSON values.
-        kind: Type of the value.
-        code: Module that computes it.
-
-    Returns:
-        The value; None where it was not kept.
-    """
-    store, key = _address_value(source, cache, name, facts, code)
-    entry = store.find(key)
-    return None if entry is None else load_value(kind, entry.folder)
-
-
-def _address_value(
-    source: Path | None, cache: ResultCache, name: str, facts: Mapping[str, Any], code: str
-) -> tuple[ResultCache, CacheKey]:
-    """Return where a value is kept, and under which key."""
-    parts: dict[str, Any] = {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions()}
-    if source is None or not has_shot(source):
-        return cache, CacheKey(name, parts)
-    parts["shot"] = hashlib.sha256((source / SHOT_FOLDER / SHOT_FILE).read_bytes()).hexdigest()
-    with suppress(OSError):
-        return ResultCache(source / SHOT_FOLDER / KEPT_FOLDER), CacheKey(name, parts)
-    return cache, CacheKey(name, parts)
+    digest = hashlib.sha256(repr((tracks.ids, tracks.kinds, scene.table)).encode())
+    positions = tracks.xy, tracks.sigma, tracks.sigma_along, tracks.streak
+    for array in (tracks.frame, tracks.t, *positions, scene.camera.matrix):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -21,11 +21,13 @@ from pydantic import (
 
 from models.core.errors import OptionError
 from models.core.scene import CUSHIONS
-from models.estimation.contact_test.contact_moment import ClothPriors
-from models.estimation.forecast.current_state import ROLLING_MODEL_SIGMA
-from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
-from models.estimation.table_learning.learned_table import CLOTH_SPREAD, LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.estimation.table_learning.learned_table import (
+    CLOTH_SPREAD,
+    DEFAULT_SCATTER,
+    ROLLING_MODEL_SIGMA,
+    ContactScatter,
+    LearnedTable,
+)
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
@@ -37,10 +39,10 @@ from models.physics.billiards.parameter_vector import (
     TABLE_PARAMETERS,
     neutral_parameters,
 )
-from models.physics.billiards.simulation.table_physics import Physics, contact_parameters
+from models.physics.billiards.simulation.table_physics import contact_parameters
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import ModelChoice, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
-from pipeline.io.shot_file import ShotSetup
 
 
 class ProfileNumberEntry(BaseModel):
@@ -233,7 +235,7 @@ def parse_learned_table(text: str) -> LearnedTable:
     )
 
 
-def parse_cloth_priors(text: str) -> ClothPriors:
+def parse_cloth_priors(text: str) -> tuple[Prior, Prior]:
     """Build the priors of sliding and rolling friction from a profile, for the contact test of `trueroll call`.
 
     Args:
@@ -253,33 +255,6 @@ def parse_cloth_priors(text: str) -> ClothPriors:
         replace(sliding, sigma=CLOTH_SPREAD),
         replace(rolling, sigma=float(np.hypot(CLOTH_SPREAD, ROLLING_MODEL_SIGMA))),
     )
-
-
-def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:
-    """Replace the physics of a shot by that of a profile.
-
-    Args:
-        shot: The shot.
-        text: Content of the profile, JSON.
-
-    Returns:
-        The shot with the cloth, the contact models, the noses and the correction of the profile.
-
-    Raises:
-        OptionError: The profile is that of a table of another size.
-    """
-    entry, learned = ProfileEntry.model_validate(json.loads(text)), parse_learned_table(text)
-    own = entry.table
-    if (
-        own is not None
-        and max(abs(own.length / shot.table.length - 1), abs(own.width / shot.table.width - 1)) > SIZE_TOLERANCE
-    ):
-        raise OptionError(
-            f"--profile is of a table of {own.length:g} x {own.width:g} m; that of the shot is {shot.table.length:g} x"
-            f" {shot.table.width:g} m"
-        )
-    physics = Physics(learned.physics, PARAMETER_NAMES, learned.cushion_law, entry.laws.ball)
-    return replace(shot, physics=physics, nose_offsets=-learned.noses, correction=learned.correction)
 
 
 def _require_form(name: str, choice: ModelChoice) -> str:

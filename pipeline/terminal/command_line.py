@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from models.core.errors import OptionError
-from pipeline.engine.result_cache import ResultCache, default_cache_root
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -78,25 +75,6 @@ DebugOption = Annotated[
 ]
 
 
-def open_cache(folder: Path | None) -> ResultCache:
-    """Open the cache of a command.
-
-    Args:
-        folder: Folder of the cache; None for the default.
-
-    Returns:
-        The cache.
-
-    Raises:
-        OptionError: The folder cannot be written.
-    """
-    root = folder if folder is not None else default_cache_root()
-    try:
-        return ResultCache(root)
-    except OSError as error:
-        raise OptionError(f"The cache needs a folder that can be written; {root}: {error.strerror}") from error
-
-
 def _print_version(is_requested: bool) -> None:
     """Print the version and exit if it is requested."""
     if is_requested:
@@ -113,54 +91,3 @@ def _add_common_options(
     ] = False,
 ) -> None:
     """Take the options that come before a command."""
-
-
-def add_settings(function: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command that takes the options of all stages as one `options` argument.
-
-    Args:
-        function: The command.
-
-    Returns:
-        The command with one option per setting on the command line.
-    """
-    return add_settings_except(())(function)
-
-
-def add_settings_except(excluded: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate a command that takes the options of all stages except some.
-
-    Args:
-        excluded: Names of the settings that do not apply to the command.
-
-    Returns:
-        A decorator like `add_settings`.
-    """
-
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        return _append_settings(function, excluded)
-
-    return decorate
-
-
-def _append_settings(function: Callable[..., None], excluded: Collection[str]) -> Callable[..., None]:
-    """Replace the `options` parameter of a command by one parameter per setting."""
-    from pipeline.run_options import (  # the stages are slow to import
-        build_options,
-        build_parameters,
-    )
-
-    own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
-    names = {p.name for p in own}
-    extra = build_parameters(excluded)
-
-    def command(**values: Any) -> None:
-        options = build_options({p.name: values[p.name] for p in extra})
-        function(**{name: values[name] for name in names}, options=options)
-
-    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + extra
-    )
-    command.__annotations__ = {p.name: p.annotation for p in [*own, *extra]}
-    command.__doc__ = function.__doc__
-    return command

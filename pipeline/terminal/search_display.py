@@ -15,8 +15,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from diagnosis.fitting.display_names import format_cause
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
 from models.numerics.first_compilation import notify_first_compilation
-
-COMPILING_NOTE = "compiling numerical code for this machine: once, it takes one to two minutes"
+from pipeline.terminal.activity_display import COMPILING_NOTE
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 from models.core.fit_result import Fit, TrustLevel
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import drawing_scale
 from video.drawing.label_layout import LabelPosition, Rect, overlap_share, place_label, place_panel
 from video.drawing.palette import Colour, ball_colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_inset import TableInset, build_table_inset
@@ -22,7 +23,6 @@ from video.overlay.frame_overlay import (
     Label,
     draw_flash,
     draw_measured_rings,
-    drawing_scale,
     mask_without_balls,
 )
 from video.overlay.motion_paths import ContactMark, MotionPath, sample_motion_path, select_contact_marks

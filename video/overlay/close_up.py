@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import draw_ring, to_fixed_point
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
-from video.overlay.frame_overlay import draw_ring, to_fixed_point
 
 CLOSE_UP_SIZE = (960, 720)
 """px, size of a close-up."""

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, ImageArray
+from video.drawing.circles import SHIFT, draw_disc, draw_ring, drawing_scale, to_fixed_point
 from video.drawing.palette import FLASH, INK, TRUST_COLOURS, Colour
 from video.drawing.text import draw_text
-from video.overlay.frame_overlay import SHIFT, draw_disc, draw_ring, drawing_scale, to_fixed_point
 
 PANEL_SHARE, LEAST_PANEL_PX = 0.42, 380
 """Width of the panel relative to the image, and at least."""

@@ -12,21 +12,15 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
 from models.core.typing import BoolArray, FloatArray, ImageArray
+from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect
 from video.drawing.mask_tile import ColouredMask, MaskTile, compose_tile
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
 from video.drawing.text import blend_mask, draw_text, number_mask, round_corner_mask, text_mask
 
-SHIFT = 4
-"""Fractional bits of OpenCV's fixed-point coordinates."""
 LABEL_OPACITY = 0.72
 DASH_PX, MIN_DASHES = 12.0, 5
 """px, length of a dash with its gap around a ball whose position is measured, not fitted."""
-
-
-def drawing_scale(height: int) -> float:
-    """Return the scale of drawings relative to a frame of 720 rows; small frames keep legible text."""
-    return max(height / 720, 0.78)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +61,6 @@ class FrameBalls:
         return rects
 
 
-def to_fixed_point(px: FloatArray) -> NDArray[np.int32]:
-    """Convert pixels to OpenCV's fixed-point coordinates."""
-    return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
-
-
 def mask_without_balls(shape: tuple[int, ...], balls: FrameBalls) -> ImageArray:
     """Return a mask (H, W) for an image of a shape: 0 on the balls, 255 elsewhere."""
     mask = np.full(shape[:2], 255, dtype=np.uint8)
@@ -79,51 +68,6 @@ def mask_without_balls(shape: tuple[int, ...], balls: FrameBalls) -> ImageArray:
         centre, radius = to_fixed_point(balls.centre[ball]).tolist(), float(balls.radius[ball]) + 0.5
         cv2.circle(mask, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
     return mask
-
-
-def draw_ring(
-    image: ImageArray,
-    centre: FloatArray,
-    radius: float,
-    thickness: float,
-    colour: Colour,
-    opacity: float,
-    dashes: int = 0,
-) -> None:
-    """Draw a circle, solid or dashed, in place."""
-    if not np.isfinite(centre).all() or opacity <= 0.01:
-        return
-    half = int(np.ceil(radius + thickness + 2))
-    x0, y0 = (int(v) for v in np.floor(centre) - half)
-    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
-    middle = to_fixed_point(centre - [x0, y0]).tolist()
-    size = round(radius * (1 << SHIFT))
-    stroke = max(1, round(thickness))
-    if dashes:
-        step = 360 / dashes
-        for dash in range(dashes):
-            start = dash * step
-            cv2.ellipse(mask, middle, (size, size), 0, start, start + 0.5 * step, 255, stroke, cv2.LINE_AA, SHIFT)
-    else:
-        cv2.circle(mask, middle, size, 255, stroke, cv2.LINE_AA, SHIFT)
-    blend_mask(image, mask, x0, y0, colour, opacity)
-
-
-def draw_disc(image: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
-    """Draw a filled circle, in place."""
-    mask, x, y = _disc_mask(centre, radius)
-    blend_mask(image, mask, x, y, colour, opacity)
-
-
-def _disc_mask(centre: FloatArray, radius: float) -> tuple[ImageArray, int, int]:
-    """Return the mask of a filled circle, and its top-left pixel."""
-    half = int(np.ceil(radius + 2))
-    x0, y0 = (int(v) for v in np.floor(centre) - half)
-    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
-    cv2.circle(
-        mask, to_fixed_point(centre - [x0, y0]).tolist(), round(radius * (1 << SHIFT)), 255, -1, cv2.LINE_AA, SHIFT
-    )
-    return mask, x0, y0
 
 
 def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
@@ -239,7 +183,7 @@ def _clock_tile(clock: ClockPanel, width: int, height: int, advance: int, scale:
             text_mask("s", round(17 * scale)), unit_left, round(5 * scale + 0.42 * round(27 * scale)), MUTED_GREY
         ),
         ColouredMask(slow, pad, row, MUTED_GREY),
-        ColouredMask(*_disc_mask(dot, radius), TRUST_COLOURS[clock.trust_level]),
+        ColouredMask(*disc_mask(dot, radius), TRUST_COLOURS[clock.trust_level]),
         ColouredMask(word, round(float(dot[0]) + radius + 0.45 * small), row, MUTED_GREY),
     )
     return compose_tile(width, height, inks)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from models.core.scene import Camera
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import SHIFT, drawing_scale, to_fixed_point
 from video.drawing.label_layout import Rect, place_label
 from video.drawing.palette import INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
-from video.overlay.frame_overlay import SHIFT, drawing_scale, to_fixed_point
 
 OUTLINE_POINTS = 72
 """Points of the outline of a ball."""

@@ -13,6 +13,7 @@ from models.core.errors import ClipError
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import draw_disc, draw_ring
 from video.drawing.label_layout import Rect, overlap_share, place_label
 from video.drawing.palette import FLASH, INK, WHITE
 from video.io.video_options import RenderOptions
@@ -21,7 +22,7 @@ from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
-from video.overlay.frame_overlay import FrameBalls, Label, draw_disc, draw_ring, mask_without_balls
+from video.overlay.frame_overlay import FrameBalls, Label, mask_without_balls
 from video.overlay.trails import draw_trail
 
 GHOST_SPACING_RADII = 5.0

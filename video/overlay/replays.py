@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import draw_ring, drawing_scale
 from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_balls import balls_at_times
-from video.overlay.frame_overlay import FrameBalls, Label, draw_ring, drawing_scale
+from video.overlay.frame_overlay import FrameBalls, Label
 from video.overlay.motion_paths import ContactMark
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
 

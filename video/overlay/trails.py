@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import SHIFT, to_fixed_point
 from video.drawing.palette import WHITE, Colour, mix_colours
 from video.drawing.text import blend_sparse_masks
-from video.overlay.frame_overlay import SHIFT, to_fixed_point
 
 TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
 """px of a trail with one opacity, and largest number of such pieces."""

@@ -12,9 +12,10 @@ from models.core.events import Events
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import MIN_NOISE_SPEED, estimate_state
+from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
 from models.estimation.forecast.forecast_values import ForecastErrors
+from models.estimation.forecast.solution_state import MIN_NOISE_SPEED
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.tracking.track_noise import apply_noise, estimate_noise
 

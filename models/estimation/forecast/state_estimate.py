@@ -12,7 +12,8 @@ from models.core.fit_result import Trust
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_RANGE
-from models.estimation.table_learning.learned_table import LearnedTable, SpinDistribution
+from models.estimation.table_learning.learned_table import LearnedTable
+from models.estimation.table_learning.side_spin import SpinDistribution
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION

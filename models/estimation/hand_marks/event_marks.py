@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.events import Events, merge_events
-from models.core.shot_explanation import CauseHypothesis, MarkOutcome, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, MarkOutcome, Moment, ShotExplanation
 from models.core.tracks import Tracks
-from models.estimation.hand_marks.graph_marks import HAND_ODDS, HAND_TIME_FRAMES
-from models.estimation.hand_marks.resolved_marks import NO_BALL, ResolvedMark
-from models.estimation.shot_hypotheses.weigh_hypotheses import MIN_LISTED_PROBABILITY
+from models.estimation.hand_marks.resolved_marks import HAND_ODDS, HAND_TIME_FRAMES, NO_BALL, ResolvedMark
 
 
 def weigh_marks(

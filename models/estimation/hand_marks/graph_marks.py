@@ -9,10 +9,17 @@ import numpy as np
 
 from models.core.contact_graph import Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.options import REQUIRED_GAIN
 from models.core.scene import CUSHIONS, Table
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.typing import FloatArray
-from models.estimation.hand_marks.resolved_marks import NO_BALL, ResolvedMark, describe_outcome
+from models.estimation.hand_marks.resolved_marks import (
+    HAND_ODDS,
+    HAND_TIME_FRAMES,
+    NO_BALL,
+    ResolvedMark,
+    describe_outcome,
+)
 from models.estimation.joint_fit.contact_cascades import (
     MIN_CONTACT_INTERVAL,
     evaluate_state,
@@ -24,17 +31,12 @@ from models.estimation.joint_fit.contact_cascades import (
 from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
-from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
+from models.estimation.structure_search.ball_encounters import total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.missed_cushions import guess_rebound
-from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
 
-HAND_ODDS = 1000.0
-"""Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess."""
 HAND_CHI2 = 2 * float(np.log(HAND_ODDS))
 """chi2 that stands for these odds: the physics contradicts a mark where it costs more."""
-HAND_TIME_FRAMES = 0.5
-"""Frame intervals: standard deviation of a time that a person chose between two frames."""
 HELD_GAIN = 1e5
 """chi2: stands for the gain of a marked contact while the structure is searched, which does not question it."""
 REACH_RADII = 1.0
@@ -125,7 +127,7 @@ def combine_marked_times(
             continue
         own = float(np.sqrt(max(variance[number], 0.0)))
         t, own = combined.get(number, (solution.graph.contacts[number].t, own))
-        sigma = HAND_TIME_FRAMES * frame_interval(observations)
+        sigma = HAND_TIME_FRAMES * observations.frame_interval
         total = float(np.hypot(own, sigma))
         if outcomes[k].code != "no_change" and abs(t - mark.t) > CONTRADICTION_SIGMAS * total:
             final[k] = replace(final[k], code="other_time", value=t - mark.t)
@@ -239,7 +241,7 @@ def _evaluate_ball(solution: JointSolution, ball: int, t: float) -> FloatArray:
 
 def _insert_ball_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:
     """Insert a contact of two balls; a velocity change without a cause nearby becomes part of it."""
-    graph, interval = solution.graph, frame_interval(fit.observations)
+    graph, interval = solution.graph, fit.observations.frame_interval
     radius = fit.table.ball_radius * solution.diameter_factor
     owner = assign_observations(graph, fit.observations)
     changes = (find_unexplained_change(graph, ball, mark.t, mark.tolerance) for ball in (mark.a, mark.b))

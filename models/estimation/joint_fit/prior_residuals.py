@@ -36,6 +36,7 @@ from models.estimation.joint_fit.segment_prior_residuals import (
 )
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effects.catalogue import find_prior
 
 _PRIORS = {
@@ -52,8 +53,6 @@ SLIDING_PRIOR, ROLLING_PRIOR, BALL_RESTITUTION, CUSHION_RESTITUTION = ((p.value,
 BALL_RESTITUTION_MEAN, BALL_RESTITUTION_SIGMA = BALL_RESTITUTION
 DIAMETER_SIGMA = 0.02
 """Relative: one factor per clip on the distance of touching balls, for calibration errors."""
-NOSE_SIGMA = 0.004
-"""m: one offset per cushion, for calibration errors and soft rubber."""
 JUMP_SIGMA, BREAK_SIGMA = 0.01, 1e-6
 """s: how far a jump may move in one step; the time at which a ball leaves a break is fixed."""
 MIN_HIT_SPEED = 0.02

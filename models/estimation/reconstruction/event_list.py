@@ -90,25 +90,12 @@ def collect_events(rows: list[EventRow], tracks: Tracks) -> Events:
     return Events(
         tuple(event.kind for event in rows), t,
         np.array([max(event.t_sigma, 1e-6) for event in rows], dtype=np.float64),
-        frame_at(tracks, t),
+        tracks.frame_at(t),
         tuple(event.a for event in rows), tuple(event.b for event in rows),
         np.array([event.xy for event in rows]).reshape(-1, 2),
         *(np.array([getattr(event, name) for event in rows], dtype=np.float64)
           for name in ("probability", "gap", "gap_sigma", "speed")),
     )  # fmt: skip
-
-
-def frame_at(tracks: Tracks, t: FloatArray) -> FloatArray:
-    """Return fractional frame numbers (E,) at times t (E,), also a little outside the clip."""
-    if len(tracks.t) < 2:
-        return np.zeros_like(t)
-    row, numbers = (
-        np.clip(np.searchsorted(tracks.t, t, side="right") - 1, 0, len(tracks.t) - 2),
-        tracks.frame.astype(float),
-    )
-    share = (t - tracks.t[row]) / (tracks.t[row + 1] - tracks.t[row])
-    frames: FloatArray = numbers[row] + share * (numbers[row + 1] - numbers[row])
-    return frames
 
 
 def _list_contact_events(

@@ -9,17 +9,9 @@ import numpy as np
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events, merge_events
 from models.core.shot import ClosePass, ContactTestResult
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, ShotExplanation
 from models.core.tracks import Tracks
-from models.estimation.contact_test.candidate_contacts import evaluate_close_pass
-from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.reconstruction.event_list import frame_at
-from models.estimation.shot_hypotheses.event_evidence import EventEvidence
-from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
-from models.estimation.shot_hypotheses.weigh_hypotheses import MIN_LISTED_PROBABILITY
-
-MAX_LOG_ODDS = 7.0
-"""Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
+from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
 
 
 def convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExplanation:
@@ -58,42 +50,13 @@ def add_close_passes(
     """
     moments, rows = list(explanation.moments), []
     for one, two, result in ((each.one, each.other, each.result) for each in passes):
-        hypotheses, p = _weigh_close_pass(tracks.ids[two], result)
+        hypotheses, p = weigh_close_pass(tracks.ids[two], result)
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
         if p >= MIN_LISTED_PROBABILITY:
             rows.append((one, two, result, p, xy))
     explanation = replace(explanation, moments=tuple(sorted(moments, key=lambda entry: entry.t)))
     return (_insert_contacts(events, rows, tracks) if rows else events), explanation
-
-
-def reevaluate_close_passes(record: ShotRecord) -> ShotRecord:
-    """Test the close passes of a recorded shot again, with the friction that the record knows.
-
-    Args:
-        record: Record with an explanation whose close passes are marked.
-
-    Returns:
-        The record with new probabilities of these passes; all other moments stay.
-    """
-    moments = []
-    for moment in record.explanation.moments:
-        other = next((one.other for one in moment.hypotheses if one.cause == "ball"), "")
-        if "close_pass" in moment.doubts and {other, moment.ball} <= {*record.ids}:
-            result = evaluate_close_pass(record, record.ids.index(moment.ball), record.ids.index(other), moment.t)
-            if result is not None:
-                moment = replace(moment, hypotheses=_weigh_close_pass(other, result)[0])
-        moments.append(moment)
-    return replace(record, explanation=replace(record.explanation, moments=tuple(moments)))
-
-
-def _weigh_close_pass(other: str, result: ContactTestResult) -> tuple[tuple[CauseHypothesis, ...], float]:
-    """Return the hypotheses of a close pass, the most probable first, and the probability of a contact."""
-    odds = np.log(max(result.probability, 1e-12)) - np.log(max(1 - result.probability, 1e-12))
-    evidence = EventEvidence(test=float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
-    p = estimate_event_probability("close_pass", evidence)
-    contact = CauseHypothesis("ball", other, p, "close_pass", tuple(evidence.vector.tolist()))
-    return tuple(sorted((contact, CauseHypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability)), p
 
 
 def _insert_contacts(
@@ -104,11 +67,11 @@ def _insert_contacts(
     results = [row[2] for row in rows]
     t = np.array([result.t for result in results])
     added = Events(
-        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), frame_at(tracks, t),
+        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), tracks.frame_at(t),
         tuple(tracks.ids[row[0]] for row in rows), tuple(tracks.ids[row[1]] for row in rows),
         np.array([row[4] for row in rows]), np.array([row[3] for row in rows]),
         np.array([result.gap for result in results]), np.array([result.gap_sigma for result in results]),
         np.array([result.closing for result in results]),
     )  # fmt: skip
     merged = merge_events(events, added)
-    return replace(merged, frame=frame_at(tracks, merged.t))
+    return replace(merged, frame=tracks.frame_at(merged.t))

@@ -27,12 +27,12 @@ from models.estimation.joint_fit.trust_level import (
     evaluate_segment_chi2,
     find_accepted_segments,
 )
-from models.estimation.reconstruction.break_refinement import (
+from models.estimation.reconstruction.break_views import (
     build_break_pieces,
     list_break_contacts,
 )
 from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
-from models.estimation.reconstruction.event_list import collect_events, frame_at, list_events
+from models.estimation.reconstruction.event_list import collect_events, list_events
 from models.estimation.reconstruction.pocket_events import find_pocketed_balls
 from models.estimation.reconstruction.shot_moments import add_close_passes, convert_times
 from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
@@ -140,7 +140,7 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         fit.events,
         t=t,
         t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t),
-        frame=frame_at(tracks, t),
+        frame=tracks.frame_at(t),
     )
     explanation = convert_times(fit.explanation, clock)
     outcomes = tuple(

@@ -15,9 +15,13 @@ from importlib.resources import files
 import numpy as np
 from scipy.special import expit
 
+from models.core.shot import ContactTestResult
+from models.core.shot_explanation import CauseHypothesis
 from models.core.typing import FloatArray
 from models.estimation.shot_hypotheses.event_evidence import EVIDENCE_NAMES, EventEvidence
 
+MAX_LOG_ODDS = 7.0
+"""Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
 CATEGORIES = (
     "strike", "object_strike", "ball", "passing", "cushion", "fall", "vanish", "rest", "rival", "close_pass",
 )  # fmt: skip
@@ -68,3 +72,12 @@ def estimate_event_probability(category: str, evidence: EventEvidence) -> float:
     p = float(expit(model.bias[category] + model.weight @ evidence.vector))
     limit = 1 / (model.count[category] + 2)
     return float(np.clip(p, limit, 1 - limit))
+
+
+def weigh_close_pass(other: str, result: ContactTestResult) -> tuple[tuple[CauseHypothesis, ...], float]:
+    """Return the hypotheses of a close pass, the most probable first, and the probability of a contact."""
+    odds = np.log(max(result.probability, 1e-12)) - np.log(max(1 - result.probability, 1e-12))
+    evidence = EventEvidence(test=float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
+    p = estimate_event_probability("close_pass", evidence)
+    contact = CauseHypothesis("ball", other, p, "close_pass", tuple(evidence.vector.tolist()))
+    return tuple(sorted((contact, CauseHypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability)), p

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import CAUSELESS_KINDS
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.options import REQUIRED_GAIN
 from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
-from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
@@ -24,13 +26,8 @@ from models.estimation.shot_hypotheses.event_evidence import (
 )
 from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
 from models.estimation.shot_hypotheses.event_row import EventRow
-from models.estimation.structure_search.ball_encounters import frame_interval
-from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
-from models.estimation.structure_search.structure_revision import REQUIRED_GAIN
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
-MIN_LISTED_PROBABILITY = 0.1
-"""Least probability of a listed event; below, it is a hypothesis of the explanation only."""
 MAX_TIME_FRAMES = 2.0
 """Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much."""
 RIVAL_TIME_SHARE = 0.25
@@ -83,7 +80,7 @@ def weigh_events(
     """
     owner = assign_observations(solution.graph, observations)
     count = np.bincount(owner, minlength=len(solution.graph.segments)).astype(float)
-    shot = _Shot(solution, hypotheses, tracks, table, chi2, count, frame_interval(observations))
+    shot = _Shot(solution, hypotheses, tracks, table, chi2, count, observations.frame_interval)
     likely: list[EventRow] = []
     moments: list[Moment] = []
     explained: set[int] = set()

@@ -13,7 +13,7 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import (
+from models.estimation.forecast.solution_state import (
     collect_captured_observations,
     estimate_lack_of_fit,
     inflate_covariance,

@@ -80,7 +80,7 @@ def find_ball_contacts(
     `prices` are those of contacts with a cause and without; `cache` keeps the trials, so that none is repeated while
     nothing changes. If `changed` segments are given, only passes of these are tried.
     """
-    interval, owner = frame_interval(observations), assign_observations(solution.graph, observations)
+    interval, owner = observations.frame_interval, assign_observations(solution.graph, observations)
     base_costs: dict[frozenset[int], float] = {}
     trials = []
     time_tolerance = TIME_TOLERANCE * interval
@@ -132,7 +132,7 @@ def copy_refined_states(graph: ContactGraph, subgraph: ContactGraph, segments: l
 
 def find_near_passes(solution: JointSolution, observations: Observations, table: Table) -> list[NearPass]:
     """Find where two balls, one of them in motion, come within reach without a contact in the graph."""
-    graph, interval = solution.graph, frame_interval(observations)
+    graph, interval = solution.graph, observations.frame_interval
     balls = np.unique(observations.ball)
     t = np.arange(float(observations.t.min()), float(observations.t.max()), TIME_STEP)
     residual = evaluate_residuals(solution, observations)
@@ -235,11 +235,6 @@ def total_cost(solution: JointSolution, prices: tuple[float, float]) -> float:
     """Return the chi2 of a solution plus the prices of its contacts."""
     doubtful = sum(is_doubtful(solution, c) for c in solution.graph.contacts)
     return solution.chi2 + doubtful * prices[1] + (len(solution.graph.contacts) - doubtful) * prices[0]
-
-
-def frame_interval(observations: Observations) -> float:
-    """Return the median time between two frames, s."""
-    return float(np.median(np.diff(np.unique(observations.t))))
 
 
 def _path_from_samples(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph
+from models.core.contact_graph import CAUSELESS_KINDS, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.fit_solution import assign_observations
@@ -14,14 +14,9 @@ from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.structure_search.ball_encounters import (
     LOCAL_ITERATIONS,
     SearchCache,
-    frame_interval,
     total_cost,
 )
-from models.estimation.structure_search.contact_partners import (
-    CAUSELESS_KINDS,
-    find_partners,
-    join_by_ball_contact,
-)
+from models.estimation.structure_search.contact_partners import find_partners, join_by_ball_contact
 from models.estimation.structure_search.local_costs import refine_differences
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
 
@@ -90,7 +85,7 @@ def _refine_trial(
 ) -> JointSolution:
     """Refine a graph; where a ball then turns at a cushion, that is the cause."""
     trial = refine_graph(graph, observations, table, initial=initial)
-    classified = classify_cushion_turns(trial, table, TURN_TIME_ERROR * frame_interval(observations))
+    classified = classify_cushion_turns(trial, table, TURN_TIME_ERROR * observations.frame_interval)
     return trial if classified is trial.graph else refine_graph(classified, observations, table, initial=trial)
 
 

@@ -15,7 +15,7 @@ from models.estimation.joint_fit.contact_cascades import CascadeContact, insert_
 from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
-from models.estimation.structure_search.ball_encounters import TIME_TOLERANCE, SearchCache, frame_interval, total_cost
+from models.estimation.structure_search.ball_encounters import TIME_TOLERANCE, SearchCache, total_cost
 
 HORIZONS = (1.0, 2.5)
 """Frame intervals after a contact in which it may set balls in motion."""
@@ -55,7 +55,7 @@ def complete_chains(
 
 def _find_suspicious_contacts(solution: JointSolution, observations: Observations) -> list[Contact]:
     """Find ball contacts beside an unexplained start, or with bent paths, the worst first."""
-    graph, reach = solution.graph, TIME_TOLERANCE * frame_interval(observations)
+    graph, reach = solution.graph, TIME_TOLERANCE * observations.frame_interval
     chi2 = np.nan_to_num(evaluate_segment_chi2(solution, observations)[0], nan=0.0)
     unexplained_times = np.array([c.t for c in graph.contacts if c.kind == "free" or c.pushed])
     suspicious = []
@@ -72,7 +72,7 @@ def _insert_chain(
     solution: JointSolution, observations: Observations, table: Table, number: int, horizon: float
 ) -> ContactGraph | None:
     """Insert what follows from a contact; None if the graph already contains it."""
-    graph, interval = solution.graph, frame_interval(observations)
+    graph, interval = solution.graph, observations.frame_interval
     contact = graph.contacts[number]
     a, b = (graph.segments[k].ball for k in contact.before)
     reduced = graph.remove_contact(number)

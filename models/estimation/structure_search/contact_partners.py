@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph
+from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.fit_solution import end_state
-from models.estimation.structure_search.ball_encounters import frame_interval
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 TOUCH_TOLERANCE = 0.5
@@ -26,8 +25,6 @@ TIME_TOLERANCE = 0.5
 """Frame intervals: error of the time at which a path turns, which moves the turn along the path."""
 MAX_PARTNERS = 3
 """Most candidates of one velocity change."""
-CAUSELESS_KINDS = ("strike", "free", "jump")
-"""Kinds of contacts that another ball may have caused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +81,7 @@ def find_partners(solution: JointSolution, observations: Observations, number: i
 def find_unobserved_span(observations: Observations, ball: int, t: float) -> tuple[float, float, float]:
     """Find the samples of a ball before and after a time, widened by half of a frame, and the frame interval, s."""
     times = observations.t[observations.ball == ball]
-    interval = frame_interval(observations)
+    interval = observations.frame_interval
     row = int(np.searchsorted(times, t))
     early = float(times[row - 1]) if row else t - interval
     late = float(times[row]) if row < len(times) else t + interval

@@ -21,7 +21,6 @@ from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
 from models.estimation.structure_search.ball_encounters import (
     copy_refined_states,
-    frame_interval,
     refine_subgraph,
     total_cost,
 )
@@ -76,7 +75,7 @@ def _evaluate_corners(
     """Evaluate the local gain in chi2 of every candidate, minus prices, and refine the segments there."""
     owner, evaluated = assign_observations(solution.graph, observations), []
     base_costs: dict[int, float] = {}
-    for corner in _propose_corners(solution, table, MAX_CORNER_INTERVALS * frame_interval(observations)):
+    for corner in _propose_corners(solution, table, MAX_CORNER_INTERVALS * observations.frame_interval):
         region = _segments_around(solution.graph, corner.around)
         rows = np.isin(owner, region)
         if not rows.any():

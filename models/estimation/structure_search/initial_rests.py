@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, Segment
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.tracks import Tracks
@@ -19,7 +19,6 @@ from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.structure_search.ball_encounters import total_cost
-from models.estimation.structure_search.contact_partners import CAUSELESS_KINDS
 
 MAX_REST_SAMPLES = 3
 """Most samples of a rest that is looked for; a longer one is found by the segmentation."""

@@ -13,7 +13,6 @@ from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.joint_fit.contact_cascades import find_segment_at
-from models.estimation.structure_search.ball_encounters import frame_interval
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.track_noise import NOISE_FLOOR_RADII
 
@@ -72,7 +71,7 @@ def find_break_shots(solution: JointSolution, observations: Observations, table:
     if len(departures) < MIN_LEAVING_BALLS:
         return []
     break_shots: list[BreakShot] = []
-    interval, end = frame_interval(observations), -np.inf
+    interval, end = observations.frame_interval, -np.inf
     for first, _ in departures:
         leaving = {
             graph.segments[k].ball for t, k in departures if first <= t <= first + SIMULTANEOUS_INTERVALS * interval

@@ -16,7 +16,7 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.structure_search.ball_encounters import frame_interval, total_cost
+from models.estimation.structure_search.ball_encounters import total_cost
 
 
 def resolve_simultaneous_starts(
@@ -27,7 +27,7 @@ def resolve_simultaneous_starts(
     Either ball may be the struck one. `prices` are those of contacts with a cause and without.
     """
     cost = total_cost(solution, prices)
-    for struck, hit in _find_simultaneous_starts(solution.graph, frame_interval(observations)):
+    for struck, hit in _find_simultaneous_starts(solution.graph, observations.frame_interval):
         connected = _connect_starts(solution, observations, struck, hit, table)
         if connected is None:
             continue
@@ -59,7 +59,7 @@ def _connect_starts(
     The hit ball leaves along the line of centres, which gives the place of the other one; both together have the
     momentum of the struck one, which gives the time of the strike.
     """
-    graph, struck, hit = _remove_turn(solution.graph, struck, hit, frame_interval(observations))
+    graph, struck, hit = _remove_turn(solution.graph, struck, hit, observations.frame_interval)
     first, second = graph.contacts[struck], graph.contacts[hit]
     hit_state = graph.segments[second.after[0]].state
     speed = float(np.hypot(*hit_state[2:4]))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.contact_graph import Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
-from models.core.options import FitOptions
+from models.core.options import REQUIRED_GAIN
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_SPEED
@@ -21,7 +21,6 @@ from models.estimation.structure_search.ball_encounters import (
     ContactProposal,
     SearchCache,
     find_ball_contacts,
-    frame_interval,
     insert_proposals,
     is_doubtful,
     total_cost,
@@ -50,8 +49,6 @@ CERTAIN_CHANGE = 1e3
 """chi2 that stands for the gain of a stop, or of a start from rest, which is not evaluated; but it is where the rest is
 as short as `MAX_REST_SAMPLES` at the start of a clip: a ball that comes from there may fit as well.
 """
-REQUIRED_GAIN = FitOptions().break_price
-"""chi2: least gain of a contact that the whole clip needs, the usual price of a contact."""
 GRACE_PRICES = 3.0
 """Prices by which local revisions may raise the total cost until needless contacts are removed."""
 MAX_INSERTION_ROUNDS = 6
@@ -165,7 +162,7 @@ def _insert_paying_proposals(
     if not proposals:
         return solution, frozenset()
     extended, changed = insert_proposals(
-        solution, observations, proposals, TIME_TOLERANCE * frame_interval(observations)
+        solution, observations, proposals, TIME_TOLERANCE * observations.frame_interval
     )
     if not changed:
         return solution, changed
@@ -331,7 +328,7 @@ def _pair_unexplained_changes(
     """Let balls that start or turn without a cause meet another one that passes."""
     if graph is not solution.graph:
         return graph
-    interval = frame_interval(observations)
+    interval = observations.frame_interval
     for number, contact in enumerate(graph.contacts):
         if contact.kind == "strike":
             shorter = _remove_double_start(graph, observations, number, interval) or _merge_double_strike(

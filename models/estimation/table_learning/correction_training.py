@@ -13,10 +13,9 @@ import torch
 
 from models.core.typing import FloatArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
+from models.estimation.table_learning.learned_table import DEGREES_OF_FREEDOM, ContactScatter
 from models.estimation.table_learning.side_spin import (
-    DEGREES_OF_FREEDOM,
     MIN_CONTACT_SPEED,
-    ContactScatter,
     Rebounds,
     filter_side_spin,
     predict_rebounds,

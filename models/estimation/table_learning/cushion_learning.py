@@ -13,18 +13,22 @@ import numpy as np
 from scipy.optimize import minimize
 
 from models.core.fit_result import Parameter
-from models.core.typing import FloatArray
+from models.core.joint_solution import JointSolution
+from models.core.scene import Table
+from models.core.typing import FloatArray, IntArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
-from models.estimation.table_learning.side_spin import (
-    DEFAULT_SCATTER,
-    ContactScatter,
-    Rebounds,
-    filter_side_spin,
-    predict_rebounds,
-)
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, ContactScatter, LearnedTable
+from models.estimation.table_learning.side_spin import Rebounds, filter_side_spin, predict_rebounds
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import find_model
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SPIN_DECAY, neutral_parameters
+from models.physics.billiards.parameter_vector import (
+    BALL_E,
+    BALL_MU,
+    PARAMETER_NAMES,
+    ROLLING_MU,
+    SPIN_DECAY,
+    neutral_parameters,
+)
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
@@ -32,6 +36,12 @@ SCATTER_SPREAD = 0.7
 """Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`."""
 SELECTION_CONTACTS = 100
 """Contacts that decide between models: their log evidences then differ by tens."""
+MIN_OWN_CONTACTS = 2
+"""Cushion contacts of one shot from which its own cushions are learned."""
+OWN_LAWS = ("mirror", "han_2005", "stronge")
+"""Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour."""
+MIN_NOSE_SIGMA = 1e-3
+"""m, least spread of nose offsets between shots: calibration is no better."""
 _REMEMBERED = 4
 """Predictions that are kept: scatter and decay change nothing in them."""
 _ITERATIONS = 40
@@ -59,6 +69,19 @@ class CushionFit:
     """(M, M) of `parameters`."""
     log_evidence: float
     """Laplace approximation."""
+
+    @property
+    def indices(self) -> IntArray:
+        """(M,) indices of `parameters` in the vector of the engine."""
+        return np.array([PARAMETER_NAMES.index(one.name) for one in self.parameters], np.int64)
+
+    @property
+    def physics_with_balls(self) -> FloatArray:
+        """(P,) `physics` with usual contacts of balls, of which cushion contacts say nothing."""
+        physics = self.physics.copy()
+        for index in (BALL_E, BALL_MU):
+            physics[index] = find_prior(*PARAMETER_NAMES[index].split(".")).value
+        return physics
 
 
 def learn_cushions(
@@ -244,3 +267,26 @@ def _differentiate_twice(cost, best: FloatArray, low: FloatArray, high: FloatArr
             rest = ahead[i] + ahead[j] + behind[i] + behind[j] - 2 * middle
             hessian[i, j] = hessian[j, i] = (cross - rest) / (2 * step**2)
     return hessian
+
+
+def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table: Table) -> LearnedTable | None:
+    """Learn the cushions of a table from the contacts of one shot alone.
+
+    Args:
+        contacts: Its cushion contacts.
+        solution: Its joint fit.
+        table: Dimensions of the table.
+
+    Returns:
+        The table, with the cloth and the noses of the fit; None with fewer than `MIN_OWN_CONTACTS` contacts.
+    """
+    if len(contacts.t) < MIN_OWN_CONTACTS:
+        return None
+    cloth = {"sliding_friction.mu": solution.friction.sliding}
+    best = learn_cushions(contacts, table.ball_radius, table.ball_mass, cloth, OWN_LAWS)[0]
+    physics = best.physics_with_balls
+    physics[ROLLING_MU] = solution.friction.rolling
+    return LearnedTable(
+        best.law, physics, best.scatter, solution.nose_offsets, MIN_NOSE_SIGMA**2 * np.eye(4),
+        best.indices, best.covariance,
+    )  # fmt: skip

@@ -11,27 +11,19 @@ from models.core.fit_result import Parameter
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.scene import Table
 from models.core.tracks import Tracks
-from models.core.typing import FloatArray, IntArray
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_arrays import NOSE_COLUMN
-from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.table_learning.cloth_learning import fit_cloth
-from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts
-from models.estimation.table_learning.cushion_learning import CushionFit, learn_cushions, refit_scatter
+from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
+from models.estimation.table_learning.cushion_learning import MIN_NOSE_SIGMA, learn_cushions, refit_scatter
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from models.physics.billiards.parameter_vector import BALL_E, BALL_MU, PARAMETER_NAMES, ROLLING_MU
-from models.physics.effects.catalogue import find_prior
+from models.physics.billiards.tables import NOSE_SIGMA
 
 MIN_CONTACTS = 8
 """Cushion contacts from which a table can be learned."""
-MIN_OWN_CONTACTS = 2
-"""Cushion contacts of one shot from which its own cushions are learned."""
-OWN_LAWS = ("mirror", "han_2005", "stronge")
-"""Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour."""
-MIN_NOSE_SIGMA = 1e-3
-"""m, least spread of nose offsets between shots: calibration is no better."""
 _SPREADS = 9
 """Tried spreads of nose offsets up to their prior; neighbours differ by a fifth."""
 
@@ -91,49 +83,13 @@ def learn_table(
     best = refit_scatter(contacts, fits[0], correction, *size) if is_corrected else fits[0]
     noses, nose_covariance = combine_noses([solution for solution, _ in shots])
     learned = LearnedTable(
-        best.law, _add_ball_contacts(best), best.scatter, noses, nose_covariance,
-        _list_indices(best), best.covariance, correction,
+        best.law, best.physics_with_balls, best.scatter, noses, nose_covariance,
+        best.indices, best.covariance, correction,
     )  # fmt: skip
     candidates = tuple((one.law, one.log_evidence) for one in fits)
     gain = None if trained is None else trained.gain
     parameters = *cloth, *best.parameters
     return TableLesson(learned, parameters, candidates, len(contacts.t), gain, cloth_covariance)
-
-
-def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table: Table) -> LearnedTable | None:
-    """Learn the cushions of a table from the contacts of one shot alone.
-
-    Args:
-        contacts: Its cushion contacts.
-        solution: Its joint fit.
-        table: Dimensions of the table.
-
-    Returns:
-        The table, with the cloth and the noses of the fit; None with fewer than `MIN_OWN_CONTACTS` contacts.
-    """
-    if len(contacts.t) < MIN_OWN_CONTACTS:
-        return None
-    cloth = {"sliding_friction.mu": solution.friction.sliding}
-    best = learn_cushions(contacts, table.ball_radius, table.ball_mass, cloth, OWN_LAWS)[0]
-    physics = _add_ball_contacts(best)
-    physics[ROLLING_MU] = solution.friction.rolling
-    return LearnedTable(
-        best.law, physics, best.scatter, solution.nose_offsets, MIN_NOSE_SIGMA**2 * np.eye(4),
-        _list_indices(best), best.covariance,
-    )  # fmt: skip
-
-
-def _list_indices(fit: CushionFit) -> IntArray:
-    """Return the indices of the fitted parameters in the vector of the engine."""
-    return np.array([PARAMETER_NAMES.index(one.name) for one in fit.parameters], np.int64)
-
-
-def _add_ball_contacts(fit: CushionFit) -> FloatArray:
-    """Return the parameters (P,) of a fit with usual contacts of balls."""
-    physics = fit.physics.copy()
-    for index in (BALL_E, BALL_MU):
-        physics[index] = find_prior(*PARAMETER_NAMES[index].split(".")).value
-    return physics
 
 
 def combine_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatArray]:

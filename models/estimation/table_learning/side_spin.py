@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.table_learning.cushion_contacts import CushionContacts
+from models.estimation.table_learning.cushion_contacts import CushionContacts, SpinHistory, SpinLink
+from models.estimation.table_learning.learned_table import DEGREES_OF_FREEDOM, ContactScatter, LearnedTable
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, correct_rebound
+from models.physics.billiards.parameter_vector import SPIN_DECAY
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 
 GRID_SIZE = 121
@@ -26,8 +28,10 @@ GRID_REACH = 1.3
 """Largest surface speed of side spin on the grid, over the greatest speed of the chain: 5/4 after a strike at R/2."""
 GRID_REACH_AT_REST = 0.2
 """m/s, added to that."""
-DEGREES_OF_FREEDOM = 4.0
-"""Of Student's t distribution of deviations from the contact model: a few contacts are cut wrongly."""
+MIN_CONTACT_SPEED = 0.1
+"""m/s: slower contacts scatter as if they had this speed."""
+_WIDE_REACH = 3.0
+"""Prior standard deviations that the grid of a spin without any contact covers."""
 _LEAST_STEP = 1e-3
 """m/s, least step of the mean slopes of a contact model by its inputs, which are taken over their standard deviations:
 a nose that slips or sticks makes a kink, at which a derivative would jump."""
@@ -36,28 +40,29 @@ _LEAST_VARIANCE = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
-class ContactScatter:
-    """Standard deviations of what follows a cushion contact, per component, as shares of the speed before it."""
+class SpinDistribution:
+    """Distribution of the surface speed of side spin of one ball."""
 
-    velocity: float
-    slip: float
-    side_spin: float
+    grid: FloatArray
+    """(G,) m/s, even."""
+    probability: FloatArray
+    """(G,)"""
 
     @property
-    def shares(self) -> FloatArray:
-        """(5,) of velocity along n and t, slip along n and t, and surface speed of side spin."""
-        return np.array([self.velocity, self.velocity, self.slip, self.slip, self.side_spin])
+    def mean(self) -> float:
+        """m/s."""
+        return float(self.grid @ self.probability)
 
-    def draw(self, rng: np.random.Generator, size: tuple[int, ...]) -> FloatArray:
-        """Draw deviations (*size, 5), shares of the speed, from Student's t distribution."""
-        tails = np.sqrt((DEGREES_OF_FREEDOM - 2) / rng.chisquare(DEGREES_OF_FREEDOM, (*size, 1)))
-        return np.asarray(tails * rng.standard_normal((*size, len(self.shares))) * self.shares)
+    @property
+    def sigma(self) -> float:
+        """m/s."""
+        return float(np.sqrt(self.probability @ (self.grid - self.mean) ** 2))
 
-
-DEFAULT_SCATTER = ContactScatter(0.05, 0.12, 0.12)
-"""Scatter on tables that no shot has taught: the differences of published models."""
-MIN_CONTACT_SPEED = 0.1
-"""m/s: slower contacts scatter as if they had this speed."""
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Draw values (count,) m/s, evenly within a step of the grid."""
+        chosen = rng.choice(len(self.grid), count, p=self.probability / self.probability.sum())
+        step = self.grid[1] - self.grid[0]
+        return np.asarray(self.grid[chosen] + step * (rng.random(count) - 0.5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +206,47 @@ def whiten_innovations(
     total = total + np.eye(4) * ((scatter.shares[:4] * speed[:, None]) ** 2 + _LEAST_VARIANCE)[:, None]
     whitening = np.linalg.inv(np.linalg.cholesky(total))
     return whitening, np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
+
+
+def infer_side_spins(
+    contacts: CushionContacts, histories: tuple[SpinHistory, ...], since: dict[int, float], table: LearnedTable,
+    radius: float, mass: float,
+) -> dict[int, SpinDistribution]:  # fmt: skip
+    """Infer the side spin of every moving ball from all cushion contacts of its shot.
+
+    Args:
+        contacts: Cushion contacts of the shot.
+        histories: What happened to each moving ball since its last one.
+        since: By ball, s since its last segment began.
+        table: The table.
+        radius: m, of the balls.
+        mass: kg, of the balls.
+
+    Returns:
+        The distribution by ball.
+    """
+    decay = float(table.physics[SPIN_DECAY])
+    rebounds = predict_rebounds(contacts, table.law_code, table.physics, radius, mass, table.correction)
+    filtered = filter_side_spin(contacts, rebounds, radius, table.scatter, decay)
+    spins = {}
+    for history in histories:
+        link = history.link._replace(elapsed=history.link.elapsed + since[history.ball])
+        if history.contact < 0:
+            grid, start = _spread_prior(link)
+            blur = 0.0
+        else:
+            grid, start, blur = filtered.grid[history.contact], filtered.after[history.contact], link.sigma
+        loss = decay * radius * link.elapsed
+        spins[history.ball] = SpinDistribution(grid, brake_spin(grid, start, loss, blur))
+    return spins
+
+
+def _spread_prior(link: SpinLink) -> tuple[FloatArray, FloatArray]:
+    """Return a grid (G,) and the normal prior of a spin at the start of its chain on it."""
+    reach = _WIDE_REACH * link.sigma + GRID_REACH_AT_REST
+    grid = np.linspace(-reach, reach, GRID_SIZE)
+    weight = np.exp(-0.5 * (grid / link.sigma) ** 2)
+    return grid, weight / weight.sum()
 
 
 @compile_kernel

@@ -12,13 +12,13 @@ from models.core.joint_solution import JointSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import (
+from models.estimation.forecast.ensemble_prediction import draw_members
+from models.estimation.forecast.solution_state import (
     build_state_estimate,
     collect_captured_observations,
     estimate_lack_of_fit,
     inflate_covariance,
 )
-from models.estimation.forecast.ensemble_prediction import draw_members
 from models.estimation.shot_numbers.measure_shots import present_time, select_whole_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses

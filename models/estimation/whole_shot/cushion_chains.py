@@ -24,15 +24,13 @@ from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.estimation.whole_shot.free_paths import SLIP_SIGMA, VELOCITY_SIGMA
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral_parameters
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
 CushionLaw = Callable[..., tuple[complex, complex, complex, complex, complex]]
 """A cushion contact model: vn, vt, wn, wt, wz, radius, mass and p to the first five after the contact."""
 
-NOSE_SIGMA = 0.004
-"""m: prior standard deviation of one offset per cushion, for errors of the calibration and for the rubber that
-yields."""
 REBOUND_SCATTER = 0.05
 """Scatter of real cushions about every model, as a share of the speed, per component of velocity, slip and surface
 speed of side spin."""

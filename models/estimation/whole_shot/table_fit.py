@@ -20,7 +20,6 @@ from models.estimation.multiple_shooting.shooting_fit import (
     summarize_parameters,
 )
 from models.estimation.whole_shot.continuation_fit import UnexplainedView, fit_by_continuation, fit_if_explained
-from models.estimation.whole_shot.cushion_chains import NOSE_SIGMA
 from models.estimation.whole_shot.evaluation_budget import BudgetSpent, EvaluationBudget
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
@@ -37,6 +36,7 @@ from models.physics.billiards.simulation.parametrised_shot import (
     unpack_start,
 )
 from models.physics.billiards.simulation.table_physics import contact_parameters
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 

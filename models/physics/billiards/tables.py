@@ -34,6 +34,8 @@ BLACKBALL_BALL = BallSpecification(0.0254, 0.118, 1e-4)
 BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL)
 BALL_RADIUS_RANGE = (0.01, 0.06)
 """m, radii of balls."""
+NOSE_SIGMA = 0.004
+"""m, prior standard deviation of the offset of each cushion nose: errors of the calibration, and rubber that yields."""
 
 TABLE_PRESETS: dict[str, Table] = {}
 """Tables by name."""

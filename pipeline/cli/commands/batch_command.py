@@ -16,22 +16,21 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import remove_leftovers
+from pipeline.engine.atomic_write import remove_leftovers, require_writable_folder
 from pipeline.engine.process_setup import available_cores
+from pipeline.engine.result_cache import open_cache
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import RunOptions, list_setting_values
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
-    add_settings,
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
+from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
     from pipeline.batch.batch_workers import ClipRunner

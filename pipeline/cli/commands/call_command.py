@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import typer
 
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.reconstruction.shot_moments import reevaluate_close_passes
+from models.estimation.contact_test.candidate_contacts import reevaluate_close_passes
 from pipeline.actions.answer_call import answer_question, write_call_images
-from pipeline.chain import require_writable_folder
-from pipeline.io.run_folder import read_shot_record
+from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.io.run_record import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app
 

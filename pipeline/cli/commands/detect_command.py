@@ -14,8 +14,7 @@ from detectors.detect import select_model_file
 from detectors.detect_options import DetectOptions
 from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
 from video.io.video_options import CalibrateOptions

@@ -15,10 +15,9 @@ from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.gap_files import build_gap_document, write_gap_files
-from pipeline.io.profile_export import PROFILE_FILE, write_profile_files
+from pipeline.io.gap_files import PROFILE_FILE, build_gap_document, write_gap_files, write_profile_files
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.io.view_profile import collect_views

@@ -14,10 +14,12 @@ from rich.table import Table as Grid
 from models.estimation.table_learning.rebound_summary import fit_restitution_formula
 from pipeline.actions.fit_table import FittedTable, fit_table_of_shots
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.profile_export import name_pooltool_file, write_learned_profile
+from pipeline.engine.result_cache import open_cache
+from pipeline.io.learned_profile import name_pooltool_file, write_learned_profile
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.reporting.text.number_format import format_measured
+from pipeline.terminal.activity_display import show_shot_fits
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -25,10 +27,8 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
-from pipeline.terminal.shot_fit_display import show_shot_fits
 
 
 @app.command("fit-table")

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from models.core.errors import OptionError
+from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
-    add_settings_except,
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
+from pipeline.terminal.setting_options import add_settings_except
 
 if TYPE_CHECKING:
     from pipeline.actions.interpolate_clip import InterpolateOptions
@@ -116,11 +116,17 @@ def _interpolate_clip(
     as_json: bool,
 ) -> None:
     from pipeline.actions.interpolate_clip import interpolate_clip
-    from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
+    from pipeline.chain import build_shot_graph, run_shot_graph
+    from pipeline.reporting.text.text_formatting import format_trust_line, summarize_trust
     from pipeline.terminal.progress_display import StageDisplay
 
     with StageDisplay(console, str(clip)) as display:
-        result = interpolate_clip(clip, video, frames, wanted, options, open_cache(cache), display)
+        store = open_cache(cache)
+        result = interpolate_clip(
+            clip, video, frames, wanted,
+            lambda: run_shot_graph(build_shot_graph(clip, options), clip, store, display),
+            display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
+        )  # fmt: skip
     for note in result.notes:
         console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:

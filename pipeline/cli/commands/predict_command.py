@@ -17,12 +17,13 @@ from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE, ShotPr
 from models.estimation.forecast.forecast_check import check_prediction
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from pipeline.actions.predict_particles import predict_particles
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
-from pipeline.io.prediction_files import format_strict_json, summarize_prediction, write_prediction
+from pipeline.io.prediction_files import summarize_prediction, write_prediction
+from pipeline.io.strict_json import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.terminal.command_line import (
     CacheOption,
@@ -31,7 +32,6 @@ from pipeline.terminal.command_line import (
     OutBesideOption,
     app,
     make_output_console,
-    open_cache,
 )
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 

@@ -12,8 +12,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.core.errors import OptionError
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.process_setup import available_cores
+from pipeline.engine.result_cache import open_cache
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -21,7 +22,6 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
 

@@ -14,29 +14,33 @@ from rich.table import Table as Grid
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.number_format import format_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
-from pipeline.reporting.text.run_trust import format_trust_line, summarize_trust
-from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
+from pipeline.reporting.text.text_formatting import (
+    format_event,
+    format_event_time,
+    format_trust_line,
+    is_undecided,
+    summarize_trust,
+)
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
+from pipeline.terminal.activity_display import COMPILING_NOTE
 from pipeline.terminal.command_line import (
     CacheOption,
     ClipArgument,
     DebugOption,
     JsonOption,
     OutOption,
-    add_settings,
     app,
     console,
     make_output_console,
-    open_cache,
 )
 from pipeline.terminal.progress_display import StageDisplay
-from pipeline.terminal.search_display import COMPILING_NOTE
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("run")

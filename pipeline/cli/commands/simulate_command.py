@@ -13,11 +13,10 @@ from rich.table import Table as Grid
 
 from models.core.events import Events
 from models.core.trajectory import State
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import replace_file
-from pipeline.io.run_tables import write_events, write_states
-from pipeline.io.shot_file import ShotSetup, read_shot
-from pipeline.io.table_profile import place_on_learned_table, read_profile_text
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.io.csv_tables import write_events, write_states
+from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot
+from pipeline.io.table_profile import read_profile_text
 from pipeline.reporting.text.text_formatting import format_event
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
 from video.drawing.table_plan import draw_table_plan

@@ -13,7 +13,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.core.errors import ModelError, OptionError
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.extras import name_remedy
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
 

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from pipeline.chain import default_run_folder, run_clip
+from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
-from pipeline.terminal.command_line import CacheOption, DebugOption, app, console, open_cache
+from pipeline.terminal.command_line import CacheOption, DebugOption, app, console
 from pipeline.terminal.progress_display import StageDisplay
 
 

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers
-from pipeline.io.run_tables import Columns, write_columns
+from pipeline.io.csv_tables import Columns, write_columns
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from models.estimation.what_if.changed_shot import ChangedShot
 from models.estimation.what_if.shot_outcome import ShotGoal
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke, measure_stroke
 from models.estimation.what_if.struck_ensemble import StruckEnsemble
-from pipeline.io.run_tables import Columns, write_columns
+from pipeline.io.csv_tables import Columns, write_columns
 
 SCHEMA = "trueroll.what-if/1"
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}

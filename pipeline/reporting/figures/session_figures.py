@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
-from pipeline.io.run_tables import Columns
+from pipeline.io.csv_tables import Columns
 
 GROUP_COLOURS = ("#0f5c42", "#b45309", "#1d4ed8", "#9d174d", "#4d7c0f", "#6d28d9", "#0e7490", "#7f1d1d")
 """Colours of the groups, dark enough on white."""

@@ -18,7 +18,7 @@ from diagnosis.fitting.display_names import (
 from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
 from models.core.scene import Table
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.profile_export import PROFILE_FILE, has_fitted_model
+from pipeline.io.gap_files import PROFILE_FILE, has_fitted_model
 from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (

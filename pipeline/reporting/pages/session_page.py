@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
-from pipeline.io.run_tables import Columns
+from pipeline.io.csv_tables import Columns
 from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_value

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.markup import escape
-
 from models.core.fit_result import Fit, Trust
 from models.core.shot import Note
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
@@ -68,28 +66,3 @@ def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis) -> str:
         "pocket": f"{moment.ball} fell into the {hypothesis.other} pocket",
     }[hypothesis.cause]
     return f"{what} at {moment.t:.2f} s ({100 * hypothesis.probability:.0f} %)"
-
-
-def summarize_trust(trust: Trust) -> dict[str, object]:
-    """Convert a trust level to the form of scene.json and --json.
-
-    Args:
-        trust: Level and reasons.
-
-    Returns:
-        Keys `light` and `why`.
-    """
-    return {"light": trust.level, "why": list(trust.reasons)}
-
-
-def format_trust_line(trust: Trust) -> str:
-    """Format a trust level for the terminal.
-
-    Args:
-        trust: Level and reasons.
-
-    Returns:
-        One line in rich's markup.
-    """
-    colour = {"green": "green", "amber": "yellow", "red": "red"}[trust.level]
-    return f"[{colour}]●[/] trust: {trust.level}. " + escape(" ".join(trust.reasons))

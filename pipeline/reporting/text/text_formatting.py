@@ -1,4 +1,4 @@
-"""Text for events, fitted parameters, file names and errors."""
+"""Text for events, fitted parameters, trust levels, file names and errors."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.markup import escape
+
 from models.core.errors import TruerollError
 from models.core.events import Events
+from models.core.fit_result import Trust
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY
 
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
@@ -19,9 +23,8 @@ TEXTBOOK_RANGES = {
 """Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
 Billiards, 1995."""
 
-MIN_LISTED_PROBABILITY, SURE_PROBABILITY = 0.1, 0.9
-"""Probabilities between which a cause is undecided, as in `models.estimation.shot_hypotheses`, which takes long to
-import."""
+SURE_PROBABILITY = 0.9
+"""Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
 MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 
@@ -137,3 +140,28 @@ def format_error(error: Exception) -> str:
         return f"A file could not be read or written: {error.strerror or error}{place}"
     words = " ".join(str(error).split())
     return f"An unexpected error occurred: {type(error).__name__}: {words}. Please report it with --debug"
+
+
+def summarize_trust(trust: Trust) -> dict[str, object]:
+    """Convert a trust level to the form of scene.json and --json.
+
+    Args:
+        trust: Level and reasons.
+
+    Returns:
+        Keys `light` and `why`.
+    """
+    return {"light": trust.level, "why": list(trust.reasons)}
+
+
+def format_trust_line(trust: Trust) -> str:
+    """Format a trust level for the terminal.
+
+    Args:
+        trust: Level and reasons.
+
+    Returns:
+        One line in rich's markup.
+    """
+    colour = {"green": "green", "amber": "yellow", "red": "red"}[trust.level]
+    return f"[{colour}]●[/] trust: {trust.level}. " + escape(" ".join(trust.reasons))

@@ -13,8 +13,9 @@ from support import synthetic_run as shot
 from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.scene import Scene
-from pipeline.io.run_folder import read_shot_record
-from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.io.csv_tables import write_events
+from pipeline.io.run_record import read_shot_record
+from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
 
 trueroll = pytest.fixture(make_terminal)
 

@@ -26,7 +26,8 @@ from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
 from pipeline.chain import write_source
 from pipeline.cli.commands.table.put_back_command import MAX_DECIMALS_MM
-from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.io.csv_tables import write_events
+from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
 from pipeline.reporting.text.number_format import format_measured
 from pipeline.run_options import RunOptions
 from video.io.clip import open_clip

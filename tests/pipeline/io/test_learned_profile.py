@@ -13,8 +13,7 @@ from models.core.errors import OptionError
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.estimation.table_learning.learn_table import TableLesson
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER, ContactScatter
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, ContactScatter, LearnedTable
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import (
     BALL_E,
@@ -25,15 +24,9 @@ from models.physics.billiards.parameter_vector import (
     neutral_parameters,
 )
 from models.physics.effects.catalogue import find_prior
-from pipeline.io.profile_export import write_learned_profile
-from pipeline.io.shot_file import ShotSetup, parse_shot
-from pipeline.io.table_profile import (
-    parse_cloth_priors,
-    parse_learned_table,
-    parse_table_prior,
-    place_on_learned_table,
-    read_profile_text,
-)
+from pipeline.io.learned_profile import write_learned_profile
+from pipeline.io.shot_file import ShotSetup, parse_shot, place_on_learned_table
+from pipeline.io.table_profile import parse_cloth_priors, parse_learned_table, parse_table_prior, read_profile_text
 
 NOSES = 1e-6 * np.array([[4.0, 1.0, 0, 0], [1.0, 2.0, 0, 0], [0, 0, 17.0, 0], [0, 0, 0, 3.0]])
 CUSHIONS = np.array([[4e-4, -1.5e-4], [-1.5e-4, 1e-4]])

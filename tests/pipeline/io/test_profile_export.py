@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.diagnosis_reports import TABLE, make_report, make_strength
 
-from pipeline.io.profile_export import write_profile_files
+from pipeline.io.gap_files import write_profile_files
 
 
 def test_side_spin_decays_in_pooltool_as_fitted(tmp_path: Path) -> None:

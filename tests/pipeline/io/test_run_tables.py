@@ -16,7 +16,8 @@ from models.core.scene import BallSize, Scene
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.contact_ball_size import CONTACT_FLOOR
 from pipeline.engine.value_files import load_value, save_value
-from pipeline.io.run_tables import write_events, write_scene, write_tracks, write_trajectory
+from pipeline.io.csv_tables import write_events
+from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
 from video.io.clip import Clip
 
 TRACKS = "shot,frame,t,id,kind,x_px,y_px,x,y,sigma,radius_px,observed"

@@ -19,19 +19,10 @@ from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
-from pipeline.io.run_folder import SOURCE_FILE, read_shot_record
-from pipeline.io.shot_folder import (
-    FORMAT,
-    KEPT_FOLDER,
-    SHOT_FILE,
-    SHOT_FOLDER,
-    find_kept_value,
-    has_shot,
-    keep_value,
-    publish_shot,
-    read_shot,
-    write_shot,
-)
+from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value
+from pipeline.io.run_folder import SOURCE_FILE
+from pipeline.io.run_record import read_shot_record
+from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, publish_shot, read_shot, write_shot
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from support.diagnosis_reports import TABLE, make_report, make_strength
 
 from models.core.errors import OptionError
-from pipeline.io.profile_export import PROFILE_FILE, write_profile_files
+from pipeline.io.gap_files import PROFILE_FILE, write_profile_files
 from pipeline.io.table_profile import parse_table_prior, read_profile_text
 from pipeline.run_options import RunOptions, build_options, format_changed_settings, list_settings
 

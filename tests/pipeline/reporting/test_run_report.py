@@ -16,11 +16,10 @@ from support import synthetic_run as shot
 from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
 from models.core.scene import Scene
 from models.core.shot import Note
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.forecast.forecast_values import ForecastErrors
-from models.estimation.shot_hypotheses import weigh_hypotheses
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
@@ -233,8 +232,7 @@ def test_decided_contacts_and_undecided_cushions_and_rests_stay_green(clip: Clip
 def test_an_event_counts_as_undecided_where_the_fit_and_the_slow_motion_count_it_so() -> None:
     for module in (call_answers, text_formatting, motion_paths):
         assert module.SURE_PROBABILITY == 0.9
-    assert weigh_hypotheses.MIN_LISTED_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
-    assert motion_paths.MIN_PROBABILITY == text_formatting.MIN_LISTED_PROBABILITY
+    assert motion_paths.MIN_PROBABILITY == MIN_LISTED_PROBABILITY
 
 
 def test_the_error_of_a_prediction_is_drawn_over_time_and_cushions() -> None:

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from diagnosis.selection.hypotheses import SearchOutlook
 from models.numerics.jit import compile_kernel
-from pipeline.terminal.search_display import COMPILING_NOTE, show_search_progress
+from pipeline.terminal.activity_display import COMPILING_NOTE
+from pipeline.terminal.search_display import show_search_progress
 
 NOTHING_YET = SearchOutlook()
 

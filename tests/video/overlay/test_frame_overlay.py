@@ -6,6 +6,7 @@ from support import staged_shot as shot
 
 from models.core.scene import Camera, Scene
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.circles import draw_ring
 from video.drawing.label_layout import LabelPosition, overlap_area, place_label, place_panel
 from video.drawing.palette import (
     BRIGHT_LUMA,
@@ -27,7 +28,6 @@ from video.overlay.frame_overlay import (
     Label,
     draw_flash,
     draw_measured_rings,
-    draw_ring,
     format_time_error,
     mask_without_balls,
 )

@@ -16,8 +16,8 @@ from pipeline.actions.compare_session import (
     compare_session,
     write_session,
 )
-from pipeline.chain import require_writable_folder
-from pipeline.io.prediction_files import format_strict_json
+from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS
 from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_trend, name_number
 from pipeline.reporting.text.text_formatting import name_folders

@@ -13,21 +13,14 @@ from models.core.scene import POCKETS
 from models.estimation.what_if.shot_outcome import GAMES, Game, ShotGoal
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.observed_shot import read_observed_shot
-from pipeline.io.prediction_files import format_strict_json
+from pipeline.io.strict_json import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.reporting.text.what_if_sentences import format_what_if
 from pipeline.terminal.activity_display import show_activity
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    OutBesideOption,
-    app,
-    console,
-    open_cache,
-)
+from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, OutBesideOption, app, console
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""

@@ -9,8 +9,10 @@ from typing import Annotated
 
 import typer
 
+from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions, list_overridden_flags
-from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, add_settings, app, console, open_cache
+from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, app, console
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("edit")

@@ -15,7 +15,7 @@ from rich.table import Table as Grid
 from models.core.errors import OptionError
 from models.core.typing import ImageArray
 from pipeline.actions.check_clip import FilmingReport, check_clip
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import (
     VERDICT_WORDS,

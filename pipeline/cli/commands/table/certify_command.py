@@ -11,9 +11,9 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from pipeline.actions.certify_table import certify_table, list_shot_folders
-from pipeline.chain import require_writable_folder
-from pipeline.engine.atomic_write import write_json
+from pipeline.engine.atomic_write import require_writable_folder, write_json
 from pipeline.engine.helper_executor import open_executor
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import (
     CERTIFICATE_FILE,
     NAMES,
@@ -29,6 +29,7 @@ from pipeline.reporting.pages.certificate_page import (
     write_certificate_page,
 )
 from pipeline.reporting.text.text_formatting import name_folders
+from pipeline.terminal.activity_display import show_shot_fits
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -36,10 +37,8 @@ from pipeline.terminal.command_line import (
     app,
     console,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
-from pipeline.terminal.shot_fit_display import show_shot_fits
 
 PAGE_FILE = "certificate.html"
 

@@ -23,10 +23,11 @@ from pipeline.actions.placement_views import (
     write_live_page,
 )
 from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wanted_places
-from pipeline.chain import require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.image_file import read_image, write_image
 from pipeline.io.placement_files import describe_places, write_places
-from pipeline.io.run_folder import read_scene_document, read_shot_record
+from pipeline.io.run_folder import read_scene_document
+from pipeline.io.run_record import read_shot_record
 from pipeline.reporting.text.number_format import format_measured
 from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, console, make_output_console
 

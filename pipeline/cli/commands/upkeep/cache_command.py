@@ -10,7 +10,8 @@ import typer
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, make_output_console, open_cache
+from pipeline.engine.result_cache import open_cache
+from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, make_output_console
 
 
 @app.command("cache")

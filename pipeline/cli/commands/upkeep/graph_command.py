@@ -11,17 +11,17 @@ import typer
 from rich.table import Table as Grid
 
 from pipeline.chain import build_run_graph
+from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
     JsonOption,
-    add_settings,
     app,
     make_output_console,
-    open_cache,
     parse_output_path,
 )
+from pipeline.terminal.setting_options import add_settings
 
 
 @app.command("graph")

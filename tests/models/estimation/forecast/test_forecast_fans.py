@@ -12,8 +12,7 @@ from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.forecast_check import OBSERVED_SHARE, compare_rest_of_shot
 from models.estimation.forecast.forecast_fans import MAX_FANS, MIN_FAN_SPACING, predict_fans, select_fan_times
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
 from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU, neutral_parameters
 
 R = 0.028575

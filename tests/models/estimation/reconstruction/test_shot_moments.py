@@ -12,10 +12,10 @@ from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
 from models.core.shot import ContactTestResult
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
-from models.estimation.contact_test import call_answers
+from models.estimation.contact_test import call_answers, candidate_contacts
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
-from models.estimation.reconstruction import event_list, shot_moments
+from models.estimation.reconstruction import event_list
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 
 
@@ -36,8 +36,8 @@ def test_only_close_passes_are_tested_again_with_the_friction_of_the_record(monk
         assert (given.ids[one], given.ids[two], t) == ("cue", "red", 0.5)
         return ContactTestResult(0.999, t, 1e-3, -1e-3, 1e-4, 1.0, 0.0, 0.5)
 
-    monkeypatch.setattr(shot_moments, "evaluate_close_pass", evaluate)
-    first, second = shot_moments.reevaluate_close_passes(replace(record, cloth=cloth)).explanation.moments
+    monkeypatch.setattr(candidate_contacts, "evaluate_close_pass", evaluate)
+    first, second = candidate_contacts.reevaluate_close_passes(replace(record, cloth=cloth)).explanation.moments
     assert first == strike
     assert second.best.cause == "ball"
     assert second.best.probability > 0.5

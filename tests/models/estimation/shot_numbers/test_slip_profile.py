@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from support.filmed_pot import SCENE, film_pot, true_numbers
 
-from models.estimation.forecast.current_state import collect_captured_observations, inflate_covariance
+from models.estimation.forecast.solution_state import collect_captured_observations, inflate_covariance
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView

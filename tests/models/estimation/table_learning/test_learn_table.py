@@ -12,11 +12,11 @@ from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import forecast_shot
-from models.estimation.joint_fit.prior_residuals import NOSE_SIGMA
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.table_learning.learn_table import combine_noses, learn_table
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
+from models.physics.billiards.tables import NOSE_SIGMA
 from models.tracking.track_noise import apply_noise, estimate_noise
 
 R, FPS, NOISE, SECONDS = 0.03075, 50, 5e-4, 5.0

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from models.estimation.table_learning.cushion_contacts import CushionContacts, join_contacts
 from models.estimation.table_learning.cushion_learning import learn_cushions
-from models.estimation.table_learning.learned_table import SpinDistribution
-from models.estimation.table_learning.side_spin import ContactScatter, brake_spin, filter_side_spin, predict_rebounds
+from models.estimation.table_learning.learned_table import ContactScatter
+from models.estimation.table_learning.side_spin import SpinDistribution, brake_spin, filter_side_spin, predict_rebounds
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
     CUSHION_E,

@@ -10,7 +10,7 @@ import pytest
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.estimation.table_learning.side_spin import DEFAULT_SCATTER
+from models.estimation.table_learning.learned_table import DEFAULT_SCATTER
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS, REGISTERED_BALL_MODELS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
