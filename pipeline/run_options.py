@@ -58,11 +58,6 @@ class Setting:
         return "--" + self.name.replace("_", "-")
 
     @property
-    def off_flag(self) -> str:
-        """The opposite option, such as `--no-laws`, of a setting that is neither on nor off by default; else empty."""
-        return f"--no-{self.flag.removeprefix('--')}" if self.type == bool | None else ""
-
-    @property
     def help(self) -> str:
         """What the option does in every stage, its range and its unit."""
         return " ".join(_format_help(spec) for _, spec in self.specs)
@@ -292,6 +287,5 @@ def format_changed_settings(options: RunOptions) -> tuple[str, ...]:
         value = getattr(getattr(options, setting.stages[0]), name)
         if value != setting.default:
             is_flag = value is True or name == "profile"  # the value of profile is the content of its file
-            off = setting.off_flag if value is False else ""
-            words.append(off or (setting.flag if is_flag else f"{setting.flag} {value}"))
+            words.append(setting.flag if is_flag else f"{setting.flag} {value}")
     return tuple(words)

@@ -71,7 +71,7 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     remove_leftovers(folder)
     shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT)
     if not shots:
-        with KernelPreparation(options.fit.laws) as kernels:
+        with KernelPreparation() as kernels:
             run = run_clip(clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start)
         return _summarize_runs(job, [(0.0, run)], "", counted.cached)
     ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)

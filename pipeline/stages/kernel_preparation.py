@@ -21,13 +21,7 @@ from pipeline.engine.process_setup import available_cores, limit_garbage_collect
 class KernelPreparation:
     """A process that compiles the kernels of a run, as a context manager; it ends with the `with` block."""
 
-    def __init__(self, with_shots: bool) -> None:
-        """Note what to compile.
-
-        Args:
-            with_shots: Whether whole shots are simulated, not only the paths between contacts fitted.
-        """
-        self._with_shots = with_shots
+    def __init__(self) -> None:
         self._process: BaseProcess | None = None
         self._is_checked = False
 
@@ -55,33 +49,26 @@ class KernelPreparation:
 
     def _start_where_missing(self) -> None:
         """Start the process if kernels are missing and this process may use a second core."""
-        if available_cores() > 1 and not _has_kernels(self._with_shots):
-            process = get_context("spawn").Process(target=_prepare_kernels, args=(self._with_shots,), daemon=True)
+        if available_cores() > 1 and not _has_kernels():
+            process = get_context("spawn").Process(target=_prepare_kernels, daemon=True)
             with suppress(OSError):  # no process can be started: this one compiles everything
                 process.start()
                 self._process = process
 
 
-def _has_kernels(with_shots: bool) -> bool:
+def _has_kernels() -> bool:
     """Return whether the last kernels to be compiled are on disk."""
     from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
     from models.numerics.jit import is_compiled
 
-    if not with_shots:
-        return is_compiled(evaluate_prior_rows)
-    from models.physics.billiards.simulation.event_engine import simulate_events
-    from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
-
-    return all(is_compiled(kernel) for kernel in (evaluate_prior_rows, simulate_events, differentiate_shot))
+    return is_compiled(evaluate_prior_rows)
 
 
-def _prepare_kernels(with_shots: bool) -> None:
+def _prepare_kernels() -> None:
     """Compile the kernels of a run, those first that the run itself needs last."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides what an interrupt ends
     limit_garbage_collection()
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    if with_shots:
-        prepare_shot_kernels()
     prepare_fit_kernels()
 
 
@@ -109,35 +96,3 @@ def prepare_fit_kernels() -> None:
     evaluate_priors(build_graph_arrays(graph), parameters, parameters, table)
     nothing = Observations(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2, 2)))
     refine_graph(graph, nothing, table)
-
-
-def prepare_shot_kernels() -> None:
-    """Compile the kernels of simulated shots, those of derivatives first."""
-    import numpy as np
-
-    from models.estimation.whole_shot.window_simulation import (
-        ObservedStates,
-        WindowRun,
-        differentiate_observations,
-        observe_run,
-        simulate_window_run,
-    )
-    from models.physics.billiards.cushion_geometry import build_rails
-    from models.physics.billiards.parameter_vector import PARAMETER_NAMES
-    from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_WIDTH
-    from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS, build_balls
-    from models.physics.billiards.tables import TABLE_PRESETS
-
-    table, start, moving = TABLE_PRESETS["pool-9ft"], np.full(2, 0.5), np.zeros(1, bool)
-    values, number, once = NEUTRAL_SHOT_PARAMETERS, np.zeros(1, np.int64), np.zeros(1)
-    balls, models = build_balls(start, moving, table, values), (0, 0)
-    still = WindowRun(
-        balls.state, balls.radius, balls.mass, values[: len(PARAMETER_NAMES)], models, build_rails(table, np.zeros(4)),
-        1.0, np.zeros((0, EVENT_WIDTH)), np.zeros((1, SEGMENT_WIDTH)), False,
-    )  # fmt: skip
-    nowhere, never = np.zeros((1, 2)), np.full(1, np.inf)
-    observed = ObservedStates(nowhere, nowhere, once, number, nowhere, np.zeros((0, 1, 7)), never)
-    differentiate_observations(still, observed, number, moving, table, values, number, np.inf)
-    run = simulate_window_run(start, moving, table, values, models, 1.0)
-    if run is not None:
-        observe_run(run, once, number, number, np.inf, nowhere, np.zeros((1, 2, 2)))

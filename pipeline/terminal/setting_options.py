@@ -67,8 +67,7 @@ def _build_parameters(excluded: Collection[str]) -> list[inspect.Parameter]:
         if setting.name in excluded:
             continue
         panel = "For researchers" if setting.stages[0] in EXPERT_STAGES and len(setting.stages) == 1 else None
-        flags = f"{setting.flag}/{setting.off_flag}" if setting.off_flag else setting.flag
-        option = typer.Option(setting.default, flags, help=setting.help, rich_help_panel=panel)
+        option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
         kind = inspect.Parameter.KEYWORD_ONLY
         parameters.append(inspect.Parameter(setting.name, kind, default=option, annotation=setting.type))
     return parameters

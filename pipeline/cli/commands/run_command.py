@@ -78,7 +78,7 @@ def run(
     answers: list[FinishedRun] = []
     with (
         DeferredExecutor(load_detectors) as executor,
-        KernelPreparation(with_shots=options.fit.laws) as kernels,
+        KernelPreparation() as kernels,
         StageDisplay(console, str(clip)) as display,
         _announce_compilation(),
     ):

@@ -12,20 +12,11 @@ from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import Observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
-from models.estimation.whole_shot.window_simulation import (
-    differentiate_observations,
-    observe_run,
-    observe_segments,
-    simulate_window_run,
-)
 from models.numerics.jit import is_compiled
-from models.physics.billiards.simulation.event_engine import simulate_events
-from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS
-from models.physics.billiards.simulation.shot_derivatives import differentiate_shot
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.engine.process_setup import available_cores
 from pipeline.stages import kernel_preparation
-from pipeline.stages.kernel_preparation import KernelPreparation, prepare_fit_kernels, prepare_shot_kernels
+from pipeline.stages.kernel_preparation import KernelPreparation, prepare_fit_kernels
 
 TABLE = TABLE_PRESETS["pool-9ft"]
 
@@ -47,32 +38,14 @@ def test_the_kernels_of_a_fit_are_prepared() -> None:
     assert is_compiled(evaluate_prior_rows)
 
 
-def test_the_kernels_of_whole_shots_are_prepared() -> None:
-    kernels = simulate_events, observe_segments, differentiate_shot
-    prepare_shot_kernels()
-    prepared = list_signatures(kernels)
-    moving, values = np.array([True, False]), NEUTRAL_SHOT_PARAMETERS
-    start = np.array([0.5, 0.6, 1.0, 0.2, 0.0, 0.0, 0.0, 1.5, 0.6])
-    run = simulate_window_run(start, moving, TABLE, values, (1, 0), 1.0)
-    assert run is not None
-    t, place, balls = np.linspace(0, 1, 5), np.repeat(np.arange(5), 2), np.tile([0, 1], 5)
-    observed = observe_run(run, t, place, balls, 1.0, np.zeros((10, 2)), np.tile(np.eye(2), (10, 1, 1)))
-    differentiate_observations(run, observed, balls, moving, TABLE, values, np.array([0, 1]), 1.0)
-    assert list_signatures(kernels) == prepared
-
-
-@pytest.mark.parametrize("with_shots", [False, True])
-def test_no_process_is_started_where_the_kernels_are_there_or_the_fit_is_done(
-    with_shots: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_process_is_started_where_the_kernels_are_there_or_the_fit_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     prepare_fit_kernels()
-    prepare_shot_kernels()
     before = set(multiprocessing.active_children())
-    with KernelPreparation(with_shots) as kernels:
+    with KernelPreparation() as kernels:
         kernels.start(())
         assert set(multiprocessing.active_children()) == before
-    monkeypatch.setattr(kernel_preparation, "_has_kernels", lambda with_shots: False)
-    with KernelPreparation(with_shots) as kernels:
+    monkeypatch.setattr(kernel_preparation, "_has_kernels", lambda: False)
+    with KernelPreparation() as kernels:
         kernels.start(("read", "explain"))
         assert set(multiprocessing.active_children()) == before
         kernels.start(("read",))
