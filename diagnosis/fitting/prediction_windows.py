@@ -12,8 +12,9 @@ import numpy as np
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS, split_into_segments
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
 from diagnosis.fitting.rest_observations import add_rest_observations
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
+from models.estimation.gap_scenes.gap_scene import ContactRichScene
 
 START_FRAMES = 15
 """Frames from which the start state is fitted."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.stats import spearmanr
 
@@ -11,8 +9,8 @@ from diagnosis.fitting.display_names import format_direction, format_group
 from diagnosis.fitting.fit_residuals import FitResiduals
 from diagnosis.fitting.residual_structure import ResidualStructure
 from diagnosis.verdicts.verdict import GapLocation
+from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 _DOMINANT_SHARE = 0.7
 """Share of a phase's gap from which one ball or shot is named."""
@@ -120,10 +118,16 @@ def _find_growth_variable(residuals: FitResiduals, left: FloatArray, here: np.nd
     return name
 
 
-def describe_structure(structure: ResidualStructure, coordinates: Sequence[str], unit: str) -> str:
-    """Describe the largest findings in words; `coordinates` are the names of the D coordinates, `unit` is theirs."""
+def describe_structure(structure: ResidualStructure, reference: ReferenceFrame) -> str:
+    """Describe the largest findings in words."""
     descriptions = [
-        _describe_finding(one.group.family, one.group.label, format_direction(one.direction, coordinates), one.z, unit)
+        _describe_finding(
+            one.group.family,
+            one.group.label,
+            format_direction(one.direction, reference.coordinates),
+            one.z,
+            reference.unit,
+        )
         for one in structure.findings
         if one.z > 4
     ]

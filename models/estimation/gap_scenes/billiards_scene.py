@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.recording import Recording
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.gap_scenes.time_jumps import find_time_jumps
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_segments import ShotSegment
@@ -68,7 +69,6 @@ class BilliardsScene:
     """Shot, time (s) from which on frames appear to be missing, and frame interval (s)."""
     effects: tuple[Effect, ...] = BILLIARDS_EFFECTS
     name: str = "billiards"
-    unit: str = "m"
     gauges: tuple[str, ...] = ("frame_rate", "time_offset", "parallax_shift")
     not_tested: tuple[str, ...] = ()
     _segment_cache: dict[tuple[int, bool], tuple[Recording, ShotSegment]] = field(

@@ -9,8 +9,9 @@ from support.simulated_shots import TABLE
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from diagnosis.fitting.prediction_windows import build_prediction_windows
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.gap_scene import Recording
 
 T = np.arange(200) / 50
 
@@ -18,7 +19,7 @@ T = np.arange(200) / 50
 def record_two_balls() -> Recording:
     """Record a ball that rolls all the time and one that rests."""
     positions = np.stack([np.stack([0.3 + 0.5 * T, 0.4 + 0.1 * T], axis=1), np.full((len(T), 2), 1.2)], axis=1)
-    return Recording(0, np.arange(len(T)), T, ("cue", "red"), positions, np.full((len(T), 2), 1e-3))
+    return Recording(0, np.arange(len(T)), T, ("cue", "red"), positions, np.full((len(T), 2), 1e-3), TABLE_PLANE)
 
 
 def test_a_ball_that_is_recorded_only_while_it_moves_is_predicted_like_any_other() -> None:

@@ -29,7 +29,7 @@ def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
     read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None, rows=OTHER_ROWS)])
     assert read.origins == {0: "a", 1: "b"}
     assert [one.shot for one in read.recordings] == [0, 1]
-    assert read.coordinates == ("x", "y")
+    assert read.reference.coordinates == ("x", "y")
 
 
 def test_a_folder_that_is_given_twice_does_not_confirm_itself(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from diagnosis.verdicts.verdict import (
     Strength,
     Unexplained,
 )
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from pipeline.batch.batch_summary import render_summary_page
 from pipeline.batch.clip_job import ClipResult
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
@@ -35,6 +35,7 @@ from pipeline.experiments.thesis.thesis_page import write_results
 from pipeline.experiments.thesis.trials import Trial
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.pages.run_report import ReportFiles, write_report
+from tests.support.reference_frames import PLANE
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)
@@ -186,7 +187,7 @@ def make_diagnosis() -> DiagnosisReport:
     windows, before, after = [], [], []
     for number in (3, 5):
         places = np.stack([t, number * t - t**2], axis=-1)[:, None]
-        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3))
+        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3), PLANE)
         windows.append(PredictionWindow(piece, 8))
         before.append(places + 0.05 * t[:, None, None])
         after.append(places + 0.001)
