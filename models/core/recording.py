@@ -69,6 +69,12 @@ class Recording:
         """(T, N) whether a body was observed, in all its coordinates."""
         return np.asarray(np.isfinite(self.positions).all(axis=2))
 
+    def require_samples(self, least: int) -> None:
+        """Raise a ValueError where there is no body, or one was observed less than `least` times."""
+        fewest = min(self.is_observed.sum(axis=0).tolist(), default=0)
+        if fewest < least:
+            raise ValueError(f"every body must be observed at least {least} times; one is observed {fewest} times")
+
     def select_rows(self, first: int, last: int, step: int = 1) -> Recording:
         """Select every `step`-th row from `first` up to, but excluding, `last`."""
         part = slice(first, last, step)
@@ -84,3 +90,19 @@ class Recording:
             self, bodies=self.bodies[part], positions=self.positions[:, part], sigma=self.sigma[:, part],
             inputs=None if self.inputs is None else self.inputs[:, part],
         )  # fmt: skip
+
+
+def record_points(t: FloatArray, positions: FloatArray, names: tuple[str, ...] = (), shot: int = 0) -> Recording:
+    """Record points whose unit and errors are not known.
+
+    Args:
+        t: (T,) s, increasing.
+        positions: (T, N, D) x, y and perhaps z; NaN where a point was not observed.
+        names: Of the points; by default their numbers.
+        shot: Index of the shot.
+    """
+    count, axes = positions.shape[1:]
+    return Recording(
+        shot, np.arange(len(t)), t, names or tuple(str(k) for k in range(count)), positions,
+        np.full(positions.shape[:2], np.nan), ReferenceFrame(("x", "y", "z")[:axes], "", "of points"), False,
+    )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import require_samples
+from models.estimation.particles.particle_fit import MIN_SAMPLES
 from models.estimation.particles.particle_prediction import ParticlePrediction, forecast_particles
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
@@ -90,7 +90,7 @@ def _truncate_at(particles: Recording, at: float | None) -> Recording:
         raise OptionError(f"--at must be within the observed times, {first:g} to {last:g} s; got {at:g}")
     past = particles.select_rows(0, int(np.searchsorted(particles.t, at + 1e-9, "right")))
     try:
-        require_samples(past)
+        past.require_samples(MIN_SAMPLES)
     except ValueError as error:
         raise OptionError(f"There are too few observations until {at:g} s: {error}") from error
     return past

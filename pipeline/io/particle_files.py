@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from models.core.errors import OptionError
-from models.core.recording import Recording, ReferenceFrame
+from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import ParticleMotion, require_samples
+from models.estimation.particles.particle_fit import MIN_SAMPLES, ParticleMotion
 from models.estimation.particles.particle_prediction import ParticlePrediction
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.run_folder import Columns, read_csv_columns
@@ -113,11 +113,9 @@ def _build_recording(number: int, axes: tuple[str, ...], columns: Columns, path:
     index = {name: k for k, name in enumerate(ids)}
     x = np.full((len(t), len(ids), len(axes)), np.nan)
     x[row, [index[name] for name in columns["id"].tolist()]] = np.stack([columns[axis] for axis in axes], axis=1)
-    unknown = np.full(x.shape[:2], np.nan)
-    reference = ReferenceFrame(axes, "", "of particles")
-    particles = Recording(number, np.arange(len(t)), t, ids, x, unknown, reference, is_sigma_stated=False)
+    particles = record_points(t, x, ids, number)
     try:
-        require_samples(particles)
+        particles.require_samples(MIN_SAMPLES)
     except ValueError as error:
         raise OptionError(f"{path}, shot {number}: {error}") from error
     return particles

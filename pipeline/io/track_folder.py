@@ -273,44 +273,28 @@ def _split_recordings(
     is_stated = (stated > 1 / _MAX_NUMBER) & (stated < _MAX_NUMBER)
     sigma = np.where(is_stated, stated, _default_noise(entry))
     recordings = []
-    for number in np.unique(shot):
+    for number in np.unique(shot[is_usable]).tolist():
         here = np.flatnonzero(is_usable & (shot == number))
-        if len(here):
-            one = _build_recording(
-                int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], reference, path
-            )
-            one = replace(one, is_sigma_stated=bool(is_stated[here].all()))
-            if inputs:
-                # also rows without a position
-                rows = np.flatnonzero(shot == number)
-                samples = {name: columns[name][rows] for name in inputs}
-                given = build_inputs(
-                    entry.scene, samples, t[rows], ids[rows], one.bodies, one.t, metres, f"{path}, shot {number:g}"
-                )
-                one = replace(one, inputs=given)
-            recordings.append(one)
+        frames, first, row = np.unique(columns["frame"][here].astype(np.int64), return_index=True, return_inverse=True)
+        names, body = np.unique(ids[here], return_inverse=True)
+        bodies, times = tuple(str(name) for name in names), t[here][first]
+        if np.any(np.diff(times) <= 0):
+            raise OptionError(f"{path}: t must increase with frame; in shot {number:g} it does not")
+        positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
+        error = np.full(positions.shape[:2], np.nan)
+        # Of several rows of a body in a frame, the first counts.
+        positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[here[::-1]], sigma[here[::-1]]
+        given = None
+        if inputs:
+            # also rows without a position
+            rows = np.flatnonzero(shot == number)
+            samples, place = {name: columns[name][rows] for name in inputs}, f"{path}, shot {number:g}"
+            given = build_inputs(entry.scene, samples, t[rows], ids[rows], bodies, times, metres, place)
+        is_all_stated = bool(is_stated[here].all())
+        recordings.append(
+            Recording(int(number), frames, times, bodies, positions, error, reference, is_all_stated, given)
+        )
     return tuple(recordings)
-
-
-def _build_recording(
-    shot: int,
-    frame: FloatArray,
-    t: FloatArray,
-    ids: NDArray[np.str_],
-    places: FloatArray,
-    sigma: FloatArray,
-    reference: ReferenceFrame,
-    path: Path,
-) -> Recording:
-    frames, first, row = np.unique(frame.astype(np.int64), return_index=True, return_inverse=True)
-    bodies, body = np.unique(ids, return_inverse=True)
-    if np.any(np.diff(t[first]) <= 0):
-        raise OptionError(f"{path}: t must increase with frame; in shot {shot} it does not")
-    positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
-    error = np.full((len(frames), len(bodies)), float(np.median(sigma)))
-    # Of several rows of a body in a frame, the first counts.
-    positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[::-1], sigma[::-1]
-    return Recording(shot, frames, t[first], tuple(str(name) for name in bodies), positions, error, reference)
 
 
 def _default_noise(entry: SceneEntry) -> float:

@@ -54,17 +54,6 @@ class ParticleMotion:
 ParticleFit = Callable[[Recording], tuple[Motion, dict[str, float]]]
 
 
-def require_samples(particles: Recording) -> None:
-    """Raise a ValueError if there is no particle, or one is seen less than `MIN_SAMPLES` times.
-
-    Args:
-        particles: Observed particles.
-    """
-    least = int(particles.is_observed.sum(axis=0).min(initial=MIN_SAMPLES))
-    if least < MIN_SAMPLES or not particles.positions.size:
-        raise ValueError(f"every particle must be seen at least {MIN_SAMPLES} times; one is seen {least} times")
-
-
 def fit_particles(particles: Recording) -> ParticleMotion:
     """Fit the model of least error to the coordinates of particles.
 
@@ -93,7 +82,7 @@ def fit_spring_motion(particles: Recording) -> ParticleMotion | None:
         or _has_coincident_particles(particles.positions)
     ):
         return None
-    latent = infer_springs(particles.t, particles.positions)
+    latent = infer_springs(particles)
     if not latent.is_accepted:
         return None
     numbers, errors = (dict(zip(latent.names, each.tolist(), strict=True)) for each in (latent.values, latent.sigma))

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.core.recording import Recording
+from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import (
+    MIN_SAMPLES,
     build_spline_fit,
     estimate_holdout_errors,
     fit_particles,
     group_by_name,
     list_candidate_fits,
-    require_samples,
 )
 from models.estimation.particles.particle_prediction import (
     build_extrapolation,
@@ -23,29 +23,22 @@ from models.estimation.particles.particle_prediction import (
     forecast_particles,
     measure_backtest_errors,
 )
-from tests.support.reference_frames import PLANE
 
 GRAVITY = np.array([0.0, 981.0])
-
-
-def make_particles(t: FloatArray, x: FloatArray) -> Recording:
-    """Particles at T times, named by numbers."""
-    names = tuple(str(k) for k in range(x.shape[1]))
-    return Recording(0, np.arange(len(t)), t, names, x, np.full(x.shape[:2], np.nan), PLANE, is_sigma_stated=False)
 
 
 def free_flight(count: int = 31, noise: float = 0.0) -> Recording:
     """One particle in free flight."""
     t = np.arange(count) / 30
     x = np.array([10.0, 300.0]) + t[:, None] * [120.0, -400.0] + 0.5 * GRAVITY * t[:, None] ** 2
-    return make_particles(t, (x + noise * np.random.default_rng(3).standard_normal(x.shape))[:, None])
+    return record_points(t, (x + noise * np.random.default_rng(3).standard_normal(x.shape))[:, None])
 
 
 def irregular_motion() -> Recording:
     """Two particles without a simple law of motion."""
     t = np.arange(41) / 20
     chance = np.random.default_rng(5)
-    return make_particles(t, np.cumsum(chance.standard_normal((41, 2, 2)), axis=0))
+    return record_points(t, np.cumsum(chance.standard_normal((41, 2, 2)), axis=0))
 
 
 def test_free_flight_is_recovered_between_samples() -> None:
@@ -77,7 +70,7 @@ def test_a_curve_passes_through_the_observed_samples() -> None:
 def test_errors_between_samples_are_those_at_withheld_samples() -> None:
     t = np.arange(21.0)
     x = np.where(np.arange(21) % 2 == 1, 1.0, 0.0)[:, None, None] * np.ones((1, 1, 2))
-    assert estimate_holdout_errors(make_particles(t, x), build_spline_fit(1)) == pytest.approx([1.0])
+    assert estimate_holdout_errors(record_points(t, x), build_spline_fit(1)) == pytest.approx([1.0])
 
 
 def test_free_flight_is_predicted_as_falling_within_its_errors() -> None:
@@ -93,7 +86,7 @@ def test_free_flight_is_predicted_as_falling_within_its_errors() -> None:
 def test_a_straight_motion_is_extrapolated_straight() -> None:
     t = np.arange(20) / 10
     x = (t[:, None] * [30.0, -10.0])[:, None]
-    motion, _ = build_extrapolation(1)(make_particles(t, x))
+    motion, _ = build_extrapolation(1)(record_points(t, x))
     assert motion(np.array([5.0]))[0, 0] == pytest.approx([150, -50])
 
 
@@ -127,7 +120,7 @@ def test_names_group_only_points_with_constant_distances() -> None:
 @pytest.mark.parametrize("rows", [3, 0])
 def test_too_few_samples_are_refused(rows: int) -> None:
     with pytest.raises(ValueError, match="at least 4"):
-        require_samples(make_particles(np.arange(rows, dtype=float), np.zeros((rows, 2, 2))))
+        record_points(np.arange(rows, dtype=float), np.zeros((rows, 2, 2))).require_samples(MIN_SAMPLES)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +133,7 @@ def test_three_points_make_a_rigid_body(corners: int, bodies: int, are_bodies: b
     turned = np.stack([np.cos(2 * t), np.sin(2 * t), -np.sin(2 * t), np.cos(2 * t)], axis=1).reshape(-1, 2, 2)
     x: FloatArray = np.concatenate([shape @ turned + [3 * k, 0.0] for k in range(bodies)], axis=1)
     names = tuple(f"body{k // corners}-{k % corners}" for k in range(bodies * corners))
-    fits = list_candidate_fits(replace(make_particles(t, x), bodies=names))
+    fits = list_candidate_fits(record_points(t, x, names))
     assert ("rigid bodies" in fits) == are_bodies
 
 
