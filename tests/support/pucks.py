@@ -12,13 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from support.reference_frames import PLANE
 
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.effect import EffectKind, Prior
-from tests.support.reference_frames import PLANE
 
 Force = Callable[[FloatArray, FloatArray], FloatArray]
 """Place (2,) and velocity (2,) to an acceleration (2,)."""

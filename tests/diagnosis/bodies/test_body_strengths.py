@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.reference_frames import LINE, PLANE
 
 from diagnosis.bodies.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.diagnose import diagnose
@@ -20,7 +21,6 @@ from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import neutral_values
 from pipeline.io.gap_files import build_gap_document
 from pipeline.reporting.text.gap_sentences import format_body_differences
-from tests.support.reference_frames import LINE, PLANE
 
 NOISE = 0.003
 """m"""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects, linearize_fit
 from models.core.recording import Recording
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.tables import TABLE_PRESETS
-from tests.support.reference_frames import PLANE
 
 
 def test_the_generic_laws_of_billiards_are_no_candidates() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.shot_split import find_common_duration, shorten_recordings
 from models.core.recording import Recording
-from tests.support.reference_frames import PLANE
 
 
 def shot(number: int, seconds: float) -> Recording:

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.diagnose import diagnose
 from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import neutral_values
-from tests.support.reference_frames import PLANE
 
 NOISE = 0.003
 """m"""

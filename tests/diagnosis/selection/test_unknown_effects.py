@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.diagnose import diagnose
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
@@ -15,7 +16,6 @@ from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import neutral_values
-from tests.support.reference_frames import PLANE
 
 NOISE = 0.003
 """m"""

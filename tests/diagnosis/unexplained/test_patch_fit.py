@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
 from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
 from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
 from models.core.recording import Recording
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
-from tests.support.reference_frames import PLANE
 
 SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4
 MU, PATCH_MU, RADIUS = 0.1, 0.2, 0.2

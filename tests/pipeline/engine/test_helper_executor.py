@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
 from models.core.recording import Recording
@@ -16,7 +17,6 @@ from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.helper_executor import DeferredExecutor, HelperExecutor
 from pipeline.engine.process_setup import available_cores
-from tests.support.reference_frames import PLANE
 
 
 @pytest.fixture(scope="module")

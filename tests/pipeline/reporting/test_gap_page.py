@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.diagnosis_reports import NOTHING_UNEXPLAINED
 from support.page_words import read_page
+from support.reference_frames import PLANE, ROD
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -44,7 +45,6 @@ from pipeline.reporting.text.gap_sentences import (
     format_verdict,
     list_causes,
 )
-from tests.support.reference_frames import PLANE, ROD
 
 NOTHING = GapClosure(0.02, 0.02, 0.01, float("nan"), (-1.0, 1.0), False)
 

@@ -12,6 +12,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from support import synthetic_run as shot
 from support.browser import accessibility_violations, console_messages, open_chromium, open_page, wait_on
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -35,7 +36,6 @@ from pipeline.experiments.thesis.thesis_page import write_results
 from pipeline.experiments.thesis.trials import Trial
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.pages.run_report import ReportFiles, write_report
-from tests.support.reference_frames import PLANE
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)

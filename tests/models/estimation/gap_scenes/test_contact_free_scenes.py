@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.reference_frames import FRAMES
 
 from models.core.recording import Recording
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
@@ -11,7 +12,6 @@ from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import neutral_values
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
-from tests.support.reference_frames import FRAMES
 
 WALLS = ((-0.2, 0.3), (-0.25, 0.4))
 BRAKE = [0.2, 0.1, 0.05, 0.01]
