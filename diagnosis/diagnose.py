@@ -15,7 +15,8 @@ from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, igno
 from diagnosis.selection.study import run_study
 from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
 from diagnosis.verdicts.verdict import DiagnosisReport, ShotUse
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.core.recording import Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 
 _FALSE_MOTION_PROBABILITY = 1e-4
@@ -48,7 +49,7 @@ def diagnose(
     split = split_shots(tuple(recording for recording, _ in restored))
     reason = _explain_insufficient_data(scene, split)
     if reason:
-        return build_undecidable_report(scene, reason)
+        return build_undecidable_report(scene, recordings[0].reference.unit, reason)
     on_progress("fitting the simulator", (), SearchOutlook())
     study = run_study(scene, split, np.random.default_rng(seed), on_progress, executor)
     names, steps = tuple(sorted(study.best.names)), study.search.steps_done

@@ -30,8 +30,9 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_share,
 from benchmarks.support.row_files import append_row, read_rows
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.recording import Recording
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS

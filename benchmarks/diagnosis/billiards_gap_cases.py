@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from pipeline.experiments.gapcheck.billiards_cases import (
     BILLIARDS_KINDS,
     OPTIONAL_EFFECTS,
@@ -89,4 +90,4 @@ def _add_empty_frames(one: Recording, frame: np.ndarray, fps: float, noise: floa
     """Add rows for frames in which no ball was observed."""
     places = np.full((len(frame), *one.positions.shape[1:]), np.nan)
     places[one.frame] = one.positions
-    return Recording(one.shot, frame, frame / fps, one.bodies, places, np.full(places.shape[:2], noise))
+    return Recording(one.shot, frame, frame / fps, one.bodies, places, np.full(places.shape[:2], noise), TABLE_PLANE)

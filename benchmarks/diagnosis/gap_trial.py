@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.diagnosis.gap_cases import NEAR, GapCase
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.core.recording import Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 from models.physics.effect import Effect
 from pipeline.experiments.gapcheck.blind_case import WORLDS, grade_report
 from pipeline.experiments.gapcheck.gap_oracle import Oracle, build_oracle

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from models.core.recording import record_points
 from models.estimation.springs.latent_inference import LatentSprings, infer_springs
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import SPRING_KINDS, simulate_double_pendulum
 
@@ -54,7 +55,7 @@ def score_fit(x: np.ndarray, t: np.ndarray, frames: int, noise: float, seed: int
     noisy = x + noise * np.random.default_rng(seed).standard_normal(x.shape)
     shown, hidden, later = slice(0, frames, 2), slice(1, frames, 2), slice(frames, None)
     began = time.process_time()
-    latent = infer_springs(t[shown], noisy[shown])
+    latent = infer_springs(record_points(t[shown], noisy[shown]))
     seconds = time.process_time() - began
 
     def mse(guess: np.ndarray) -> float:

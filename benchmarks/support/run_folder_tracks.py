@@ -62,7 +62,7 @@ def read_filmed_clip(run: RunFolder) -> FilmedClip:
     tracks, scene = _read_tracks(run), _read_scene(run)
     clock = estimate_capture_times(tracks, NOISE_FLOOR_RADII * scene.table.ball_radius)
     retimed, interval = replace(tracks, t=clock.capture_time), float(np.median(np.diff(tracks.t)))
-    lost = find_time_jumps(retimed, interval)
+    lost = find_time_jumps(retimed.record_positions(), interval)
     retimed = replace(retimed, t=add_pauses(retimed.t, lost, interval))
     return FilmedClip(run.path.name, retimed, scene, replace(clock, capture_time=retimed.t), lost)
 

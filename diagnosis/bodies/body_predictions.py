@@ -16,8 +16,8 @@ from diagnosis.fitting.prediction_windows import (
     predict_windows,
     select_predictable,
 )
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 
 def predict_bodies(

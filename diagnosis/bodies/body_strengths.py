@@ -22,9 +22,9 @@ from diagnosis.fitting.hypothesis_fits import (
     linearize_fit,
 )
 from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
 from models.physics.effect import Prior
 

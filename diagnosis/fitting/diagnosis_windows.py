@@ -7,8 +7,9 @@ import numpy as np
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_window_model, fit_effects
 from diagnosis.fitting.rest_observations import add_rest_observations
 from diagnosis.fitting.window_continuation import extend_windows, merge_lost_windows
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
+from models.estimation.gap_scenes.gap_scene import ContactRichScene
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation
 
 MIN_ROWS = 8

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, LinearizedFit
 from diagnosis.fitting.noise_whitening import build_noise_chain
+from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import Covariates
 from models.estimation.multiple_shooting.normal_equations import require_linearized
 from models.numerics.robust import evaluate_huber_loss
 
@@ -43,19 +44,21 @@ class FitResiduals:
     phase: NDArray[np.str_]
     """(K,) phase of motion."""
     position: FloatArray
-    """(K, D) in the unit of the scene."""
+    """(K, D) in the unit of the frame of reference."""
     velocity: FloatArray
-    """(K, D) in the unit of the scene per s."""
+    """(K, D) in the unit of the frame of reference per s."""
     since_contact: FloatArray
     """(K,) s since the last contact; NaN where there was none."""
     image: FloatArray | None
     """(K, 2) px from the image centre; None without an image."""
+    reference: ReferenceFrame
+    """Frame of reference of `position` and `velocity`."""
     scale: float
     """Overall size of the residuals, 1 where noise explains them."""
 
     @property
     def speed(self) -> FloatArray:
-        """(K,) in the unit of the scene per s."""
+        """(K,) in the unit of the frame of reference per s."""
         return np.asarray(np.linalg.norm(self.velocity, axis=1))
 
 
@@ -106,6 +109,7 @@ def compute_residuals(
         velocity=np.concatenate([one.velocity for one in covariates]),
         since_contact=np.concatenate([one.since_contact for one in covariates]),
         image=_collect_image_positions(covariates),
+        reference=fitted.segments[0].reference,
         scale=size,
     )
 

@@ -22,8 +22,8 @@ from diagnosis.fitting.prediction_windows import (
     select_predictable,
     sum_squared_errors,
 )
+from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 _NOISE_MARGIN = 1.15
 """Ratio to the squares of the floor from which an error exceeds noise: two standard deviations of its estimate."""

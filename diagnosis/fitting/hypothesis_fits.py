@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.fitting.noise_whitening import WhitenedModel, build_noise_chain
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording, effect_parameter_mask, neutral_values
+from models.estimation.gap_scenes.gap_scene import GapScene, effect_parameter_mask, neutral_values
 from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
 from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 _SIDE_STEPS = 5
 """Steps on either side from which the speed of a body is estimated."""

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 SEGMENT_FRAMES = 21
 """Frames of a segment."""

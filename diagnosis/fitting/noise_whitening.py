@@ -11,8 +11,8 @@ from math import prod
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_windows import (
     LinearizedWindow,
     ShootingModel,

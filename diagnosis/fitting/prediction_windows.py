@@ -12,8 +12,9 @@ import numpy as np
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS, split_into_segments
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
 from diagnosis.fitting.rest_observations import add_rest_observations
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import ContactRichScene, Recording
+from models.estimation.gap_scenes.gap_scene import ContactRichScene
 
 START_FRAMES = 15
 """Frames from which the start state is fitted."""
@@ -148,7 +149,8 @@ def select_predictable(
         # separately: the misfit of one window must not widen the covariance of others
         own = _fit_window_starts(problem, (one,), like, (start,))
         spread = _estimate_prediction_spread(problem, one.segment, like, own, rng)
-        lost = np.logical_or.accumulate(~(spread <= _MAX_START_SPREAD * error * np.median(one.segment.sigma)), axis=0)
+        limit = _MAX_START_SPREAD * error * np.median(one.segment.sigma[one.segment.is_observed])
+        lost = np.logical_or.accumulate(~(spread <= limit), axis=0)
         lost |= _find_displacements(one.segment).sum(axis=0) < MIN_ROWS
         lost[: one.start_rows] = False
         left = replace(

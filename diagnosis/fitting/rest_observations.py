@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 _REST_SPEED = 0.01
 """m/s: mean speed between two samples up to which a body rests in between, but for its last steps."""

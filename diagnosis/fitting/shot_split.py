@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 
 MIN_SHOTS_FOR_SELECTION = 6
 """Number of shots below which none is reserved for selection."""

@@ -21,8 +21,8 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_start_states,
     refit_effects,
 )
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation, simulate_window
 from models.numerics.robust import evaluate_huber_loss
 

@@ -12,8 +12,8 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from diagnosis.selection.effect_selection import fit_without_effect, select_hypothesis
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 
 

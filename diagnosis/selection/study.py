@@ -45,7 +45,8 @@ from diagnosis.selection.unknown_effects import (
     measure_law_share,
     min_selection_gain,
 )
-from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene, Recording
+from models.core.recording import Recording
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene
 from models.numerics.executor import SERIAL, Executor
 
 ENOUGH_SECONDS = 36.0

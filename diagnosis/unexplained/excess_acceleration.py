@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
+from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.gap_scenes.gap_scene import ContactRichScene, Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, Covariates
 
 _PIECES = 4
 """Number of pieces of a window; their length is limited by the next two."""

@@ -53,8 +53,9 @@ from diagnosis.verdicts.verdict import (
     Unexplained,
     Verdict,
 )
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 _MEDIAN_SIGMAS = 0.674
@@ -290,7 +291,7 @@ def _measure_gap(
     study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
 ) -> tuple[Gap, tuple[EffectShare, ...]]:
     """Measure the gap on hold-out shots before and after, and the share of each effect."""
-    problem, full, body_fit = study.problem, study.full, study.body_fit
+    problem, full, body_fit, reference = study.problem, study.full, study.body_fit, study.residuals_after.reference
     recordings = recordings if body_fit is None else split_bodies(recordings)
     predictable = select_predictable(
         problem, build_prediction_windows(problem, recordings) if recordings else (), full, rng
@@ -309,9 +310,9 @@ def _measure_gap(
     shots = tuple(sorted({one.segment.shot for one in windows}))
     horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
     gap = Gap(
-        f"rms_{problem.scene.unit}", min(horizon, HORIZON_S), shots, closure,
+        f"rms_{reference.unit}", min(horizon, HORIZON_S), shots, closure,
         windows, before.paths, after.paths, reason,
-        () if not windows else _name_coordinates(problem.scene, before.paths[0].shape[2]),
+        reference.coordinates if windows else (),
     )  # fmt: skip
     return gap, _share_closure(study, predictable, before.squares, after.squares, least, closure, rng)
 
@@ -370,34 +371,28 @@ def _describe_unexplained(
     is_systematic = study.unknown_evidence.has_systematic_residuals
     size = float(np.sqrt(np.maximum(closure.after**2 - closure.floor**2, 0.0)))
     law, patch = None, None if patch_fit is None else patch_fit.patch
-    coordinates = _name_coordinates(study.problem.scene, study.residuals_after.values.shape[1])
+    reference = study.residuals_after.reference
     if excess is not None:
-        law = find_force_law(excess, coordinates)
-        if study.problem.scene.unit == "m" and not study.problem.places:
+        law = find_force_law(excess, reference.coordinates)
+        if reference.unit == "m" and not study.problem.places:
             patch = find_local_patch(excess, rng)
     return Unexplained(
         share=1.0 - closure.closed,
         size=size,
         times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
         where=localise_gap(study.residuals_after, study.segments_after, frozenset()) if is_systematic else (),
-        shape=describe_structure(study.structure_after, coordinates, study.problem.scene.unit) if is_systematic else "",
+        shape=describe_structure(study.structure_after, reference) if is_systematic else "",
         law=law,
         patch=patch,
     )
 
 
-def _name_coordinates(scene: GapScene, count: int) -> tuple[str, ...]:
-    """Name the coordinates of a scene; the last one of a flight is height."""
-    if scene.unit == "rad":
-        return ("theta1", "theta2")[:count]
-    return ("x", "y", "z")[3 - count :] if scene.name == "flight" and count == 1 else ("x", "y", "z")[:count]
-
-
-def build_undecidable_report(scene: GapScene, reason: str) -> DiagnosisReport:
+def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> DiagnosisReport:
     """Build the report on shots that cannot be tested.
 
     Args:
         scene: The scene.
+        unit: Unit of the coordinates.
         reason: Why nothing can be tested.
 
     Returns:
@@ -412,7 +407,7 @@ def build_undecidable_report(scene: GapScene, reason: str) -> DiagnosisReport:
         effects=(),
         candidates=(),
         where=(),
-        gap=Gap(f"rms_{scene.unit}", HORIZON_S, (), nothing, (), (), ()),
+        gap=Gap(f"rms_{unit}", HORIZON_S, (), nothing, (), (), ()),
         per_effect=(),
         unexplained=Unexplained(unknown, unknown, unknown, (), "", None, None),
         fitted=(),

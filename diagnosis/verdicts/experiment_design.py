@@ -41,7 +41,7 @@ def design_separating_experiment(
     names = " from ".join(format_cause(name) for name in group[:2])
     if apart[best] <= 0 or more > 50:
         return f"No shot like these separates {names}: film other speeds and directions, also at right angles to these."
-    shot = _describe_shot(problem, residuals, int(shot_information.shots[best]))
+    shot = _describe_shot(residuals, int(shot_information.shots[best]))
     return f"To separate {names}, film {max(more, 1)} more like {shot}."
 
 
@@ -74,7 +74,7 @@ def design_detecting_experiment(
             for k in range(len(shot_information.shots))
         ]
         if min(left) <= 1:
-            like = _describe_shot(problem, residuals, int(shot_information.shots[int(np.argmin(left))]))
+            like = _describe_shot(residuals, int(shot_information.shots[int(np.argmin(left))]))
             return (
                 f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual"
                 f" strength; {more} more like {like} would."
@@ -94,9 +94,9 @@ def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals
         for shot in np.unique(residuals.shot)
     }
     most, shot = max(sums, key=lambda one: sums[one])
-    place = _describe_shot(problem, residuals, shot)
+    place = _describe_shot(residuals, shot)
     first = f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed,"
-    if problem.scene.unit == "rad":
+    if residuals.reference.unit == "rad":
         return f"{first} and once with the camera in another place; what changes with the camera comes from it."
     surroundings = "table" if problem.scene.name == "billiards" else "surroundings"
     return f"{first} and once in another place; what stays with the place comes from the {surroundings} or the camera."
@@ -138,12 +138,12 @@ def _separation_gain(
     return float(step @ (more.information - now.information)[np.ix_(one, one)] @ step)
 
 
-def _describe_shot(problem: DiagnosisProblem, residuals: FitResiduals, shot: int) -> str:
+def _describe_shot(residuals: FitResiduals, shot: int) -> str:
     """Describe a shot by its number and by the speed and direction of its fastest body."""
     here = np.flatnonzero(residuals.shot == shot)
     top = here[int(np.argmax(residuals.speed[here]))]
-    fastest, velocity = f"up to {float(residuals.speed[top]):.1f} {problem.scene.unit}/s", residuals.velocity[top]
-    if len(velocity) < 2 or problem.scene.unit != "m":
+    fastest, velocity = f"up to {float(residuals.speed[top]):.1f} {residuals.reference.unit}/s", residuals.velocity[top]
+    if len(velocity) < 2 or residuals.reference.unit != "m":
         return f"shot {shot} ({fastest})"
     angle = float(np.degrees(np.arctan2(velocity[1], velocity[0])))
     return f"shot {shot} ({fastest}, there at {round(angle)} degrees from x)"

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.stats import spearmanr
 
 from diagnosis.fitting.display_names import format_direction, format_group
 from diagnosis.fitting.fit_residuals import FitResiduals
-from diagnosis.fitting.residual_structure import ResidualStructure
+from diagnosis.fitting.residual_structure import GroupFinding, ResidualStructure
 from diagnosis.verdicts.verdict import GapLocation
+from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 
 _DOMINANT_SHARE = 0.7
 """Share of a phase's gap from which one ball or shot is named."""
@@ -120,17 +118,14 @@ def _find_growth_variable(residuals: FitResiduals, left: FloatArray, here: np.nd
     return name
 
 
-def describe_structure(structure: ResidualStructure, coordinates: Sequence[str], unit: str) -> str:
-    """Describe the largest findings in words; `coordinates` are the names of the D coordinates, `unit` is theirs."""
-    descriptions = [
-        _describe_finding(one.group.family, one.group.label, format_direction(one.direction, coordinates), one.z, unit)
-        for one in structure.findings
-        if one.z > 4
-    ]
-    return "; ".join(descriptions[:3])
+def describe_structure(structure: ResidualStructure, reference: ReferenceFrame) -> str:
+    """Describe the largest findings in words."""
+    return "; ".join([_describe_finding(one, reference) for one in structure.findings if one.z > 4][:3])
 
 
-def _describe_finding(family: str, label: str, direction: str, z: float, unit: str) -> str:
+def _describe_finding(finding: GroupFinding, reference: ReferenceFrame) -> str:
     """Describe one finding in words."""
-    place = label if family == "slow" else format_group(family, label, unit)
-    return f"{direction} {place} ({z:.0f} standard deviations of noise)"
+    group = finding.group
+    place = group.label if group.family == "slow" else format_group(group.family, group.label, reference.unit)
+    direction = format_direction(finding.direction, reference.coordinates)
+    return f"{direction} {place} ({finding.z:.0f} standard deviations of noise)"

@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
 
+TABLE_PLANE = ReferenceFrame(("x", "y"), "m", "on the table")
+"""See `models.core.scene.Table` for the axes."""
 KINDS = ("cue", "solid", "stripe", "eight", "red", "yellow", "white", "green", "brown", "blue", "pink", "black", "ball")
 """Ball classes. `cue` is the cue ball of pool and snooker; `white` and `yellow` are the cue balls of carom."""
 
@@ -121,6 +124,20 @@ class Tracks:
         spread = np.linalg.inv(_replace_unknown(self.whitening))
         sigma: FloatArray = np.sqrt((spread**2).sum(axis=-1))
         return np.where(self.is_observed[..., None], sigma, np.nan)
+
+    def record_positions(self, shot: int = 0) -> Recording:
+        """Return the positions on the table as a recording, without frames and balls that have none.
+
+        Its sigmas are the root mean square of those of x and y.
+
+        Args:
+            shot: Index of the shot.
+        """
+        rows, balls = (np.flatnonzero(self.is_observed.any(axis=axis)) for axis in (1, 0))
+        part = np.ix_(rows, balls)
+        sigma: FloatArray = np.sqrt((self.sigma_xy**2).mean(axis=-1))
+        bodies = tuple(self.ids[k] for k in balls)
+        return Recording(shot, self.frame[rows], self.t[rows], bodies, self.xy[part], sigma[part], TABLE_PLANE)
 
 
 def _replace_unknown(matrices: FloatArray) -> FloatArray:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import ParticleMotion, fit_particles
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
-    ParticleShot,
     format_physics_lines,
     read_particles,
     require_tracks_file,
@@ -34,7 +34,7 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
     target = out if out.suffix.lower() == ".csv" else out / "tracks.csv"
     require_writable_folder(target.parent)
     shots = list(read_particles(require_tracks_file(source), fps))
-    motions = [fit_particles(shot.particles) for shot in shots]
+    motions = [fit_particles(shot) for shot in shots]
     target.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(target) as fresh:
         write_particle_positions(
@@ -51,14 +51,14 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
     print(f"Look at {target}")
 
 
-def refine_positions(shot: ParticleShot, motion: ParticleMotion, factor: int) -> dict[str, FloatArray]:
+def refine_positions(shot: Recording, motion: ParticleMotion, factor: int) -> dict[str, FloatArray]:
     """Keep the samples and add factor - 1 fitted positions between each two.
 
     There are no rows before the first and after the last observation of a particle.
     """
-    is_observed = shot.particles.is_observed
+    is_observed = shot.is_observed
     coarse = np.arange(len(is_observed))
-    t = np.interp(np.arange((len(coarse) - 1) * factor + 1) / factor, coarse, shot.particles.t)
+    t = np.interp(np.arange((len(coarse) - 1) * factor + 1) / factor, coarse, shot.t)
     x = motion.motion(t)
     first, last = (
         is_observed.argmax(axis=0) * factor,
@@ -66,16 +66,16 @@ def refine_positions(shot: ParticleShot, motion: ParticleMotion, factor: int) ->
     )
     row = np.arange(len(t))[:, None]
     x[(row < first) | (row > last)] = np.nan
-    x[::factor][is_observed] = shot.particles.x[is_observed]
+    x[::factor][is_observed] = shot.positions[is_observed]
     observed = np.zeros(x.shape[:2])
     observed[::factor] = is_observed
     sigma = np.where(np.isfinite(motion.sigma), motion.sigma, np.nan)
     return {"t": t, "x": x, "sigma": np.broadcast_to(sigma, observed.shape), "observed": observed}
 
 
-def _summarize_motion(shot: ParticleShot, motion: ParticleMotion) -> dict[str, Any]:
+def _summarize_motion(shot: Recording, motion: ParticleMotion) -> dict[str, Any]:
     sigma = float(np.sqrt(np.mean(motion.sigma**2)))
     return {
-        "shot": shot.number, "particles": len(shot.ids), "samples": len(shot.particles.t), "motion": motion.kind,
+        "shot": shot.shot, "particles": len(shot.bodies), "samples": len(shot.t), "motion": motion.kind,
         "sigma": sigma if np.isfinite(sigma) else None, **summarize_physics(motion),
     }  # fmt: skip

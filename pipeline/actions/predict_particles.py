@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import Particles
+from models.estimation.particles.particle_fit import MIN_SAMPLES
 from models.estimation.particles.particle_prediction import ParticlePrediction, forecast_particles
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
-    ParticleShot,
     format_physics_lines,
     read_particles,
     require_tracks_file,
@@ -47,7 +47,7 @@ def predict_particles(
     """
     path = require_tracks_file(source)
     shot = _select_shot(list(read_particles(path, fps)), number, path)
-    past = _truncate_at(shot.particles, at)
+    past = _truncate_at(shot, at)
     steps = max(round(seconds / ROW_STEP), 1)
     prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
     folder = out if out is not None else path.parent
@@ -57,7 +57,7 @@ def predict_particles(
     with replace_file(target) as fresh:
         write_particle_positions(fresh, [shot], [_build_rows(prediction)])
     if as_json:
-        document = {"prediction": str(target), "shot": shot.number, "from": float(past.t[-1]),
+        document = {"prediction": str(target), "shot": shot.shot, "from": float(past.t[-1]),
                     "motion": prediction.kind,
                 "sigma_at_end": float(prediction.sigma[-1]), **summarize_physics(prediction)}  # fmt: skip
         print(json.dumps(document, allow_nan=False))
@@ -71,28 +71,29 @@ def predict_particles(
     print(f"Look at {target}")
 
 
-def _select_shot(shots: list[ParticleShot], number: int | None, path: Path) -> ParticleShot:
+def _select_shot(shots: list[Recording], number: int | None, path: Path) -> Recording:
     if number is None:
         return shots[0]
     for shot in shots:
-        if shot.number == number:
+        if shot.shot == number:
             return shot
-    there = ", ".join(str(shot.number) for shot in shots)
+    there = ", ".join(str(shot.shot) for shot in shots)
     raise OptionError(f"{path} has the shots {there}; shot {number} is not among them")
 
 
-def _truncate_at(particles: Particles, at: float | None) -> Particles:
+def _truncate_at(particles: Recording, at: float | None) -> Recording:
     """Return the observations up to a time (s)."""
     first, last = float(particles.t[0]), float(particles.t[-1])
     if at is None:
         return particles
     if not first <= at <= last:
         raise OptionError(f"--at must be within the observed times, {first:g} to {last:g} s; got {at:g}")
-    rows = particles.t <= at + 1e-9
+    past = particles.select_rows(0, int(np.searchsorted(particles.t, at + 1e-9, "right")))
     try:
-        return Particles(particles.t[rows], particles.x[rows], particles.body)
+        past.require_samples(MIN_SAMPLES)
     except ValueError as error:
         raise OptionError(f"There are too few observations until {at:g} s: {error}") from error
+    return past
 
 
 def _build_rows(prediction: ParticlePrediction) -> dict[str, FloatArray]:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models.core.errors import OptionError
+from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
-from models.estimation.particles.body_names import group_by_name
-from models.estimation.particles.particle_fit import ParticleMotion, Particles
+from models.estimation.particles.particle_fit import MIN_SAMPLES, ParticleMotion
 from models.estimation.particles.particle_prediction import ParticlePrediction
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.run_folder import Columns, read_csv_columns
@@ -21,16 +20,6 @@ from pipeline.io.run_folder import Columns, read_csv_columns
 AXES = ("x", "y", "z")
 NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")
 """Scenes of track folders; tracks with any other scene, or none, are particles."""
-
-
-@dataclass(frozen=True, slots=True)
-class ParticleShot:
-    """Particles of one shot of a file, with names and coordinate axes."""
-
-    number: int
-    ids: tuple[str, ...]
-    axes: tuple[str, ...]
-    particles: Particles
 
 
 def require_tracks_file(source: Path) -> Path:
@@ -81,7 +70,7 @@ def _read_scene_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def read_particles(path: Path, fps: float | None = None) -> Iterator[ParticleShot]:
+def read_particles(path: Path, fps: float | None = None) -> Iterator[Recording]:
     """Read the shots of a file with the columns id, x, y (z), and t or frame; rows may be missing.
 
     Args:
@@ -105,7 +94,7 @@ def read_particles(path: Path, fps: float | None = None) -> Iterator[ParticleSho
         raise OptionError(f"{path} has no position of a particle")
     for number in dict.fromkeys(columns["shot"][is_usable].tolist()):
         rows = is_usable & (columns["shot"] == number)
-        yield _build_particle_shot(number, axes, {name: values[rows] for name, values in columns.items()}, path)
+        yield _build_recording(number, axes, {name: values[rows] for name, values in columns.items()}, path)
 
 
 def _parse_times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
@@ -118,17 +107,18 @@ def _parse_times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
     return np.asarray(columns["frame"] / rate, np.float64)
 
 
-def _build_particle_shot(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> ParticleShot:
+def _build_recording(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> Recording:
     t, row = np.unique(columns["t"], return_inverse=True)
     ids = tuple(dict.fromkeys(columns["id"].tolist()))
     index = {name: k for k, name in enumerate(ids)}
     x = np.full((len(t), len(ids), len(axes)), np.nan)
     x[row, [index[name] for name in columns["id"].tolist()]] = np.stack([columns[axis] for axis in axes], axis=1)
+    particles = record_points(t, x, ids, number)
     try:
-        particles = Particles(t, x, group_by_name(ids, x))
+        particles.require_samples(MIN_SAMPLES)
     except ValueError as error:
         raise OptionError(f"{path}, shot {number}: {error}") from error
-    return ParticleShot(number, ids, axes, particles)
+    return particles
 
 
 def summarize_physics(result: ParticleMotion | ParticlePrediction) -> dict[str, Any]:
@@ -159,7 +149,7 @@ def format_physics_lines(summary: dict[str, Any]) -> Iterator[str]:
     yield from (f"  {sentence}" for sentence in summary["not_told"])
 
 
-def write_particle_positions(path: Path, shots: list[ParticleShot], rows: list[dict[str, FloatArray]]) -> None:
+def write_particle_positions(path: Path, shots: list[Recording], rows: list[dict[str, FloatArray]]) -> None:
     """Write positions of particles of several shots as one table; positions that are not finite have no row.
 
     Args:
@@ -171,12 +161,12 @@ def write_particle_positions(path: Path, shots: list[ParticleShot], rows: list[d
     write_columns({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, path)
 
 
-def _build_columns(shot: ParticleShot, values: dict[str, FloatArray]) -> Columns:
+def _build_columns(shot: Recording, values: dict[str, FloatArray]) -> Columns:
     x = values["x"]
     row, k = np.nonzero(np.isfinite(x).all(axis=2))
-    columns: Columns = {"shot": np.full(len(row), shot.number), "frame": row, "t": values["t"][row],
-                        "id": np.array(shot.ids)[k]}  # fmt: skip
-    columns |= {axis: x[row, k, number] for number, axis in enumerate(shot.axes)}
+    columns: Columns = {"shot": np.full(len(row), shot.shot), "frame": row, "t": values["t"][row],
+                        "id": np.array(shot.bodies)[k]}  # fmt: skip
+    columns |= {axis: x[row, k, number] for number, axis in enumerate(shot.reference.coordinates)}
     columns |= {name: column[row, k] for name, column in values.items() if name not in ("t", "x")}
     if "observed" in columns:
         columns["observed"] = columns["observed"].astype(np.int64)

@@ -15,11 +15,13 @@ from pyarrow import csv
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from models.core.errors import OptionError
+from models.core.recording import Recording, ReferenceFrame
+from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import Recording
 from pipeline.io.body_scenes.known_inputs import INPUT_COLUMNS, build_inputs, find_input_columns
 from pipeline.io.body_scenes.wall_entry import WallsEntry
 from pipeline.io.run_folder import drop_repeated_clips
+from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.track_folder_checks import find_positions_off_table, require_track_files
 
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -34,13 +36,13 @@ _MAX_NUMBER = 1e12
 them, and their squares would overflow."""
 _SIZE_TOLERANCE = 0.05
 """Largest relative difference of two measured sizes of the same table."""
-COORDINATE_COLUMNS = {
-    "billiards": ("x", "y"),
-    "slide": ("x", "y"),
-    "flight": ("x", "y", "z"),
-    "pendulum": ("theta1", "theta2"),
+SCENE_FRAMES = {
+    "billiards": TABLE_PLANE,
+    "slide": ReferenceFrame(("x", "y"), "m", "in a plane"),
+    "flight": ReferenceFrame(("x", "y", "z"), "m", "in the air"),
+    "pendulum": ReferenceFrame(("theta1", "theta2"), "rad", "from the vertical"),
 }
-"""Coordinates of each scene; flight and pendulum may lack some."""
+"""Frame of reference of each scene; flight and pendulum may lack coordinates."""
 
 
 class SceneTableEntry(BaseModel):
@@ -85,14 +87,18 @@ class TrackFolder:
 
     entry: SceneEntry
     recordings: tuple[Recording, ...]
-    coordinates: tuple[str, ...]
-    """Column names of the coordinates."""
+    """One recording or more, in one frame of reference."""
     inputs: tuple[str, ...] = ()
     """Column names of the known inputs."""
     notes: tuple[str, ...] = ()
     """Sentences on anomalies of the tracks."""
     origins: Mapping[int, str] = field(default_factory=dict)
     """Folder and number there by shot, if there are several folders."""
+
+    @property
+    def reference(self) -> ReferenceFrame:
+        """Frame of reference of the recordings."""
+        return self.recordings[0].reference
 
 
 def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
@@ -114,10 +120,9 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     read = [_read_track_folder(folder) for folder in folders]
     first = read[0]
     for folder, other in zip(folders, read, strict=True):
-        if (other.entry.scene, other.coordinates) != (first.entry.scene, first.coordinates):
+        if other.reference != first.reference:
             raise OptionError(
-                f"{folder} has the scene {other.entry.scene}, {folders[0]} has {first.entry.scene};"
-                " diagnose them separately"
+                f"{folder} has {other.reference}, and {folders[0]} has {first.reference}; diagnose them separately"
             )
         if _list_surroundings(other) != _list_surroundings(first):
             raise OptionError(
@@ -189,24 +194,34 @@ def _read_track_folder(folder: Path) -> TrackFolder:
     require_track_files(folder)
     entry = _read_scene_entry(folder / "scene.json")
     path = folder / "tracks.csv"
+    # the table of a run folder rounds the observations of its shot
+    recordings, inputs = (
+        ((read_shot(folder).tracks.record_positions(),), ()) if has_shot(folder) else _read_table(entry, path)
+    )
+    if not any(one.is_observed.any() for one in recordings):
+        raise OptionError(f"{path} has no positions")
+    notes = find_positions_off_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
+    return TrackFolder(entry, recordings, inputs, notes)
+
+
+def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
+    """Read the recordings of a tracks.csv, and the names of its columns of known inputs."""
     try:
         table = csv.read_csv(path)
     except OSError as error:
         raise OptionError(f"{path} cannot be read: {error}") from error
     except pa.ArrowInvalid as error:
         raise OptionError(f"{path} is not a CSV table: {' '.join(str(error).split())}") from error
-    names = tuple(name for name in COORDINATE_COLUMNS[entry.scene] if name in table.column_names)
-    fewest = 1 if entry.scene in ("flight", "pendulum") else len(COORDINATE_COLUMNS[entry.scene])
+    reference = SCENE_FRAMES[entry.scene]
+    names = tuple(name for name in reference.coordinates if name in table.column_names)
+    fewest = 1 if entry.scene in ("flight", "pendulum") else len(reference.coordinates)
     if len(names) < fewest or "id" not in table.column_names:
-        raise OptionError(f"{path} needs the columns id and {', '.join(COORDINATE_COLUMNS[entry.scene])}")
+        raise OptionError(f"{path} needs the columns id and {', '.join(reference.coordinates)}")
+    reference = replace(reference, coordinates=names)
     inputs = find_input_columns(entry.scene, names, table.column_names, path)
     columns = {name: _parse_numbers(table, name, path) for name in table.column_names if name in _NUMERIC_COLUMNS}
     ids = np.array([str(value) for value in table.column("id").to_pylist()])
-    recordings = _split_recordings(entry, columns, ids, names, inputs, path)
-    if not recordings:
-        raise OptionError(f"{path} has no positions")
-    notes = find_positions_off_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
-    return TrackFolder(entry, recordings, names, inputs, notes)
+    return _split_recordings(entry, columns, ids, reference, inputs, path), inputs
 
 
 _NUMERIC_COLUMNS = {
@@ -239,7 +254,7 @@ def _split_recordings(
     entry: SceneEntry,
     columns: dict[str, FloatArray],
     ids: NDArray[np.str_],
-    names: tuple[str, ...],
+    reference: ReferenceFrame,
     inputs: tuple[str, ...],
     path: Path,
 ) -> tuple[Recording, ...]:
@@ -248,53 +263,38 @@ def _split_recordings(
         raise OptionError(f"{path} needs the column frame, and t, or fps in scene.json")
     t = columns["t"] if "t" in columns else columns["frame"] / (entry.fps or 1.0)
     shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
-    numbers = np.abs([*(columns[name] for name in names), columns["frame"], t, shot])
+    numbers = np.abs([*(columns[name] for name in reference.coordinates), columns["frame"], t, shot])
     is_usable = (numbers < _MAX_NUMBER).all(axis=0) & (columns.get("observed", np.ones(count)) > 0)
     metres = 1 / entry.px_per_m if entry.units == "px" and entry.px_per_m else 1.0
     if entry.units == "px" and not entry.px_per_m:
         raise OptionError(f"{path}: positions in px need px_per_m in scene.json")
-    places = np.stack([columns[name] for name in names], axis=1) * metres
+    places = np.stack([columns[name] for name in reference.coordinates], axis=1) * metres
     stated = columns.get("sigma", np.full(count, np.nan)) * metres
     is_stated = (stated > 1 / _MAX_NUMBER) & (stated < _MAX_NUMBER)
     sigma = np.where(is_stated, stated, _default_noise(entry))
     recordings = []
-    for number in np.unique(shot):
+    for number in np.unique(shot[is_usable]).tolist():
         here = np.flatnonzero(is_usable & (shot == number))
-        if len(here):
-            one = _build_recording(
-                int(number), columns["frame"][here], t[here], ids[here], places[here], sigma[here], path
-            )
-            one = replace(one, is_sigma_stated=bool(is_stated[here].all()))
-            if inputs:
-                # also rows without a position
-                rows = np.flatnonzero(shot == number)
-                samples = {name: columns[name][rows] for name in inputs}
-                given = build_inputs(
-                    entry.scene, samples, t[rows], ids[rows], one.bodies, one.t, metres, f"{path}, shot {number:g}"
-                )
-                one = replace(one, inputs=given)
-            recordings.append(one)
+        frames, first, row = np.unique(columns["frame"][here].astype(np.int64), return_index=True, return_inverse=True)
+        names, body = np.unique(ids[here], return_inverse=True)
+        bodies, times = tuple(str(name) for name in names), t[here][first]
+        if np.any(np.diff(times) <= 0):
+            raise OptionError(f"{path}: t must increase with frame; in shot {number:g} it does not")
+        positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
+        error = np.full(positions.shape[:2], np.nan)
+        # Of several rows of a body in a frame, the first counts.
+        positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[here[::-1]], sigma[here[::-1]]
+        given = None
+        if inputs:
+            # also rows without a position
+            rows = np.flatnonzero(shot == number)
+            samples, place = {name: columns[name][rows] for name in inputs}, f"{path}, shot {number:g}"
+            given = build_inputs(entry.scene, samples, t[rows], ids[rows], bodies, times, metres, place)
+        is_all_stated = bool(is_stated[here].all())
+        recordings.append(
+            Recording(int(number), frames, times, bodies, positions, error, reference, is_all_stated, given)
+        )
     return tuple(recordings)
-
-
-def _build_recording(
-    shot: int,
-    frame: FloatArray,
-    t: FloatArray,
-    ids: NDArray[np.str_],
-    places: FloatArray,
-    sigma: FloatArray,
-    path: Path,
-) -> Recording:
-    frames, first, row = np.unique(frame.astype(np.int64), return_index=True, return_inverse=True)
-    bodies, body = np.unique(ids, return_inverse=True)
-    if np.any(np.diff(t[first]) <= 0):
-        raise OptionError(f"{path}: t must increase with frame; in shot {shot} it does not")
-    positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
-    error = np.full((len(frames), len(bodies)), float(np.median(sigma)))
-    # Of several rows of a body in a frame, the first counts.
-    positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[::-1], sigma[::-1]
-    return Recording(shot, frames, t[first], tuple(str(name) for name in bodies), positions, error)
 
 
 def _default_noise(entry: SceneEntry) -> float:

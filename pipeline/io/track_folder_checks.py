@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from pipeline.reporting.text.text_formatting import escape_text
 
 TRACKS_FILE, SCENE_FILE = "tracks.csv", "scene.json"

@@ -63,7 +63,7 @@ def billiards_table(scene: GapScene) -> Table | None:
 
 
 def _build_scene(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
-    count = len(folder.coordinates)
+    count = len(folder.reference.coordinates)
     if folder.entry.scene == "slide":
         return _build_slide(folder, assumed)
     if folder.entry.scene == "flight":

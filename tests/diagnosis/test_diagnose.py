@@ -12,7 +12,8 @@ from support.pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 from diagnosis.diagnose import diagnose
 from diagnosis.selection.hypotheses import SearchOutlook
 from diagnosis.verdicts.verdict import DiagnosisReport
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 
 FRICTION = {"friction.mu": 0.02}
 SHORT = Filming(shots=8, fps=30)
@@ -143,7 +144,9 @@ def test_bodies_that_lie_still_never_seem_to_move() -> None:
     for shot in range(4):
         places = rng.uniform(0.1, 0.9, (15, 2)) + 1e-3 * rng.standard_normal((rows, 15, 2))
         names = tuple(str(number) for number in range(15))
-        one = Recording(shot, np.arange(rows), np.arange(rows) / 60, names, places, np.full((rows, 15), 1e-3))
+        one = Recording(
+            shot, np.arange(rows), np.arange(rows) / 60, names, places, np.full((rows, 15), 1e-3), TABLE_PLANE
+        )
         assert "nothing moves" in diagnose(Pucks(), (one,)).film_next
 
 

@@ -12,9 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from support.reference_frames import PLANE
 
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.effect import EffectKind, Prior
 
@@ -108,7 +110,6 @@ class Pucks:
     effects: tuple[Effect, ...] = CATALOGUE
     simulator_effects: tuple[str, ...] = ("friction",)
     name: str = "pucks"
-    unit: str = "m"
     alternatives: tuple[Alternatives, ...] = ()
     gauges: tuple[str, ...] = ("frame_rate",)
     not_tested: tuple[str, ...] = ()
@@ -235,7 +236,7 @@ def _shot(rng: np.random.Generator, shot: int, truth: dict, filming: Filming, ex
     places[far] += 20 * filming.sigma * rng.standard_normal((int(far.sum()), 2))
     places[rng.random(places.shape[:2]) < filming.missing] = np.nan
     names = tuple(f"puck-{k}" for k in range(filming.bodies))
-    return Recording(shot, np.arange(len(t)), t, names, places, np.ones(places.shape[:2]))
+    return Recording(shot, np.arange(len(t)), t, names, places, np.ones(places.shape[:2]), PLANE)
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> FloatArray:

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.recording import Recording
 from models.core.scene import Table
-from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.gap_scenes.time_jumps import find_time_jumps
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_segments import ShotSegment
@@ -68,7 +68,6 @@ class BilliardsScene:
     """Shot, time (s) from which on frames appear to be missing, and frame interval (s)."""
     effects: tuple[Effect, ...] = BILLIARDS_EFFECTS
     name: str = "billiards"
-    unit: str = "m"
     gauges: tuple[str, ...] = ("frame_rate", "time_offset", "parallax_shift")
     not_tested: tuple[str, ...] = ()
     _segment_cache: dict[tuple[int, bool], tuple[Recording, ShotSegment]] = field(
@@ -187,9 +186,9 @@ def build_billiards_scene(
         The scene. Dropped frames are only offered as an effect where a shot shows a time jump.
     """
     around = ImageGeometry(np.array([table.length, table.width]) / 2, table.width, 350.0)
-    jumps = tuple(jump for recording in recordings for jump in _find_jumps(recording, table))
+    jumps = tuple(jump for recording in recordings for jump in _find_jumps(recording))
     if jumps:  # a camera that drops frames also drops them near contacts
-        jumps = tuple(jump for recording in recordings for jump in _find_jumps(recording, table, expected=True))
+        jumps = tuple(jump for recording in recordings for jump in _find_jumps(recording, expected=True))
     geometry = around if image is None else image
     # without a time jump no frame can be missing: dropped frames are then refuted, not untested
     offered = tuple(
@@ -234,20 +233,10 @@ def _follow_directly(one: Recording, other: Recording) -> bool:
     return one.shot == other.shot and 0 < other.t[0] - one.t[-1] < 1.5 * step
 
 
-def _find_jumps(recording: Recording, table: Table, expected: bool = False) -> list[tuple[int, float, float]]:
+def _find_jumps(recording: Recording, expected: bool = False) -> list[tuple[int, float, float]]:
     """Find missing frames: shot, time of the first frame after them, and frame interval."""
     if len(recording.t) < 2:
         return []
     interval = float(np.median(np.diff(recording.t)))
-    jumps = find_time_jumps(_to_tracks(recording, table), interval, expected=expected)
+    jumps = find_time_jumps(recording, interval, expected=expected)
     return [(recording.shot, float(recording.t[jump.after + 1]), interval) for jump in jumps[:1]]
-
-
-def _to_tracks(recording: Recording, table: Table) -> Tracks:
-    """Convert a recording into tracks of sharp balls."""
-    sigma = np.where(recording.is_observed, recording.sigma, np.nan)
-    count = len(recording.bodies)
-    return Tracks(
-        recording.frame, recording.t, recording.bodies, ("ball",) * count, recording.positions, recording.positions,
-        sigma, sigma, np.zeros_like(recording.positions), np.full(sigma.shape, table.ball_radius), np.zeros((count, 3)),
-    )  # fmt: skip

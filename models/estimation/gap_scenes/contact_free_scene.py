@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, Recording
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.gap_scenes.motion_integrator import MAX_STEP, Integrator, RealOrComplexArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Effect, EffectKind, Prior
@@ -57,7 +58,6 @@ class ContactFreeScene:
     """A scene of bodies that do not touch each other."""
 
     name: str
-    unit: str
     phase: str
     effects: tuple[Effect, ...]
     simulator_effects: tuple[str, ...]

@@ -122,7 +122,6 @@ def build_flight_scene(
     march = build_integrator(build_flight_acceleration(coordinates, gravity, has_spin_axis), True)
     return ContactFreeScene(
         "flight",
-        "m",
         "flight",
         flight_effects(coordinates),
         simulator_effects,

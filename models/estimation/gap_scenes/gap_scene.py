@@ -1,4 +1,4 @@
-"""Interface between the diagnosis of the sim-to-real gap and a scene: recordings, effects, and models of windows.
+"""Interface between the diagnosis of the sim-to-real gap and a scene: effects and models of windows.
 
 The diagnosis knows no scene and no effect. A scene offers a catalogue of effects, including those that the user's
 simulator has, and a model whose shared unknowns are the parameters of *all* of them. An absent effect has its neutral
@@ -8,67 +8,15 @@ parameter values; the derivative by its parameters there is its signature, from 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from models.core.typing import BoolArray, FloatArray, IntArray
+from models.core.recording import Recording
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.physics.effect import Effect
-
-
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """Observations of one shot, or of a part of it: T rows in time, N bodies, D coordinates."""
-
-    shot: int
-    """Index of the shot."""
-    frame: IntArray
-    """(T,) frame numbers, increasing."""
-    t: FloatArray
-    """(T,) s, increasing."""
-    bodies: tuple[str, ...]
-    """N names, the same in every part of a shot."""
-    positions: FloatArray
-    """(T, N, D) in the unit of the scene; NaN in all coordinates where a body was not observed."""
-    sigma: FloatArray
-    """(T, N) standard deviation of each coordinate."""
-    is_sigma_stated: bool = True
-    """Whether the standard deviations were stated with the recording; otherwise they are a usual value."""
-    inputs: FloatArray | None = None
-    """(T, N, I, 2) value and rate (per s) of the known inputs of each body, in the order of the scene; cubics between
-    rows. None: all are 0."""
-
-    def __post_init__(self) -> None:
-        rows, bodies = self.positions.shape[:2]
-        if self.t.shape != (rows,) or self.frame.shape != (rows,) or self.sigma.shape != (rows, bodies):
-            raise ValueError("a recording needs one time and frame per row, and one sigma per row and body")
-        if self.inputs is not None and (self.inputs.shape[:2] != (rows, bodies) or self.inputs.shape[3:] != (2,)):
-            raise ValueError("inputs need a value and a rate per row and body")
-        if len(self.bodies) != bodies or np.any(np.diff(self.t) <= 0):
-            raise ValueError("a recording needs one name per body, and increasing times")
-
-    @property
-    def is_observed(self) -> BoolArray:
-        """(T, N) whether a body was observed."""
-        return np.asarray(np.isfinite(self.positions).all(axis=2))
-
-    def select_rows(self, first: int, last: int) -> Recording:
-        """Select the rows from `first` up to, but excluding, `last`."""
-        part = slice(first, last)
-        return replace(
-            self, frame=self.frame[part], t=self.t[part], positions=self.positions[part], sigma=self.sigma[part],
-            inputs=None if self.inputs is None else self.inputs[part],
-        )  # fmt: skip
-
-    def select_body(self, body: int) -> Recording:
-        """Select one body, with the inputs that act on it."""
-        part = slice(body, body + 1)
-        return replace(
-            self, bodies=self.bodies[part], positions=self.positions[:, part], sigma=self.sigma[:, part],
-            inputs=None if self.inputs is None else self.inputs[:, part],
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +61,6 @@ class GapScene(Protocol):
     @property
     def name(self) -> str:
         """One of billiards, flight, pendulum, slide."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """Unit of a coordinate: m or rad."""
         ...
 
     @property

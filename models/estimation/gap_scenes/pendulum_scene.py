@@ -130,7 +130,6 @@ def build_pendulum_scene(angles: int, simulator_effects: tuple[str, ...] = ()) -
     present = ("rods", *(name for name in simulator_effects if name != "rods"))
     return ContactFreeScene(
         "pendulum",
-        "rad",
         "swing",
         pendulum_effects(angles),
         present,

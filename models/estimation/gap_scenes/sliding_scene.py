@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
@@ -141,7 +141,6 @@ def build_sliding_scene(
         untested += tuple(f"{one.name}: no walls are stated" for one in WALL_EFFECTS)
     return ContactFreeScene(
         "slide",
-        "m",
         "slide",
         (*SLIDING_EFFECTS, *offered, LOCAL_PATCH, build_brake_probe("m", "slide")),
         simulator_effects,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.tracks import Tracks
+from models.core.recording import Recording
 from models.core.typing import FloatArray
 
 _FRAMES_PER_SIDE = 6
@@ -33,22 +33,19 @@ class TimeJump:
     """Frames lost after one frame."""
 
     after: int
-    """Row of `Tracks` after which they are missing."""
+    """Row of the recording after which they are missing."""
     lost_frames: int
     """Number of missing frames."""
     gain: float
     """Decrease of chi2 by the pause."""
 
 
-def find_time_jumps(
-    tracks: Tracks, interval: float, scale: float = 1.0, expected: bool = False
-) -> tuple[TimeJump, ...]:
+def find_time_jumps(recording: Recording, interval: float, expected: bool = False) -> tuple[TimeJump, ...]:
     """Find lost frames, in the order of time.
 
     Args:
-        tracks: Tracks of a recording.
+        recording: Recording of a shot.
         interval: s between frames.
-        scale: Factor on the standard deviations of the tracks.
         expected: Whether other recordings of the same camera lack frames. Contacts nearby are then no evidence against
             them: a ball is fitted over fewer frames, or ignored where no pause explains it.
 
@@ -56,14 +53,14 @@ def find_time_jumps(
         One jump per place of lost frames.
     """
     jumps: list[TimeJump] = []
-    times = tracks.t
-    for _ in range(len(tracks.t)):
-        best = max((_find_jump_after(tracks, times, row, interval, scale, expected) for row in range(len(times) - 1)),
-                   key=lambda jump: jump.gain, default=None)  # fmt: skip
+    times = recording.t
+    for _ in range(len(recording.t)):
+        candidates = (_find_jump_after(recording, times, row, interval, expected) for row in range(len(times) - 1))
+        best = max(candidates, key=lambda jump: jump.gain, default=None)
         if best is None or best.gain < _MIN_CHI2_GAIN or any(best.after == earlier.after for earlier in jumps):
             break
         jumps.append(best)
-        times = add_pauses(tracks.t, tuple(jumps), interval)
+        times = add_pauses(recording.t, tuple(jumps), interval)
     return tuple(sorted(jumps, key=lambda jump: jump.after))
 
 
@@ -84,20 +81,19 @@ def add_pauses(t: FloatArray, jumps: tuple[TimeJump, ...], interval: float) -> F
     return taken
 
 
-def _find_jump_after(
-    tracks: Tracks, times: FloatArray, row: int, interval: float, scale: float, expected: bool
-) -> TimeJump:
+def _find_jump_after(recording: Recording, times: FloatArray, row: int, interval: float, expected: bool) -> TimeJump:
     """Find the pause after `row` that all moving balls together support best; its gain is 0 where there is none."""
     rows = np.arange(max(row - _FRAMES_PER_SIDE + 1, 0), min(row + _FRAMES_PER_SIDE + 1, len(times)))
     if row - rows[0] + 1 < _FRAMES_PER_SIDE - 1 or rows[-1] - row < _FRAMES_PER_SIDE - 1:
         return TimeJump(row, 0, 0.0)
     chi2, free = np.zeros(_MAX_LOST_FRAMES + 1), 0
-    for ball in range(len(tracks.ids)):
-        observed_rows = rows[tracks.is_observed[rows, ball]]
+    for ball, is_observed in enumerate(recording.is_observed[rows].T):
+        observed_rows = rows[is_observed]
         before = int((observed_rows <= row).sum())
         if min(before, len(observed_rows) - before) < _MIN_FRAMES_PER_SIDE:
             continue
-        t, xy, sigma = times[observed_rows], tracks.xy[observed_rows, ball], scale * tracks.sigma[observed_rows, ball]
+        t, xy = times[observed_rows], recording.positions[observed_rows, ball]
+        sigma = recording.sigma[observed_rows, ball]
         for part in _list_row_ranges(before, len(observed_rows)) if expected else (slice(0, len(observed_rows)),):
             own_before, own_free = before - part.start, 2 * (part.stop - part.start) - 6
             if not _keeps_velocity(t[part], xy[part], own_before):

@@ -7,14 +7,16 @@ positions between samples. It belongs to twice the spacing of the samples, so th
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import group_rigid_points
+from models.estimation.rigid_bodies.body_clusters import group_rigid_points, has_fixed_distances
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.spline_methods import fit_akima, fit_spline
@@ -30,30 +32,6 @@ MAX_SPRING_PARTICLES = 6
 MIN_CORNERS = 3
 """Points that make a rigid body."""
 MAX_BODIES = 200
-
-
-@dataclass(frozen=True, slots=True)
-class Particles:
-    """N particles at T times in D axes; NaN where one was not observed."""
-
-    t: FloatArray
-    """(T,) s, increasing."""
-    x: FloatArray
-    """(T, N, D)"""
-    body: IntArray | None = None
-    """(N,) rigid body of each particle, where it is known."""
-
-    def __post_init__(self) -> None:
-        if self.x.ndim != 3 or len(self.t) != len(self.x) or np.any(np.diff(self.t) <= 0):
-            raise ValueError(f"particles are (T, N, D) at growing t (T,); got {self.x.shape} at {self.t.shape}")
-        least = int(self.is_observed.sum(axis=0).min(initial=MIN_SAMPLES))
-        if least < MIN_SAMPLES or not self.x.size:
-            raise ValueError(f"every particle must be seen at least {MIN_SAMPLES} times; one is seen {least} times")
-
-    @property
-    def is_observed(self) -> NDArray[np.bool_]:
-        """(T, N) whether a particle was observed."""
-        return np.asarray(np.isfinite(self.x).all(axis=2), np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +51,10 @@ class ParticleMotion:
     """Sentences: which properties such coordinates cannot identify."""
 
 
-ParticleFit = Callable[[Particles], tuple[Motion, dict[str, float]]]
+ParticleFit = Callable[[Recording], tuple[Motion, dict[str, float]]]
 
 
-def fit_particles(particles: Particles) -> ParticleMotion:
+def fit_particles(particles: Recording) -> ParticleMotion:
     """Fit the model of least error to the coordinates of particles.
 
     Args:
@@ -88,22 +66,23 @@ def fit_particles(particles: Particles) -> ParticleMotion:
     springs = fit_spring_motion(particles)
     if springs is not None:
         return springs
-    errors = {name: estimate_holdout_errors(particles, fit) for name, fit in list_candidate_fits(particles).items()}
+    fits = list_candidate_fits(particles)
+    errors = {name: estimate_holdout_errors(particles, fit) for name, fit in fits.items()}
     kind = min(errors, key=lambda name: float(np.mean(errors[name] ** 2)))
-    motion, numbers = list_candidate_fits(particles)[kind](particles)
+    motion, numbers = fits[kind](particles)
     return ParticleMotion(kind, motion, errors[kind], numbers)
 
 
-def fit_spring_motion(particles: Particles) -> ParticleMotion | None:
+def fit_spring_motion(particles: Recording) -> ParticleMotion | None:
     """Fit springs, rods, collisions and gravity; None where they do not explain the observations."""
-    count = particles.x.shape[1]
+    count = len(particles.bodies)
     if (
         count > MAX_SPRING_PARTICLES
         or int(particles.is_observed.sum(axis=0).min()) < MIN_SAMPLES_FOR_PHYSICS
-        or _has_coincident_particles(particles.x)
+        or _has_coincident_particles(particles.positions)
     ):
         return None
-    latent = infer_springs(particles.t, particles.x)
+    latent = infer_springs(particles)
     if not latent.is_accepted:
         return None
     numbers, errors = (dict(zip(latent.names, each.tolist(), strict=True)) for each in (latent.values, latent.sigma))
@@ -120,28 +99,55 @@ def _has_coincident_particles(x: FloatArray) -> bool:
     return bool(np.any(np.triu(apart == 0, 1)))
 
 
-def list_candidate_fits(particles: Particles) -> dict[str, ParticleFit]:
+def list_candidate_fits(particles: Recording) -> dict[str, ParticleFit]:
     """List the candidate fits: curves, and rigid bodies where several points belong to one."""
     fits: dict[str, ParticleFit] = {
         "linear": build_spline_fit(1),
         "cubic": build_spline_fit(3),
         "akima": build_spline_fit(None),
     }
-    if particles.x.shape[2] == 2 and len(particles.t) >= MIN_SAMPLES_FOR_PHYSICS and particles.is_observed.all():
-        labels = group_rigid_points(particles.x) if particles.body is None else particles.body
+    is_flat = particles.positions.shape[2] == 2
+    if is_flat and len(particles.t) >= MIN_SAMPLES_FOR_PHYSICS and particles.is_observed.all():
+        named = group_by_name(particles.bodies, particles.positions)
+        labels = group_rigid_points(particles.positions) if named is None else named
         sizes = np.bincount(labels)
         if sizes.max() >= MIN_CORNERS and 1 < len(sizes) <= MAX_BODIES:
             fits["rigid bodies"] = lambda some: fit_rigid_motion(some, labels)
     return fits
 
 
+def group_by_name(ids: tuple[str, ...], x: FloatArray) -> IntArray | None:
+    """Group points into rigid bodies by their names.
+
+    Points belong together if their names agree up to the last - . or _ (box1-a, box1-b, box1-c), and their distances
+    are constant. A single point is a body of its own.
+
+    Args:
+        ids: N names.
+        x: (T, N, D) coordinates, NaN where a point was not observed.
+
+    Returns:
+        (N,) body of each point; None where no name assigns points to a common body.
+    """
+    stems = [re.split(r"[-._](?=[^-._]*$)", name)[0] for name in ids]
+    counts = Counter(stems)
+    labels = np.arange(len(ids))
+    has_group = False
+    for stem, count in counts.items():
+        mine = np.array([one == stem for one in stems])
+        if count >= MIN_CORNERS and has_fixed_distances(x[:, mine]):
+            labels[mine] = labels[mine][0]
+            has_group = True
+    return np.asarray(np.unique(labels, return_inverse=True)[1], np.int64) if has_group else None
+
+
 def build_spline_fit(degree: int | None) -> ParticleFit:
     """Build the fit of a spline of a degree to each particle; of Akima's spline without a degree."""
 
-    def fit(particles: Particles) -> tuple[Motion, dict[str, float]]:
+    def fit(particles: Recording) -> tuple[Motion, dict[str, float]]:
         curves = [
-            fit_spline(particles.t[there], particles.x[there, k], degree) if degree else
-            fit_akima(particles.t[there], particles.x[there, k])
+            fit_spline(particles.t[there], particles.positions[there, k], degree) if degree else
+            fit_akima(particles.t[there], particles.positions[there, k])
             for k, there in enumerate(particles.is_observed.T)
         ]  # fmt: skip
         return lambda t: np.stack([curve(t) for curve in curves], axis=1), {}
@@ -149,21 +155,21 @@ def build_spline_fit(degree: int | None) -> ParticleFit:
     return fit
 
 
-def fit_rigid_motion(particles: Particles, labels: IntArray) -> tuple[Motion, dict[str, float]]:
+def fit_rigid_motion(particles: Recording, labels: IntArray) -> tuple[Motion, dict[str, float]]:
     """Fit rigid bodies that collide."""
-    motion = fit_rigid_bodies(particles.t, particles.x, labels)
+    motion = fit_rigid_bodies(particles.t, particles.positions, labels)
     world = motion.world
     numbers = {"friction": world.friction, "restitution": world.restitution, "drag": world.drag,
                "gravity x": float(world.gravity[0]), "gravity y": float(world.gravity[1])}  # fmt: skip
     return motion.positions_at, numbers
 
 
-def estimate_holdout_errors(particles: Particles, fit: ParticleFit) -> FloatArray:
+def estimate_holdout_errors(particles: Recording, fit: ParticleFit) -> FloatArray:
     """Measure the RMS error (N,) of a fit on every other sample, withheld from it; infinite with too few samples."""
     rows = np.arange(len(particles.t)) % 2 == 0
     hidden, is_observed = ~rows & (particles.t < particles.t[rows][-1]), particles.is_observed
     if int(is_observed[rows].sum(axis=0).min()) < MIN_SAMPLES or not is_observed[hidden].any(axis=0).all():
-        return np.full(particles.x.shape[1], np.inf)
-    motion, _ = fit(Particles(particles.t[rows], particles.x[rows], particles.body))
-    off = motion(particles.t[hidden]) - particles.x[hidden]
+        return np.full(len(particles.bodies), np.inf)
+    motion, _ = fit(particles.select_rows(0, len(rows), 2))
+    off = motion(particles.t[hidden]) - particles.positions[hidden]
     return np.asarray(np.sqrt(np.nanmean(off**2, axis=(0, 2))), np.float64)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import (
     Motion,
     ParticleFit,
     ParticleMotion,
-    Particles,
     fit_spring_motion,
     list_candidate_fits,
 )
@@ -60,7 +60,7 @@ class ErrorGrowth:
         return np.asarray(np.hypot(self.floor, self.scale * lead**self.power), np.float64)
 
 
-def forecast_particles(particles: Particles, t: FloatArray) -> ParticlePrediction:
+def forecast_particles(particles: Recording, t: FloatArray) -> ParticlePrediction:
     """Predict the positions of particles after their last sample.
 
     Args:
@@ -95,7 +95,7 @@ def forecast_particles(particles: Particles, t: FloatArray) -> ParticlePredictio
     )
 
 
-def _refit_springs(particles: Particles) -> tuple[Motion, dict[str, float]]:
+def _refit_springs(particles: Recording) -> tuple[Motion, dict[str, float]]:
     """Fit springs to fewer samples; extrapolate straight on where they are not accepted."""
     springs: ParticleMotion | None = fit_spring_motion(particles)
     return build_extrapolation(1)(particles) if springs is None else (springs.motion, springs.parameters)
@@ -107,12 +107,12 @@ def build_extrapolation(degree: int) -> ParticleFit:
     A line is fitted to half as many samples as a parabola.
     """
 
-    def fit(past: Particles) -> tuple[Motion, dict[str, float]]:
+    def fit(past: Recording) -> tuple[Motion, dict[str, float]]:
         curves: list[Callable[[FloatArray], FloatArray]] = []
         for k, there in enumerate(past.is_observed.T):
             recent = np.flatnonzero(there)[-(EXTRAPOLATION_SAMPLES * degree // 2) :]
             last = past.t[recent[-1]]
-            curves.append(_build_polynomial(np.polyfit(past.t[recent] - last, past.x[recent, k], degree), last))
+            curves.append(_build_polynomial(np.polyfit(past.t[recent] - last, past.positions[recent, k], degree), last))
         return lambda t: np.stack([curve(t) for curve in curves], axis=1), {}
 
     return fit
@@ -128,7 +128,7 @@ def _build_polynomial(coefficients: FloatArray, begin: float) -> Callable[[Float
     return curve
 
 
-def measure_backtest_errors(particles: Particles, fit: ParticleFit) -> tuple[FloatArray, FloatArray]:
+def measure_backtest_errors(particles: Recording, fit: ParticleFit) -> tuple[FloatArray, FloatArray]:
     """Measure the errors of predictions from `BACKTEST_SHARES` of the past.
 
     Args:
@@ -143,16 +143,16 @@ def measure_backtest_errors(particles: Particles, fit: ParticleFit) -> tuple[Flo
         last = round(share * (len(particles.t) - 1))
         if int(particles.is_observed[: last + 1].sum(axis=0).min()) < EXTRAPOLATION_SAMPLES:
             continue
-        motion, _ = fit(Particles(particles.t[: last + 1], particles.x[: last + 1], particles.body))
+        motion, _ = fit(particles.select_rows(0, last + 1))
         later = slice(last + 1, None)
-        off = motion(particles.t[later]) - particles.x[later]
+        off = motion(particles.t[later]) - particles.positions[later]
         there = np.isfinite(off).any(axis=(1, 2))
         leads.append((particles.t[later] - particles.t[last])[there])
         errors.append(np.sqrt(np.nanmean(off[there] ** 2, axis=(1, 2))))
     return (np.concatenate(leads), np.concatenate(errors)) if leads else (np.empty(0), np.empty(0))
 
 
-def fit_error_growth(leads: FloatArray, errors: FloatArray, particles: Particles) -> ErrorGrowth:
+def fit_error_growth(leads: FloatArray, errors: FloatArray, particles: Recording) -> ErrorGrowth:
     """Fit a power law to errors (L,) at lead times (L,) s.
 
     With too few errors, the uncertainty is the extent of the motion.
@@ -160,7 +160,7 @@ def fit_error_growth(leads: FloatArray, errors: FloatArray, particles: Particles
     there = (leads > 0) & (errors > 0)
     leads, errors = leads[there], errors[there]
     if len(leads) < MIN_ERRORS:
-        return ErrorGrowth(float(np.nanstd(particles.x)), 0.0, 1.0)
+        return ErrorGrowth(float(np.nanstd(particles.positions)), 0.0, 1.0)
     power = float(np.clip(np.polyfit(np.log(leads), np.log(errors), 1)[0], MIN_GROWTH_POWER, MAX_GROWTH_POWER))
     scale = float(np.sqrt(np.mean((errors / leads**power) ** 2)))
     return ErrorGrowth(float(errors[np.argmin(leads)]), scale, power)

@@ -12,8 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import MIN_RELATIVE_NOISE, CoordinateSeries, measure_scales
+from models.estimation.springs.coordinate_series import MIN_RELATIVE_NOISE, measure_scales
 from models.estimation.springs.fit_quality import find_rejections
 from models.estimation.springs.graph_search import fit_noise
 from models.estimation.springs.spring_fit import SpringFit, fit_graph
@@ -29,7 +30,7 @@ GUESSED_DAMPING_RATIO = 0.02
 """Guessed damping of a contact, relative to critical damping."""
 
 
-def fit_collisions(series: CoordinateSeries, fit: SpringFit, noise: float | None) -> SpringFit:
+def fit_collisions(series: Recording, fit: SpringFit, noise: float | None) -> SpringFit:
     """Fit colliding surfaces.
 
     Return the fit where surfaces explain more than springs between the particles, else the old one.
@@ -45,13 +46,13 @@ def fit_collisions(series: CoordinateSeries, fit: SpringFit, noise: float | None
     return min(fits, key=lambda one: (bool(find_rejections(one, noise is not None)), _comparable_chi2(one)))
 
 
-def find_nearest_jolt(series: CoordinateSeries, graph: SpringSystem) -> float:
+def find_nearest_jolt(series: Recording, graph: SpringSystem) -> float:
     """Find the least distance at which two unconnected particles reversed at a jolt; infinite without one."""
     joined = {frozenset(pair) for pair in graph.pairs.tolist()}
     least = MIN_RELATIVE_NOISE * measure_scales(series).length
     near = [
-        _find_least_at_jolt(series.x[:, i] - series.x[:, j], least)
-        for i, j in combinations(range(series.x.shape[1]), 2)
+        _find_least_at_jolt(series.positions[:, i] - series.positions[:, j], least)
+        for i, j in combinations(range(series.positions.shape[1]), 2)
         if frozenset((i, j)) not in joined and not (graph.fixed[i] and graph.fixed[j])
     ]
     return min(near, default=np.inf)
@@ -73,7 +74,7 @@ def _find_least_at_jolt(between: FloatArray, least: float) -> float:
     return float(np.min(apart[np.array(jolts) + 1])) if jolts else np.inf
 
 
-def _add_surfaces(graph: SpringSystem, near: float, phase: float, series: CoordinateSeries) -> SpringSystem:
+def _add_surfaces(graph: SpringSystem, near: float, phase: float, series: Recording) -> SpringSystem:
     """Give the free particles surfaces that collide at a distance of `near`."""
     rate = phase / measure_scales(series).span
     return replace(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import MIN_RELATIVE_NOISE, CoordinateSeries
+from models.estimation.springs.coordinate_series import MIN_RELATIVE_NOISE
 from models.estimation.springs.spring_fit import SpringFit, position_residuals
 from models.physics.springs.spring_system import SpringSystem, evaluate_acceleration
 
@@ -55,7 +56,7 @@ def residual_unevenness(off: FloatArray) -> float:
     return max(parts) / max(float(np.median(parts)), 1e-300)
 
 
-def estimate_compliance(series: CoordinateSeries, fit: SpringFit) -> tuple[FloatArray, FloatArray]:
+def estimate_compliance(series: Recording, fit: SpringFit) -> tuple[FloatArray, FloatArray]:
     """Estimate the lengthening (R,) of every rod per force on it, and its standard deviation.
 
     Observed lengths are compared with the tension that the fitted motion requires: it is slow with respect to the
@@ -63,7 +64,7 @@ def estimate_compliance(series: CoordinateSeries, fit: SpringFit) -> tuple[Float
     """
     graph = fit.graph
     i, j = graph.pairs[graph.rods].T
-    length = np.linalg.norm(series.x[:, j] - series.x[:, i], axis=2) - graph.rest[graph.rods]
+    length = np.linalg.norm(series.positions[:, j] - series.positions[:, i], axis=2) - graph.rest[graph.rods]
     pull = rod_tensions(graph, fit.states)
     ends = (~graph.fixed[i]).astype(float) + (~graph.fixed[j])
     values, sigmas = np.full(len(i), np.nan), np.full(len(i), np.nan)
@@ -97,7 +98,7 @@ def rod_tensions(graph: SpringSystem, states: FloatArray) -> FloatArray:
     return tensions
 
 
-def compute_stiffness_bound(series: CoordinateSeries, fit: SpringFit) -> FloatArray:
+def compute_stiffness_bound(series: Recording, fit: SpringFit) -> FloatArray:
     """Compute the lower bound (E,) of the stiffness of rods, at two standard deviations; NaN for springs."""
     bounds = np.full(len(fit.graph.pairs), np.nan)
     if len(fit.graph.rods) == 0:

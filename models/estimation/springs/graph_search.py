@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import BoolArray
-from models.estimation.springs.coordinate_series import CoordinateSeries, measure_scales, rank_pairs_by_variation
+from models.estimation.springs.coordinate_series import MIN_SAMPLES, measure_scales, rank_pairs_by_variation
 from models.estimation.springs.fit_quality import estimate_compliance, find_rejections, rod_tensions
 from models.estimation.springs.spring_fit import (
     QUICK,
@@ -57,7 +58,7 @@ MAX_NOISE_ROUNDS = 4
 """Rounds in which the noise is estimated from residuals."""
 
 
-def search_graphs(series: CoordinateSeries, is_fixed: BoolArray, noise: float | None) -> SpringFit:
+def search_graphs(series: Recording, is_fixed: BoolArray, noise: float | None) -> SpringFit:
     """Fit the plausible graphs and return the best fit; its residuals may still exceed the noise."""
     steady, missing = _split_pairs(series, is_fixed, MAX_SPRING_VARIATION)
     rigid = {tuple(_split_pairs(series, is_fixed, change)[0]) for change in ROD_VARIATIONS}
@@ -76,9 +77,10 @@ def search_graphs(series: CoordinateSeries, is_fixed: BoolArray, noise: float | 
     return min((fit, other), key=lambda one: (bool(find_rejections(one, noise is not None)), one.chain.cost))
 
 
-def _fit_best_graph(series: CoordinateSeries, graphs: list[SpringSystem], noise: float | None) -> SpringFit:
+def _fit_best_graph(series: Recording, graphs: list[SpringSystem], noise: float | None) -> SpringFit:
     """Fit all samples with the graphs that explain the first ones best; return the first accepted or the best fit."""
-    few = series.first_samples(TRIAL_SAMPLES) if len(series.t) > TRIAL_SAMPLES else series
+    few = series.select_rows(0, TRIAL_SAMPLES)
+    few = few if few.is_observed.sum(axis=0).min() >= MIN_SAMPLES else series
     fits: list[SpringFit] = []
     for quick_fit in sorted(_fit_first_samples(few, graphs, noise), key=lambda fit: fit.chain.cost)[:MAX_FULL_FITS]:
         fits.append(_prune_pairs(series, _fit_all_samples(series, _prune_pairs(few, quick_fit), noise), THOROUGH))
@@ -89,7 +91,7 @@ def _fit_best_graph(series: CoordinateSeries, graphs: list[SpringSystem], noise:
     return min(fits[::-1], key=lambda fit: (bool(find_rejections(fit, noise is not None)), fit.chain.cost))
 
 
-def _fit_first_samples(few: CoordinateSeries, graphs: list[SpringSystem], noise: float | None) -> list[SpringFit]:
+def _fit_first_samples(few: Recording, graphs: list[SpringSystem], noise: float | None) -> list[SpringFit]:
     """Fit the first samples with one graph after another, until one explains them or two guesses agree."""
     fits: list[SpringFit] = []
     for graph in graphs:
@@ -107,7 +109,7 @@ def _is_same_fit(fit: SpringFit, other: SpringFit) -> bool:
     return bool(springy and abs(fit.chain.cost - other.chain.cost) < SAME_CHI2 * fit.chain.cost)
 
 
-def _prune_pairs(series: CoordinateSeries, fit: SpringFit, effort: SearchEffort = QUICK) -> SpringFit:
+def _prune_pairs(series: Recording, fit: SpringFit, effort: SearchEffort = QUICK) -> SpringFit:
     """Remove the pairs that explain nothing: all of them at once, or else one after another."""
     doubtful = _list_doubtful_pairs(fit)
     together = _drop_pairs_if_worth(series, fit, doubtful, effort) if len(doubtful) > 1 else fit
@@ -118,11 +120,9 @@ def _prune_pairs(series: CoordinateSeries, fit: SpringFit, effort: SearchEffort 
     return fit
 
 
-def _drop_pairs_if_worth(
-    series: CoordinateSeries, fit: SpringFit, pairs: list[list[int]], effort: SearchEffort
-) -> SpringFit:
+def _drop_pairs_if_worth(series: Recording, fit: SpringFit, pairs: list[list[int]], effort: SearchEffort) -> SpringFit:
     """Return the fit without some pairs where they save more parameters than they explain, or else the old one."""
-    worth = float(np.log(series.x.size)) * max(1.0, fit.chain.cost / max(fit.freedom, 1))
+    worth = float(np.log(series.positions.size)) * max(1.0, fit.chain.cost / max(fit.freedom, 1))
     less = fit_graph(
         series, _remove_pairs(fit.graph, pairs), fit.noise, effort, start=fit if effort is THOROUGH else None
     )
@@ -146,14 +146,14 @@ def _list_doubtful_pairs(quick_fit: SpringFit) -> list[list[int]]:
     ]  # fmt: skip
 
 
-def _split_pairs(series: CoordinateSeries, is_fixed: BoolArray, change: float) -> tuple[list[Pair], list[Pair]]:
+def _split_pairs(series: Recording, is_fixed: BoolArray, change: float) -> tuple[list[Pair], list[Pair]]:
     """Split the pairs into those whose distance changes by less than `change`, and the others, by increasing change."""
     pairs, _, vary = rank_pairs_by_variation(series)
     free = [k for k, (i, j) in enumerate(pairs) if not (is_fixed[i] and is_fixed[j])]
     return sorted(pairs[k] for k in free if vary[k] < change), [pairs[k] for k in free if vary[k] >= change]
 
 
-def _fit_all_samples(series: CoordinateSeries, quick_fit: SpringFit, noise: float | None) -> SpringFit:
+def _fit_all_samples(series: Recording, quick_fit: SpringFit, noise: float | None) -> SpringFit:
     """Fit all samples, starting from a quick fit."""
     return fit_noise(fit_graph(series, quick_fit.graph, noise, start=quick_fit), noise)
 
@@ -176,7 +176,7 @@ def _rescale_noise(fit: SpringFit, ratio: float) -> SpringFit:
     return tighten_links(replace(fit, observed=weights, noise=fit.noise * ratio), fit.model.constraint_sigma)
 
 
-def _replace_stretching_rods(series: CoordinateSeries, rigid: SpringFit, noise: float | None) -> SpringFit:
+def _replace_stretching_rods(series: Recording, rigid: SpringFit, noise: float | None) -> SpringFit:
     """Replace rods whose length measurably changes by springs, and refit; return the old fit without any.
 
     Springs that oscillate often between two samples cannot be found in another way: their slow motion is observed,
@@ -194,23 +194,23 @@ def _replace_stretching_rods(series: CoordinateSeries, rigid: SpringFit, noise: 
     return fit_noise(tighten_links(fit_graph(series, graph, noise, UNFITTED, start=rigid), left, REFINEMENT), noise)
 
 
-def _guess_graph(series: CoordinateSeries, is_fixed: BoolArray, pairs: list[Pair], phase: float) -> SpringSystem:
+def _guess_graph(series: Recording, is_fixed: BoolArray, pairs: list[Pair], phase: float) -> SpringSystem:
     """Build an initial graph: `phase` rad between two samples, rest lengths as observed."""
     every, distance, _ = rank_pairs_by_variation(series)
     far = dict(zip(every, distance.tolist(), strict=True))
-    count, axes = series.x.shape[1:]
+    count, axes = series.positions.shape[1:]
     return build_springs(
         np.ones(count), pairs, (phase / measure_scales(series).span) ** 2, _guess_damping(phase, series),
         np.array([far[pair] for pair in pairs]), np.zeros(axes), tuple(np.flatnonzero(is_fixed).tolist()),
     )  # fmt: skip
 
 
-def _guess_damping(phase: float, series: CoordinateSeries) -> float:
+def _guess_damping(phase: float, series: Recording) -> float:
     """Guess the damping of a spring that loses little energy per oscillation; of a rod, none."""
     return 0.02 * phase / measure_scales(series).span if np.isfinite(phase) else 0.0
 
 
-def _change_stiffness(graph: SpringSystem, edge: int, phase: float, series: CoordinateSeries) -> SpringSystem:
+def _change_stiffness(graph: SpringSystem, edge: int, phase: float, series: Recording) -> SpringSystem:
     """Replace the stiffness of one pair."""
     here = np.arange(len(graph.pairs)) == edge
     return replace(

@@ -12,13 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import fit_collisions
-from models.estimation.springs.coordinate_series import (
-    CoordinateSeries,
-    estimate_coordinate_noise,
-    find_fixed_particles,
-)
+from models.estimation.springs.coordinate_series import MIN_SAMPLES, estimate_coordinate_noise, find_fixed_particles
 from models.estimation.springs.fit_quality import compute_stiffness_bound, find_rejections
 from models.estimation.springs.graph_search import search_graphs
 from models.estimation.springs.identifiability import estimate_overlap, format_not_identifiable
@@ -74,13 +71,11 @@ class LatentSprings:
         return states
 
 
-def infer_springs(t: FloatArray, x: FloatArray, sigma: float | None = None) -> LatentSprings:
+def infer_springs(series: Recording) -> LatentSprings:
     """Infer the springs behind coordinates.
 
     Args:
-        t: (T,) s, increasing.
-        x: (T, N, D) coordinates, NaN where a particle was not observed.
-        sigma: Standard deviation of a coordinate; without it, fixed particles or the residuals of the fit determine it.
+        series: Observed particles; without sigmas, fixed particles or the residuals of the fit determine the noise.
 
     Returns:
         The springs; where the fit fails, with the reasons of its rejection.
@@ -88,7 +83,7 @@ def infer_springs(t: FloatArray, x: FloatArray, sigma: float | None = None) -> L
     Raises:
         ValueError: There are too few samples.
     """
-    series = CoordinateSeries(np.asarray(t, np.float64), np.asarray(x, np.float64), sigma)
+    series.require_samples(MIN_SAMPLES)
     is_fixed = find_fixed_particles(series)
     coordinate_noise = estimate_coordinate_noise(series, is_fixed)
     fit = search_graphs(series, is_fixed, coordinate_noise)
@@ -100,7 +95,7 @@ def infer_springs(t: FloatArray, x: FloatArray, sigma: float | None = None) -> L
 
 
 def _summarize_fit(
-    series: CoordinateSeries, fit: SpringFit, simplifications: tuple[str, ...], rejections: tuple[str, ...]
+    series: Recording, fit: SpringFit, simplifications: tuple[str, ...], rejections: tuple[str, ...]
 ) -> LatentSprings:
     layout = fit.model.layout
     names, values = layout.names, layout.values(fit.chain.shared)

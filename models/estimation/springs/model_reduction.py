@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import CoordinateSeries
 from models.estimation.springs.dense_shooting import build_normal_equations, state_covariance
 from models.estimation.springs.spring_fit import (
     SearchEffort,
@@ -47,7 +47,7 @@ class Simplification:
     """Number of parameters that it removes."""
 
 
-def simplify_fit(series: CoordinateSeries, fit: SpringFit) -> tuple[SpringFit, tuple[str, ...]]:
+def simplify_fit(series: Recording, fit: SpringFit) -> tuple[SpringFit, tuple[str, ...]]:
     """Refit with all simplifications that pay off; return the fit and their names."""
     worth = float(np.log((fit.observed.weight > 0).sum()))
     adopted = [one for one in list_simplifications(fit) if one.chi2_increase < worth * one.parameters_saved]
@@ -113,7 +113,7 @@ def _wald_statistic(off: FloatArray, spread: FloatArray) -> tuple[float, int]:
     return float((((off / scale) @ vectors[:, free]) ** 2 / values[free]).sum()), int(free.sum())
 
 
-def _refit_simplified(series: CoordinateSeries, fit: SpringFit, adopted: list[Simplification]) -> SpringFit:
+def _refit_simplified(series: Recording, fit: SpringFit, adopted: list[Simplification]) -> SpringFit:
     """Refit with the adopted simplifications."""
     layout, graph = fit.model.layout, fit.graph
     for one in adopted:

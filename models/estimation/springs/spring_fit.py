@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import CoordinateSeries, fit_splines, measure_scales, second_difference
+from models.estimation.springs.coordinate_series import fit_splines, measure_scales, second_difference
 from models.estimation.springs.dense_shooting import (
     ChainEstimate,
     ChainObservations,
@@ -84,7 +85,7 @@ class SpringFit:
 
 
 def fit_graph(
-    series: CoordinateSeries, graph: SpringSystem, noise: float | None, effort: SearchEffort = THOROUGH,
+    series: Recording, graph: SpringSystem, noise: float | None, effort: SearchEffort = THOROUGH,
     layout: SpringLayout | None = None, start: SpringFit | None = None,
 ) -> SpringFit:  # fmt: skip
     """Fit the parameters of a graph.
@@ -105,7 +106,7 @@ def fit_graph(
     error = GUESSED_NOISE * second_difference(series) if noise is None else noise
     model = SpringChain(graph, size, coordinates, np.diff(series.t), 1.0)
     x, v = fit_splines(series)
-    shared = model.coordinates(np.where(graph.fixed[:, None], np.nanmean(series.x, axis=0), 0.0))
+    shared = model.coordinates(np.where(graph.fixed[:, None], np.nanmean(series.positions, axis=0), 0.0))
     states = np.stack([x, v], axis=1).reshape(len(x), -1)[:, model.state_inputs]
     if start is not None and np.array_equal(start.graph.fixed, graph.fixed):
         states[: len(start.chain.states)] = start.chain.states
@@ -114,17 +115,15 @@ def fit_graph(
     return tighten_links(SpringFit(model, observed, chain, error), FIRST_LINK_SIGMA * second_difference(series), effort)
 
 
-def _build_observations(
-    series: CoordinateSeries, model: SpringChain, shared: FloatArray, noise: float
-) -> ChainObservations:
+def _build_observations(series: Recording, model: SpringChain, shared: FloatArray, noise: float) -> ChainObservations:
     """Build the observations of the chain; those of fixed particles become priors of their positions."""
     half = model.state_inputs.size // 2
-    there = np.isfinite(series.x).reshape(len(series.x), -1)[:, model.state_inputs[:half]]
-    states = np.zeros((len(series.x), 2 * half))
-    states[:, :half] = np.nan_to_num(series.x).reshape(len(series.x), -1)[:, model.state_inputs[:half]]
+    there = np.isfinite(series.positions).reshape(len(series.positions), -1)[:, model.state_inputs[:half]]
+    states = np.zeros((len(series.positions), 2 * half))
+    states[:, :half] = np.nan_to_num(series.positions).reshape(len(series.positions), -1)[:, model.state_inputs[:half]]
     weight = np.concatenate([there / noise, np.zeros_like(states[:, half:])], axis=1)
     pins = np.zeros(len(shared))
-    count = np.isfinite(series.x).sum(axis=0).ravel()
+    count = np.isfinite(series.positions).sum(axis=0).ravel()
     sets = model.layout.inputs < count.size
     pins[model.layout.owner[sets]] = np.sqrt(count[model.layout.inputs[sets]]) / noise
     scale = np.repeat([1.0, 1 / model.units.span], half)

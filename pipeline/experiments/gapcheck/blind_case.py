@@ -15,7 +15,8 @@ import numpy as np
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import TruerollError
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.core.recording import Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 from pipeline.experiments.gapcheck.case_kind import CaseKind
 from pipeline.experiments.gapcheck.gap_oracle import build_oracle

@@ -18,8 +18,9 @@ from diagnosis.fitting.hypothesis_fits import (
 from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.shot_split import split_shots
 from diagnosis.selection.signatures import compute_signatures
+from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.gap_scene import GapScene, Recording
+from models.estimation.gap_scenes.gap_scene import GapScene
 
 SEPARATION_CHI2 = 9.0
 """chi2 from which two causes are separable when only they are compared: three standard deviations."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.core.recording import record_points
 from models.core.typing import FloatArray
 from models.estimation.pendulum.pendulum_fit import fit_pendulum
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
@@ -33,7 +34,7 @@ class SpringsFit:
     def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
         """Run the whole search, whatever the budget: a part of it is no fit."""
         began = time.process_time()
-        latent = infer_springs(*validate_samples(times, states))
+        latent = infer_springs(record_points(*validate_samples(times, states)))
         seconds = time.process_time() - began
         return AssessedMotion(
             lambda t: latent.states_at(t)[:, 0], NO_LOSS, len(latent.names), seconds, latent.rejections

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from models.core.errors import OptionError
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 
 WALL_SPELLINGS = '[x0, y0, x1, y1], {"x": [x0, x1], "y": [y0, y1]} or {"length": ..., "width": ...}, in metres'
 _MAX_OVERSHOOT = 0.1

@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.reference_frames import LINE, PLANE
 
 from diagnosis.bodies.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
-from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.gap_scene import neutral_values
 from pipeline.io.gap_files import build_gap_document
 from pipeline.reporting.text.gap_sentences import format_body_differences
 
@@ -38,12 +40,12 @@ def throw(shot: int, drags: dict[str, float], rng: np.random.Generator) -> Recor
         shared = neutral_values(FLIGHT)
         shared[DRAG] = drag
         speed, angle = rng.uniform(6, 12), np.radians(rng.uniform(35, 80))
-        blank = Recording(shot, np.arange(ROWS), t, ("x",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE))
+        blank = Recording(shot, np.arange(ROWS), t, ("x",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE), PLANE)
         start = np.array([0, 1, speed * np.cos(angle), speed * np.sin(angle)])
         paths.append(FLIGHT.predict_positions(blank, start, shared, ()))
     path = np.concatenate(paths, axis=1)
     path += NOISE * rng.standard_normal(path.shape)
-    return Recording(shot, np.arange(ROWS), t, tuple(drags), path, np.full(path.shape[:2], NOISE))
+    return Recording(shot, np.arange(ROWS), t, tuple(drags), path, np.full(path.shape[:2], NOISE), PLANE)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +118,7 @@ def test_a_smooth_path_is_fitted_as_well_without_measures_against_jumps() -> Non
 
 def test_each_body_keeps_the_inputs_that_act_on_it() -> None:
     still, inputs = np.zeros((5, 2, 2)), np.arange(5 * 2 * 2 * 2, dtype=float).reshape(5, 2, 2, 2)
-    both = Recording(0, np.arange(5), np.arange(5) / 60, ("a", "b"), still, np.ones((5, 2)), inputs=inputs)
+    both = Recording(0, np.arange(5), np.arange(5) / 60, ("a", "b"), still, np.ones((5, 2)), PLANE, inputs=inputs)
     parts = split_bodies((both,))
     assert [one.bodies for one in parts] == [("a",), ("b",)]
     for body, one in enumerate(parts):
@@ -146,7 +148,7 @@ def test_measured_balls_have_drags_of_their_own() -> None:
         t, height = np.array(sorted(dict(own).items())).T
         error = np.full((len(t), 1), 0.03)
         recordings.append(
-            Recording(shot, np.arange(len(t)), t, (ball,), height[:, None, None], error, is_sigma_stated=False)
+            Recording(shot, np.arange(len(t)), t, (ball,), height[:, None, None], error, LINE, is_sigma_stated=False)
         )
     # order the shots so that each ball has fitting and hold-out shots: first all first drops, then all second ones
     ordered = tuple(replace(one, shot=k) for k, one in enumerate((*recordings[::2], *recordings[1::2])))

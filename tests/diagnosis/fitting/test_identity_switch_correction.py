@@ -8,7 +8,8 @@ import numpy as np
 
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.identity_switch_correction import undo_identity_switches
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
 NOISE = 1e-3
@@ -21,7 +22,7 @@ def of(*paths: np.ndarray, shot: int = 0, seed: int = 0) -> Recording:
     places = np.stack(paths, axis=1)
     places = places + NOISE * np.random.default_rng(seed).standard_normal(places.shape)
     names = tuple("abcd"[: len(paths)])
-    return Recording(shot, np.arange(ROWS), T, names, places, np.full(places.shape[:2], NOISE))
+    return Recording(shot, np.arange(ROWS), T, names, places, np.full(places.shape[:2], NOISE), TABLE_PLANE)
 
 
 def line(x: float, y: float, vx: float, vy: float) -> np.ndarray:

@@ -6,7 +6,8 @@ import numpy as np
 
 from diagnosis.fitting.diagnosis_windows import _find_split_rows, _split_at_rest
 from diagnosis.fitting.rest_observations import add_rest_observations
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 
 T = np.arange(100) / 50
 
@@ -18,7 +19,9 @@ def record(others: dict[str, dict[int, tuple[float, float]]]) -> Recording:
     for k, samples in enumerate(others.values(), start=1):
         for row, place in samples.items():
             positions[row, k] = place
-    return Recording(0, np.arange(len(T)), T, ("cue", *others), positions, np.full(positions.shape[:2], 1e-3))
+    return Recording(
+        0, np.arange(len(T)), T, ("cue", *others), positions, np.full(positions.shape[:2], 1e-3), TABLE_PLANE
+    )
 
 
 def test_a_ball_at_rest_is_in_every_window() -> None:

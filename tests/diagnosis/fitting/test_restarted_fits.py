@@ -20,7 +20,7 @@ from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_no
 from diagnosis.selection.effect_selection import effect_p_value, fit_without_effect, needs_all_effects
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.unknown_effects import estimate_explained_share
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from models.estimation.multiple_shooting.shooting_windows import simulate_window
 
 PLAIN = {"friction.mu": 0.02}

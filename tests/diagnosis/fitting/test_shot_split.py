@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.shot_split import find_common_duration, shorten_recordings
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 
 
 def shot(number: int, seconds: float) -> Recording:
     t = np.arange(round(10 * seconds) + 1) / 10
-    return Recording(number, np.arange(len(t)), t, ("a",), np.zeros((len(t), 1, 2)), np.ones((len(t), 1)))
+    return Recording(number, np.arange(len(t)), t, ("a",), np.zeros((len(t), 1, 2)), np.ones((len(t), 1)), PLANE)
 
 
 def test_the_longest_shots_share_what_short_ones_leave() -> None:

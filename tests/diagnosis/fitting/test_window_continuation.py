@@ -19,7 +19,7 @@ from diagnosis.fitting.hypothesis_fits import (
 )
 from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_noise
 from diagnosis.fitting.window_continuation import adopt_better_starts, find_unreachable_shots, restart_poor_shots
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 
 PROBLEM = build_diagnosis_problem(Pucks(), 0.0)
 

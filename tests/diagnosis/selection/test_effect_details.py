@@ -20,8 +20,9 @@ from diagnosis.selection.hypothesis_trials import (
     try_hypothesis,
 )
 from diagnosis.verdicts.candidate_probabilities import find_group
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.physics.billiards.simulation.parametrised_shot import ContactModels, pack_start, simulate_start
 
 SPEED, POWER = "cushion_restitution_speed", "cushion_restitution_power"
@@ -37,7 +38,7 @@ def simulate_search(laws: ContactModels | None = None, **truth: float) -> Effect
         run = simulate_start(pack_start(start, moving), moving, TABLE, numbers(**truth), laws or ContactModels(), 1.0)
         xy = run.states_at(t)[..., :2]
         xy = xy + SIGMA * rng.normal(size=xy.shape)
-        shots.append(Recording(seed, np.arange(60), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA)))
+        shots.append(Recording(seed, np.arange(60), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA), TABLE_PLANE))
     problem = build_diagnosis_problem(build_billiards_scene(TABLE, tuple(shots)), 0.0)
     base = fit_initial_windows(problem, tuple(shots))
     return EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base)

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.diagnose import diagnose
+from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
-from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.gap_scene import neutral_values
 
 NOISE = 0.003
 """m"""
@@ -27,7 +29,13 @@ def throws(acts: dict[str, float], seed: int) -> tuple[Recording, ...]:
     for shot in range(8):
         speed, angle, side = rng.uniform(6, 12), np.radians(rng.uniform(35, 80)), rng.choice([-1, 1])
         blank = Recording(
-            shot, np.arange(ROWS), np.arange(ROWS) / 30, ("ball",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE)
+            shot,
+            np.arange(ROWS),
+            np.arange(ROWS) / 30,
+            ("ball",),
+            np.zeros((ROWS, 1, 2)),
+            np.full((ROWS, 1), NOISE),
+            PLANE,
         )
         start = np.array([0, 1, side * speed * np.cos(angle), speed * np.sin(angle)])
         path = FLIGHT.predict_positions(blank, start, shared, ())

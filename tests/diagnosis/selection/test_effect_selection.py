@@ -21,8 +21,9 @@ from diagnosis.selection.effect_selection import (
 )
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.hypothesis_trials import try_hypothesis
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit
 from models.physics.billiards.tables import TABLE_PRESETS
 
@@ -89,7 +90,9 @@ def test_another_law_needs_no_strength_of_what_it_leaves_open(p_value: float, is
     """
     problem = build_diagnosis_problem(build_billiards_scene(TABLE_PRESETS["pool-9ft"], ()), 0.0)
     t = np.arange(30) / 60
-    segments = (Recording(0, np.arange(30), t, ("cue",), np.outer(t, (1.0, 0.5))[:, None], np.full((30, 1), 1e-3)),)
+    segments = (
+        Recording(0, np.arange(30), t, ("cue",), np.outer(t, (1.0, 0.5))[:, None], np.full((30, 1), 1e-3), TABLE_PLANE),
+    )
 
     def claimed(cost: float, *names: str) -> EffectFit:
         free = problem.mask((*problem.scene.simulator_effects, *names))

@@ -7,13 +7,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.diagnose import diagnose
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence, min_selection_gain
 from diagnosis.verdicts.candidate_probabilities import put_answer_first
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.recording import Recording
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
-from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.gap_scene import neutral_values
 
 NOISE = 0.003
 """m"""
@@ -32,7 +34,13 @@ def throws(strength: str, values: np.ndarray, seed: int = 0) -> tuple[Recording,
         shared[NAMES.index(strength)] = value
         speed, angle = rng.uniform(6, 12), np.radians(rng.uniform(35, 80))
         blank = Recording(
-            shot, np.arange(ROWS), np.arange(ROWS) / 30, ("ball",), np.zeros((ROWS, 1, 2)), np.full((ROWS, 1), NOISE)
+            shot,
+            np.arange(ROWS),
+            np.arange(ROWS) / 30,
+            ("ball",),
+            np.zeros((ROWS, 1, 2)),
+            np.full((ROWS, 1), NOISE),
+            PLANE,
         )
         path = FLIGHT.predict_positions(
             blank, np.array([0, 1, speed * np.cos(angle), speed * np.sin(angle)]), shared, ()

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
 from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
 from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
 
 SHOTS, FPS, SECONDS, NOISE = 9, 30, 0.8, 5e-4
@@ -51,7 +52,7 @@ def film_shot(brake: Brake, shot: int, rng: np.random.Generator) -> Recording:
             place = place + 0.5 * (speed + slower) * heading / (FPS * STEPS)
             speed = slower
     places += NOISE * rng.standard_normal(places.shape)
-    return Recording(shot, np.arange(len(t)), t, ("body",), places, np.full((len(t), 1), NOISE))
+    return Recording(shot, np.arange(len(t)), t, ("body",), places, np.full((len(t), 1), NOISE), PLANE)
 
 
 def fit_simulator(brake: Brake, seed: int) -> tuple[DiagnosisProblem, EffectFit]:

@@ -20,7 +20,7 @@ from diagnosis.fitting.hypothesis_fits import (
 from diagnosis.selection.signatures import compute_signatures
 from diagnosis.verdicts.experiment_design import design_detecting_experiment, design_unknown_experiment
 from diagnosis.verdicts.gap_localisation import localise_gap
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 
 FRICTION = {"friction.mu": 0.02}
 

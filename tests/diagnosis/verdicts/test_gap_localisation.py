@@ -10,7 +10,8 @@ import pytest
 from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
 from diagnosis.fitting.residual_structure import GroupFinding, ObservationGroup, ResidualStructure
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 
 ROWS = 480
 PHASES = ("free_roll", "cushion_contact", "ball_contact")
@@ -23,7 +24,9 @@ def segments() -> tuple[Recording, ...]:
     """Four shots, of whose films the first two show other balls in the first place than the last two."""
     frame = np.arange(ROWS // 8)
     return tuple(
-        Recording(shot, frame, frame / 60, names, np.zeros((len(frame), 2, 2)), np.full((len(frame), 2), 0.001))
+        Recording(
+            shot, frame, frame / 60, names, np.zeros((len(frame), 2, 2)), np.full((len(frame), 2), 0.001), TABLE_PLANE
+        )
         for shot, names in enumerate((("white", "red"), ("white", "red"), ("red", "blue"), ("red", "blue")))
     )
 
@@ -38,7 +41,7 @@ def make_residuals(extra: dict[str, float], seed: int = 0) -> FitResiduals:
     return FitResiduals(
         values=spread[:, None] * rng.normal(size=(ROWS, 2)), noise_draws=rng.normal(size=(ROWS, 2, NOISE_DRAWS)),
         window=window, shot=window, body=body, frame=row, t=row / 60, phase=phase, position=rng.normal(size=(ROWS, 2)),
-        velocity=velocity, since_contact=np.full(ROWS, np.nan), image=None, scale=1.0,
+        velocity=velocity, since_contact=np.full(ROWS, np.nan), image=None, reference=TABLE_PLANE, scale=1.0,
     )  # fmt: skip
 
 
@@ -107,7 +110,7 @@ def test_what_stands_out_is_told_in_words_where_it_is_beyond_chance() -> None:
         GroupFinding(ObservationGroup("since_contact", "0.1 to 0.2", everything), "along", 4.6),
         GroupFinding(ObservationGroup("speed", "1 to 2", everything), "along", 3.9),
     )
-    assert describe_structure(ResidualStructure(1e-6, findings), ("x", "y"), "m").split("; ") == [
+    assert describe_structure(ResidualStructure(1e-6, findings), TABLE_PLANE).split("; ") == [
         "a shift across the motion at cushions (12 standard deviations of noise)",
         "a slow drift in all shots (6 standard deviations of noise)",
         "a shift along the motion 0.1 to 0.2 s after a contact (5 standard deviations of noise)",

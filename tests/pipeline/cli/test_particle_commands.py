@@ -16,11 +16,11 @@ from pipeline.io.particle_files import format_physics_lines, summarize_physics
 RATE, SAMPLES = 20.0, 31
 
 
-def falling(folder: Path, header: str = "t", missing: tuple[int, ...] = ()) -> Path:
+def falling(folder: Path, header: str = "t", missing: tuple[int, ...] = (), samples: int = SAMPLES) -> Path:
     """A tracks.csv of two particles in free flight, thrown against each other."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [f"{header},id,x,y"]
-    for k in range(SAMPLES):
+    for k in range(samples):
         t = k / RATE
         for name, speed in (("left", 100.0), ("right", -60.0)):  # both begin at 0
             if k in missing and name == "left":
@@ -66,6 +66,14 @@ def test_samples_stay_as_they_were_and_gaps_are_filled(tmp_path: Path) -> None:
     assert table[(20, "left")]["observed"] == "0"
     assert float(table[(20, "left")]["x"]) == pytest.approx(50, abs=0.1)
     assert all(row["observed"] == "1" for (frame, name), row in table.items() if name == "right" and frame % 2 == 0)
+
+
+def test_a_particle_that_appears_late_is_fitted_with_the_others(tmp_path: Path) -> None:
+    """The search for springs begins with the first 40 samples, in which this one is seen four times."""
+    source = falling(tmp_path, missing=tuple(range(36)), samples=60)
+    assert execute_command_line(["interpolate", str(source), "--factor", "2", "-o", str(tmp_path / "out")]) == 0
+    late = [row for row in rows(tmp_path / "out" / "tracks.csv") if row["id"] == "left"]
+    assert int(late[0]["frame"]) == 72
 
 
 def test_an_error_that_is_not_known_is_left_empty(tmp_path: Path) -> None:

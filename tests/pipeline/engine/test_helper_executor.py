@@ -9,9 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, fit_effects
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.helper_executor import DeferredExecutor, HelperExecutor
@@ -55,7 +56,7 @@ def simulate_slide(shot: int) -> Recording:
     angle = rng.uniform(0, 2 * np.pi)
     way = rng.uniform(0.5, 1.5) * (1 - np.exp(-0.8 * t)) / 0.8
     observed = np.outer(way, [np.cos(angle), np.sin(angle)]) + 5e-4 * rng.standard_normal((len(t), 2))
-    return Recording(shot, np.arange(len(t)), t, ("cube",), observed[:, None], np.full((len(t), 1), 5e-4))
+    return Recording(shot, np.arange(len(t)), t, ("cube",), observed[:, None], np.full((len(t), 1), 5e-4), PLANE)
 
 
 def fit_to_bytes(executor: Executor) -> list[bytes]:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from support import staged_shot
 
+from models.core.capture_clock import CaptureClock
 from models.core.errors import OptionError
+from models.core.shot import Shot
+from pipeline.io.shot_folder import write_shot
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
@@ -29,7 +35,36 @@ def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
     read = read_track_folders([folder(tmp_path / "a"), folder(tmp_path / "b", 2.55, None, rows=OTHER_ROWS)])
     assert read.origins == {0: "a", 1: "b"}
     assert [one.shot for one in read.recordings] == [0, 1]
-    assert read.coordinates == ("x", "y")
+    assert read.reference.coordinates == ("x", "y")
+
+
+def test_a_saved_shot_is_read_at_full_precision_and_without_positions_from_physics(tmp_path: Path) -> None:
+    """The table rounds, and its last row is one that physics filled in."""
+    source, t = folder(tmp_path / "a"), np.arange(5) / 30
+    tracks = staged_shot.tracks(t)
+    tracks = replace(tracks, xy=tracks.xy + np.pi * 1e-8)
+    tracks.xy[4, 0] = np.nan
+    rows = [f"0,{k},{t[k]:.6f},{name},{x:.6f},{y:.6f}" for k in range(5) for name, (x, y) in
+            zip(tracks.ids, np.nan_to_num(tracks.xy[k], nan=0.5), strict=True)]  # fmt: skip
+    (source / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *rows]) + "\n")
+    (by_table,) = read_track_folders([source]).recordings
+    blank = np.full((*tracks.xy.shape, 2), np.nan)
+    write_shot(Shot(staged_shot.scene(), tracks, CaptureClock(t, t, 0 * t), blank, None), {}, "1", source)
+    (by_shot,) = read_track_folders([source]).recordings
+    assert by_table.bodies == by_shot.bodies == tracks.ids
+    assert np.array_equal(by_shot.positions, tracks.xy, equal_nan=True)
+    assert 0 < np.abs(by_shot.positions - by_table.positions)[:4].max() < 1e-6
+    assert by_table.is_observed[4, 0]
+    assert not by_shot.is_observed[4, 0]
+
+
+def test_recordings_in_other_coordinates_are_not_put_together(tmp_path: Path) -> None:
+    first, other = (folder(tmp_path / name, columns=f"x,{axis}") for name, axis in (("a", "z"), ("b", "y")))
+    for one in (first, other):
+        (one / "scene.json").write_text(json.dumps({"scene": "flight"}))
+    assert read_track_folders([first]).reference.coordinates == ("x", "z")
+    with pytest.raises(OptionError, match=r"b has x, y \(m\) in the air, and .*a has x, z \(m\) in the air; diagnose"):
+        read_track_folders([first, other])
 
 
 def test_a_folder_that_is_given_twice_does_not_confirm_itself(tmp_path: Path) -> None:

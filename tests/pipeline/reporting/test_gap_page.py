@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.diagnosis_reports import NOTHING_UNEXPLAINED
 from support.page_words import read_page
+from support.reference_frames import PLANE, ROD
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -25,8 +26,8 @@ from diagnosis.verdicts.verdict import (
     Strength,
     Unexplained,
 )
+from models.core.recording import Recording
 from models.core.scene import Table
-from models.estimation.gap_scenes.gap_scene import Recording
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.gap_page import write_gap_page
@@ -85,7 +86,9 @@ def straight(number: int = 0, start_rows: int = 8) -> PredictionWindow:
     """A body that is followed for half a metre across and up."""
     t = np.arange(20) / 30
     places = np.stack([t, t], axis=-1)[:, None]
-    return PredictionWindow(Recording(number, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3)), start_rows)
+    return PredictionWindow(
+        Recording(number, np.arange(20), t, ("a",), places, np.full((20, 1), 1e-3), PLANE), start_rows
+    )
 
 
 def gap_of(window: PredictionWindow, before: float, after: float) -> Gap:
@@ -165,7 +168,7 @@ def test_what_shows_by_itself_is_not_enlarged() -> None:
 def test_a_single_coordinate_is_enlarged_along_time_as_well() -> None:
     t = np.arange(20) / 30
     places = np.sin(t)[:, None, None]
-    window = PredictionWindow(Recording(0, np.arange(20), t, ("rod",), places, np.full((20, 1), 1e-3)), 8)
+    window = PredictionWindow(Recording(0, np.arange(20), t, ("rod",), places, np.full((20, 1), 1e-3), ROD), 8)
     off = places + 0.004 * t[:, None, None]
     gap = Gap("rms_rad", 0.4, (0,), NOTHING, (window,), (off,), (places,), coordinates=("theta1",))
     _, (title, close), *_ = build_gap_figures(gap)

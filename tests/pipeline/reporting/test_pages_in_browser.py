@@ -12,6 +12,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from support import synthetic_run as shot
 from support.browser import accessibility_violations, console_messages, open_chromium, open_page, wait_on
+from support.reference_frames import PLANE
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
@@ -26,7 +27,7 @@ from diagnosis.verdicts.verdict import (
     Strength,
     Unexplained,
 )
-from models.estimation.gap_scenes.gap_scene import Recording
+from models.core.recording import Recording
 from pipeline.batch.batch_summary import render_summary_page
 from pipeline.batch.clip_job import ClipResult
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
@@ -186,7 +187,7 @@ def make_diagnosis() -> DiagnosisReport:
     windows, before, after = [], [], []
     for number in (3, 5):
         places = np.stack([t, number * t - t**2], axis=-1)[:, None]
-        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3))
+        piece = Recording(number, np.arange(20), t, ("cube",), places, np.full((20, 1), 1e-3), PLANE)
         windows.append(PredictionWindow(piece, 8))
         before.append(places + 0.05 * t[:, None, None])
         after.append(places + 0.001)

@@ -10,8 +10,10 @@ from support.simulated_shots import SIGMA, TABLE, numbers, opening
 from diagnosis.fitting.diagnosis_windows import fit_adaptively, split_into_segments
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem, can_simulate, fit_effects
 from diagnosis.selection.hypothesis_trials import find_added_effects
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
-from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.gap_scene import neutral_values
 from models.estimation.multiple_shooting.shooting_windows import drop_shared_jacobian
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
 from models.physics.billiards.simulation.parametrised_shot import (
@@ -36,7 +38,7 @@ def simulate_recording(
     since = t - t[WAIT] + 0.007
     xy = np.where((since > 0)[:, None, None], run.states_at(np.maximum(since, 0.0))[..., :2], start[:, :2])
     xy += SIGMA * rng.normal(size=xy.shape)
-    return Recording(3, np.arange(len(t)), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA))
+    return Recording(3, np.arange(len(t)), t, ("a", "b", "c"), xy, np.full(xy.shape[:2], SIGMA), TABLE_PLANE)
 
 
 def test_a_segment_begins_with_the_first_frame_after_the_strike() -> None:
@@ -70,7 +72,7 @@ def test_a_ball_that_was_never_observed_touches_nothing() -> None:
     shot = simulate_recording(2, numbers())
     places = shot.positions.copy()
     places[:, 2] = np.nan
-    hidden = Recording(3, shot.frame, shot.t, shot.bodies, places, shot.sigma)
+    hidden = Recording(3, shot.frame, shot.t, shot.bodies, places, shot.sigma, TABLE_PLANE)
     scene = build_billiards_scene(TABLE, (hidden,))
     model = scene.build_model(scene.split_recording(hidden), ("mirror", "inelastic"))
     flow = model.linearize(0, model.windows[0].start, neutral_values(scene))
@@ -134,6 +136,7 @@ def test_a_missing_frame_is_where_the_effect_acts() -> None:
         shot.bodies,
         shot.positions[selected],
         shot.sigma[selected],
+        TABLE_PLANE,
     )
     scene = build_billiards_scene(TABLE, (cut,))
     assert [(number, round(60 * t)) for number, t, _ in scene.jumps] == [(3, 36)]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.reference_frames import FRAMES
 
+from models.core.recording import Recording
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
-from models.estimation.gap_scenes.gap_scene import Recording, neutral_values
+from models.estimation.gap_scenes.gap_scene import neutral_values
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
@@ -36,7 +38,9 @@ SCENES = {
 def recording(coordinates: int, rows: int = 30, inputs: np.ndarray | None = None) -> Recording:
     t = np.arange(rows) / 60
     places = np.random.default_rng(1).normal(size=(rows, 1, coordinates))
-    return Recording(0, np.arange(rows), t, ("body",), places, np.full((rows, 1), 0.1), inputs=inputs)
+    return Recording(
+        0, np.arange(rows), t, ("body",), places, np.full((rows, 1), 0.1), FRAMES[coordinates - 1], inputs=inputs
+    )
 
 
 @pytest.mark.parametrize("is_driven", [False, True])

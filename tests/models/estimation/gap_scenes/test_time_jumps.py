@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from models.core.tracks import Tracks
+from models.core.recording import Recording
+from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.time_jumps import add_pauses, find_time_jumps
 
 FPS, SIGMA, DECELERATION = 30.0, 0.0003, 0.1
 
 
-def rolling(rng: np.random.Generator, speed: float, turn_at: float | None = None) -> Tracks:
+def rolling(rng: np.random.Generator, speed: float, turn_at: float | None = None) -> Recording:
     """Two balls of 4 s: one rolls to rest, one rests; at `turn_at` (s) the first one bounces back."""
     t = np.arange(120) / FPS
     before = np.minimum(t, speed / DECELERATION)
@@ -25,20 +26,13 @@ def rolling(rng: np.random.Generator, speed: float, turn_at: float | None = None
     xy = np.full((len(t), 2, 2), 0.5)
     xy[:, 0, 0] = x
     xy += SIGMA * rng.standard_normal(xy.shape)
-    sigma = np.full((len(t), 2), SIGMA)
-    return Tracks(
-        np.arange(len(t)), t, ("cue", "red"), ("cue", "red"), xy, xy * 600, sigma, sigma, np.zeros_like(xy),
-        np.full_like(sigma, 15.0), np.zeros((2, 3)),
-    )  # fmt: skip
+    return Recording(0, np.arange(len(t)), t, ("cue", "red"), xy, np.full((len(t), 2), SIGMA), TABLE_PLANE)
 
 
-def drop_frames(tracks: Tracks, lost: NDArray[np.bool_]) -> Tracks:
+def drop_frames(whole: Recording, lost: NDArray[np.bool_]) -> Recording:
     """Drop the frames `lost` (T,); number and time the rest without a gap."""
     rows = np.flatnonzero(~lost)
-    selected = {
-        name: getattr(tracks, name)[rows] for name in ("xy", "px", "sigma", "sigma_along", "streak", "radius_px")
-    }
-    return replace(tracks, frame=np.arange(len(rows)), t=tracks.t[: len(rows)], **selected)
+    return replace(whole.select_rows(0, len(rows)), positions=whole.positions[rows], sigma=whole.sigma[rows])
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
@@ -58,10 +52,10 @@ def test_lost_frames_are_counted(count: int) -> None:
 def test_several_losses_are_found_in_one_recording() -> None:
     lost = np.zeros(120, bool)
     lost[[20, 45, 46]] = True
-    tracks = drop_frames(rolling(np.random.default_rng(3), 0.6), lost)
-    result = find_time_jumps(tracks, 1 / FPS)
+    shown = drop_frames(rolling(np.random.default_rng(3), 0.6), lost)
+    result = find_time_jumps(shown, 1 / FPS)
     assert [jump.lost_frames for jump in result] == [1, 2]
-    assert np.allclose(add_pauses(tracks.t, result, 1 / FPS), (np.arange(120) / FPS)[~lost])
+    assert np.allclose(add_pauses(shown.t, result, 1 / FPS), (np.arange(120) / FPS)[~lost])
 
 
 def test_contacts_and_whole_recordings_are_no_losses() -> None:
@@ -74,9 +68,9 @@ def test_contacts_and_whole_recordings_are_no_losses() -> None:
 def test_a_strike_is_no_loss() -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        tracks = rolling(rng, rng.uniform(0.2, 1.0))
-        still = np.concatenate([np.repeat(tracks.xy[:1], 20, axis=0), tracks.xy[:100]])
-        assert find_time_jumps(replace(tracks, xy=still), 1 / FPS) == ()
+        whole = rolling(rng, rng.uniform(0.2, 1.0))
+        still = np.concatenate([np.repeat(whole.positions[:1], 20, axis=0), whole.positions[:100]])
+        assert find_time_jumps(replace(whole, positions=still), 1 / FPS) == ()
 
 
 def test_frames_lost_near_a_contact_are_found_where_they_are_expected() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
-from models.estimation.particles.body_names import group_by_name
 from models.estimation.particles.particle_fit import (
-    Particles,
+    MIN_SAMPLES,
     build_spline_fit,
     estimate_holdout_errors,
     fit_particles,
+    group_by_name,
     list_candidate_fits,
 )
 from models.estimation.particles.particle_prediction import (
@@ -24,18 +27,18 @@ from models.estimation.particles.particle_prediction import (
 GRAVITY = np.array([0.0, 981.0])
 
 
-def free_flight(count: int = 31, noise: float = 0.0) -> Particles:
+def free_flight(count: int = 31, noise: float = 0.0) -> Recording:
     """One particle in free flight."""
     t = np.arange(count) / 30
     x = np.array([10.0, 300.0]) + t[:, None] * [120.0, -400.0] + 0.5 * GRAVITY * t[:, None] ** 2
-    return Particles(t, (x + noise * np.random.default_rng(3).standard_normal(x.shape))[:, None])
+    return record_points(t, (x + noise * np.random.default_rng(3).standard_normal(x.shape))[:, None])
 
 
-def irregular_motion() -> Particles:
+def irregular_motion() -> Recording:
     """Two particles without a simple law of motion."""
     t = np.arange(41) / 20
     chance = np.random.default_rng(5)
-    return Particles(t, np.cumsum(chance.standard_normal((41, 2, 2)), axis=0))
+    return record_points(t, np.cumsum(chance.standard_normal((41, 2, 2)), axis=0))
 
 
 def test_free_flight_is_recovered_between_samples() -> None:
@@ -58,23 +61,23 @@ def test_irregular_motion_is_fitted_by_a_curve_with_a_true_error() -> None:
 
 def test_a_curve_passes_through_the_observed_samples() -> None:
     particles = free_flight()
-    gaps = particles.x.copy()
+    gaps = particles.positions.copy()
     gaps[5:8] = np.nan
-    motion, _ = build_spline_fit(3)(Particles(particles.t, gaps))
-    assert motion(particles.t) == pytest.approx(particles.x, abs=1e-6)
+    motion, _ = build_spline_fit(3)(replace(particles, positions=gaps))
+    assert motion(particles.t) == pytest.approx(particles.positions, abs=1e-6)
 
 
 def test_errors_between_samples_are_those_at_withheld_samples() -> None:
     t = np.arange(21.0)
     x = np.where(np.arange(21) % 2 == 1, 1.0, 0.0)[:, None, None] * np.ones((1, 1, 2))
-    assert estimate_holdout_errors(Particles(t, x), build_spline_fit(1)) == pytest.approx([1.0])
+    assert estimate_holdout_errors(record_points(t, x), build_spline_fit(1)) == pytest.approx([1.0])
 
 
 def test_free_flight_is_predicted_as_falling_within_its_errors() -> None:
     observed = free_flight(61, noise=0.2)
-    past = Particles(observed.t[:41], observed.x[:41])
+    past = observed.select_rows(0, 41)
     result = forecast_particles(past, observed.t[41:])
-    off = np.sqrt(np.mean((result.x - observed.x[41:]) ** 2, axis=(1, 2)))
+    off = np.sqrt(np.mean((result.x - observed.positions[41:]) ** 2, axis=(1, 2)))
     assert result.kind == "free flight"
     assert np.all(off < 4 * np.hypot(result.sigma, 0.2))
     assert np.all(np.diff(result.sigma) >= 0)
@@ -83,7 +86,7 @@ def test_free_flight_is_predicted_as_falling_within_its_errors() -> None:
 def test_a_straight_motion_is_extrapolated_straight() -> None:
     t = np.arange(20) / 10
     x = (t[:, None] * [30.0, -10.0])[:, None]
-    motion, _ = build_extrapolation(1)(Particles(t, x))
+    motion, _ = build_extrapolation(1)(record_points(t, x))
     assert motion(np.array([5.0]))[0, 0] == pytest.approx([150, -50])
 
 
@@ -117,7 +120,7 @@ def test_names_group_only_points_with_constant_distances() -> None:
 @pytest.mark.parametrize("rows", [3, 0])
 def test_too_few_samples_are_refused(rows: int) -> None:
     with pytest.raises(ValueError, match="at least 4"):
-        Particles(np.arange(rows, dtype=float), np.zeros((rows, 2, 2)))
+        record_points(np.arange(rows, dtype=float), np.zeros((rows, 2, 2))).require_samples(MIN_SAMPLES)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +132,8 @@ def test_three_points_make_a_rigid_body(corners: int, bodies: int, are_bodies: b
     shape = np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 0.8]])[:corners]
     turned = np.stack([np.cos(2 * t), np.sin(2 * t), -np.sin(2 * t), np.cos(2 * t)], axis=1).reshape(-1, 2, 2)
     x: FloatArray = np.concatenate([shape @ turned + [3 * k, 0.0] for k in range(bodies)], axis=1)
-    fits = list_candidate_fits(Particles(t, x, np.repeat(np.arange(bodies), corners)))
+    names = tuple(f"body{k // corners}-{k % corners}" for k in range(bodies * corners))
+    fits = list_candidate_fits(record_points(t, x, names))
     assert ("rigid bodies" in fits) == are_bodies
 
 
@@ -138,5 +142,5 @@ def test_the_growth_of_errors_takes_three_of_them(count: int, power: float) -> N
     """Through two errors every power law passes."""
     leads, moving = np.array([0.1, 0.4, 0.9])[:count], irregular_motion()
     growth = fit_error_growth(leads, 0.2 * leads**1.5, moving)
-    extent = float(np.std(moving.x))
+    extent = float(np.std(moving.positions))
     assert growth.sigma_at(np.array([2.0]))[0] == pytest.approx(0.2 * 2**1.5 if power else extent, rel=0.3)

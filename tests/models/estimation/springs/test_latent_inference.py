@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from models.core.recording import record_points
 from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import find_nearest_jolt
-from models.estimation.springs.coordinate_series import CoordinateSeries
 from models.estimation.springs.identifiability import format_not_identifiable
 from models.estimation.springs.latent_inference import LatentSprings, infer_springs
 from models.estimation.springs.model_reduction import REST_AT_START
@@ -48,7 +48,7 @@ def soft() -> tuple[LatentSprings, FloatArray, FloatArray, FloatArray]:
     """Five seconds of soft springs at 15 Hz; with times and true positions between and after the samples."""
     t = np.arange(0, 7.01, 1 / 30)
     true, observed = simulate_coordinates(*pendulum(300.0, 0.1), t, NOISE, 1)
-    return infer_springs(t[:151:2], observed[:151:2]), t, true, observed
+    return infer_springs(record_points(t[:151:2], observed[:151:2])), t, true, observed
 
 
 def test_springs_are_recovered_from_coordinates(soft: tuple[LatentSprings, FloatArray, FloatArray, FloatArray]) -> None:
@@ -94,7 +94,7 @@ def test_errors_match_their_standard_deviations(soft: tuple[LatentSprings, Float
 def test_unobservably_stiff_springs_become_rods_with_a_bound() -> None:
     t = np.arange(0, 4, 1 / 15)
     _, observed = simulate_coordinates(*pendulum(1e5, 20.0), t, NOISE, 2)
-    latent = infer_springs(t, observed)
+    latent = infer_springs(record_points(t, observed))
     assert latent.is_accepted
     assert np.all(np.isinf(latent.graph.stiffness))
     assert np.all((latent.stiffness_bound > 1e3) & (latent.stiffness_bound < 1e5))
@@ -103,7 +103,7 @@ def test_unobservably_stiff_springs_become_rods_with_a_bound() -> None:
 def test_stiff_springs_that_oscillate_between_samples_are_found() -> None:
     t = np.arange(0, 1.4, 1 / 15)
     _, observed = simulate_coordinates(*pendulum(1e5, 20.0), t, 0.0, 0)
-    latent = infer_springs(t, observed)
+    latent = infer_springs(record_points(t, observed))
     assert latent.is_accepted
     assert np.allclose(latent.graph.stiffness, 1e5, rtol=0.01)
     assert np.allclose(latent.graph.damping, 20.0, rtol=0.05)
@@ -112,7 +112,7 @@ def test_stiff_springs_that_oscillate_between_samples_are_found() -> None:
 def test_no_spring_without_effect_is_left() -> None:
     t = np.arange(0, 1.8, 1 / 15)
     _, observed = simulate_coordinates(*pendulum(300.0, 0.1), t, 0.0, 0)
-    latent = infer_springs(t, observed)
+    latent = infer_springs(record_points(t, observed))
     assert latent.is_accepted
     assert latent.graph.pairs.tolist() == [[0, 1], [1, 2]]
     assert np.allclose(latent.graph.stiffness, 300.0, rtol=1e-3)
@@ -128,7 +128,7 @@ def test_free_masses_with_missing_samples_are_recovered() -> None:
     t = np.arange(0, 2, 1 / 30)
     true, observed = simulate_coordinates(graph, start, t, NOISE, 3)
     observed[np.random.default_rng(4).random(observed.shape[:2]) < 0.1] = np.nan
-    latent = infer_springs(t, observed)
+    latent = infer_springs(record_points(t, observed))
     assert latent.is_accepted
     assert np.allclose(latent.graph.mass, graph.mass, rtol=0.02)
     assert np.allclose(latent.graph.stiffness, graph.stiffness, rtol=0.05)
@@ -146,7 +146,7 @@ def test_the_radius_of_colliding_particles_is_recovered() -> None:
     graph, start = discs(4e3)
     t = np.arange(0, 1, 1 / 30)
     _, observed = simulate_coordinates(graph, start, t, 0.05, 2)
-    latent = infer_springs(t, observed)
+    latent = infer_springs(record_points(t, observed))
     assert latent.is_accepted
     result, sigma = values(latent), dict(zip(latent.names, latent.sigma.tolist(), strict=True))
     assert len(latent.graph.pairs) == 0
@@ -161,13 +161,13 @@ def test_only_a_distance_that_reverses_at_a_jolt_is_a_collision() -> None:
     graph, start = discs(4e3)
     t = np.arange(0, 1, 1 / 60)
     true, _ = simulate_coordinates(graph, start, t, 0.0, 0)
-    near = find_nearest_jolt(CoordinateSeries(t, true), graph)
+    near = find_nearest_jolt(record_points(t, true), graph)
     assert near == pytest.approx(np.linalg.norm(true[:, 0] - true[:, 1], axis=1).min())
     passing, _ = simulate_coordinates(replace(graph, radius=np.zeros(2)), start, t, 0.0, 0)
-    assert find_nearest_jolt(CoordinateSeries(t, passing), graph) == np.inf
+    assert find_nearest_jolt(record_points(t, passing), graph) == np.inf
     one = np.ones(1)
     joined = replace(graph, pairs=np.array([[0, 1]]), stiffness=one, damping=one, rest=one)
-    assert find_nearest_jolt(CoordinateSeries(t, true), joined) == np.inf
+    assert find_nearest_jolt(record_points(t, true), joined) == np.inf
 
 
 def test_properties_that_are_not_identifiable_are_reported() -> None:
@@ -191,7 +191,8 @@ def test_a_motion_without_springs_is_rejected() -> None:
     t = np.arange(0, 4, 1 / 15)
     _, observed = simulate_coordinates(*pendulum(300.0, 0.1), t, NOISE, 5)
     observed[:, 2, 0] += 6 * np.sin(3.1 * t)
-    latent = infer_springs(t, observed, NOISE)
+    points = record_points(t, observed)
+    latent = infer_springs(replace(points, sigma=np.full(points.sigma.shape, NOISE)))
     assert not latent.is_accepted
     assert "springs do not explain" in latent.rejections[0]
 
@@ -207,4 +208,4 @@ def test_states_at_samples_are_those_of_the_motion(
 
 def test_too_few_samples_are_an_error() -> None:
     with pytest.raises(ValueError, match="at least 8"):
-        infer_springs(np.arange(5.0), np.zeros((5, 2, 2)))
+        infer_springs(record_points(np.arange(5.0), np.zeros((5, 2, 2))))
