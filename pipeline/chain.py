@@ -50,15 +50,17 @@ from pipeline.stages.export_stage import ExportOptions, export_stage
 from pipeline.stages.forecast_stage import forecast_stage
 from pipeline.stages.laws_stage import laws_stage
 from pipeline.stages.place_stage import place_stages
-from pipeline.stages.read_stage import read_stage
+from pipeline.stages.read_stage import open_frame_memory, read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
-from pipeline.stages.render_stage import poster_stage, render_stage
+from pipeline.stages.render_stage import background_stage, poster_stage, render_stage
 from pipeline.stages.report_stage import ReportOptions, page_stage, report_stage
 from pipeline.stages.shot_inputs import view_inputs
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
 from video.calibration.view_prior import PROFILE_NOTE
-from video.io.clip import Clip, compute_clip_digest, require_readable_file
+from video.io.clip import Clip, require_readable_file
+from video.io.clip_digest import compute_clip_digest, read_file_state
+from video.io.frame_memory import FrameMemory
 
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
@@ -87,7 +89,11 @@ class FinishedRun:
 
 
 def build_run_graph(
-    clip: Path, options: RunOptions, shot: ClipShot | None = None, executor: Executor = SERIAL
+    clip: Path,
+    options: RunOptions,
+    shot: ClipShot | None = None,
+    executor: Executor = SERIAL,
+    memory: FrameMemory | None = None,
 ) -> StageGraph:
     """Build the graph of all stages of a run.
 
@@ -96,6 +102,7 @@ def build_run_graph(
         options: Options of all stages.
         shot: The shot of the clip to run; None for the whole clip.
         executor: Where stages run parts of their work; it changes no result.
+        memory: Keeps the decoded frames of the clip for the stages; None decodes it in each.
 
     Returns:
         The graph.
@@ -104,15 +111,16 @@ def build_run_graph(
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
-    return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), shot, executor)
+    return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), shot, executor, memory)
 
 
-def build_shot_graph(clip: Path, options: RunOptions) -> StageGraph:
+def build_shot_graph(clip: Path, options: RunOptions, memory: FrameMemory | None = None) -> StageGraph:
     """Build the graph of the stages up to the shot.
 
     Args:
         clip: Path of the clip.
         options: Options of all stages.
+        memory: Keeps the decoded frames of the clip for the stages; None decodes it in each.
 
     Returns:
         The graph.
@@ -120,7 +128,7 @@ def build_shot_graph(clip: Path, options: RunOptions) -> StageGraph:
     Raises:
         ClipError: The clip is no video or cannot be read.
     """
-    return build_run_graph(clip, options).select("explain")
+    return build_run_graph(clip, options, memory=memory).select("explain")
 
 
 def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None = None) -> RunOptions:
@@ -147,14 +155,18 @@ def _read_own_corrections(clip: Path, digest: str, shot: ClipShot | None) -> Cor
     return corrections if shot is None else corrections.extract_span(shot.first, shot.stop)
 
 
-def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor) -> StageGraph:
+def _build_graph(
+    clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor, memory: FrameMemory | None
+) -> StageGraph:
     """Build the graph of a run whose options hold the corrections of the clip."""
     settings, title = (
         format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
         escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
     )
     stages: tuple[Stage, ...] = (
-        read_stage(clip, digest, options.read) if shot is None else shot_stage(shot, digest, options.read.fps),
+        read_stage(clip, digest, options.read, memory)
+        if shot is None
+        else shot_stage(shot, digest, options.read.fps, memory),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
         *place_stages(options.corrections),
@@ -162,6 +174,7 @@ def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | 
         explain_stage(options.fit, options.corrections),
         *((laws_stage(options.fit),) if options.fit.laws else ()),
         export_stage(options.detect, options.fit, options.corrections),
+        background_stage(),
         poster_stage(options.render),
         forecast_stage(options.forecast),
         report_stage(
@@ -174,27 +187,25 @@ def _build_graph(clip: Path, digest: str, options: RunOptions, shot: ClipShot | 
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
-def run_shot_graph(graph: StageGraph, clip: Path, cache: ResultCache, watcher: RunWatcher) -> tuple[Clip, Shot]:
+def run_shot_graph(graph: StageGraph, cache: ResultCache, watcher: RunWatcher) -> tuple[Clip, Shot]:
     """Run a graph up to the shot and load what frame interpolation needs.
 
     Args:
         graph: A graph with the stages up to the shot.
-        clip: Path of the clip.
         cache: The cache.
         watcher: Follows the run.
 
     Returns:
         Clip and shot.
     """
-    entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
-    return _load_shot(graph, entries, clip)
+    return _load_shot(graph, graph.run(cache, watcher))
 
 
-def _load_shot(graph: StageGraph, entries: Mapping[str, CacheEntry], clip: Path) -> tuple[Clip, Shot]:
+def _load_shot(graph: StageGraph, entries: Mapping[str, CacheEntry]) -> tuple[Clip, Shot]:
     """Load what a graph up to the shot has computed of a clip."""
     stages = {stage.name: stage for stage in graph.stages}
-    cached_clip, shot = (load_stage_output(stages[n], entries[n]) for n in ("read", "explain"))
-    return _relocate_clip(clip, cached_clip), shot
+    clip, shot = (load_stage_output(stages[n], entries[n]) for n in ("read", "explain"))
+    return clip, shot
 
 
 def run_tables(
@@ -223,15 +234,16 @@ def run_tables(
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
-    graph = build_run_graph(clip, options, shot).select("export")
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
-    entries = graph.run(cache, watcher, {"read": partial(_relocate_clip, clip)})
+    with open_frame_memory() as memory:
+        graph = build_run_graph(clip, options, shot, memory=memory).select("export")
+        entries = graph.run(cache, watcher)
     if publishes:
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
-    opened, explained = _load_shot(graph, entries, clip)
+    opened, explained = _load_shot(graph, entries)
     views = explained.scene, explained.tracks, view_run(explained)
     return opened, *views, hash_tables(entries["export"].folder)
 
@@ -267,6 +279,7 @@ def run_clip(
     answer_listener: Callable[[FinishedRun], None] | None = None,
     executor: Executor = SERIAL,
     start_helpers: Callable[[Collection[str]], object] | None = None,
+    memory: FrameMemory | None = None,
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
 
@@ -285,6 +298,7 @@ def run_clip(
         answer_listener: Called with the summary of the run when the report is published, unless everything was cached.
         executor: Where stages run parts of their work; it changes no result.
         start_helpers: Called before each stage that runs, with the names of the stages whose results exist.
+        memory: Keeps the decoded frames of the clip until the run ends; None opens one.
 
     Returns:
         Summary of the run.
@@ -296,15 +310,16 @@ def run_clip(
     digest = hash_clip(clip) if shot is None else shot.whole.digest
     corrections = _read_own_corrections(clip, digest, shot)
     corrected = apply_corrections(options, corrections)
-    graph = _build_graph(clip, digest, corrected, shot, executor)
+    memory = memory or open_frame_memory()
+    graph = _build_graph(clip, digest, corrected, shot, executor, memory)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
-    adapters: dict[str, Callable[[Any], Any]] = {"read": partial(_relocate_clip, clip)}
     shown: set[str] = set()
+    adapters: dict[str, Callable[[Any], Any]] = {}
     if value_listener is not None:
         adapters = {
-            name: partial(_forward_value, value_listener, shown, clip, name)
+            name: partial(_forward_value, value_listener, shown, name)
             for name in stages
             if stages[name].output is not None
         }
@@ -324,10 +339,11 @@ def run_clip(
         publish_files(before, folder)
         write_source(clip, folder, options, shot, hash_tables(folder))
         if answer_listener is not None and not is_answered:
-            answer_listener(_summarize_run(folder, stages, before, notes))
+            answer_listener(_summarize_run(folder, stages, before, notes, memory))
         is_answered = True
 
-    entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
+    with memory:
+        entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
     if "laws" in entries:
@@ -336,11 +352,15 @@ def run_clip(
     if value_listener is not None:
         for name in [name for name in stages if name in adapters and name not in shown]:
             adapters[name](load_stage_output(stages[name], entries[name]))
-    return _summarize_run(folder, stages, entries, notes)
+    return _summarize_run(folder, stages, entries, notes, memory)
 
 
 def _summarize_run(
-    folder: Path, stages: Mapping[str, Stage], entries: Mapping[str, CacheEntry], notes: tuple[str, ...]
+    folder: Path,
+    stages: Mapping[str, Stage],
+    entries: Mapping[str, CacheEntry],
+    notes: tuple[str, ...],
+    memory: FrameMemory,
 ) -> FinishedRun:
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
@@ -349,19 +369,13 @@ def _summarize_run(
     options: ExportOptions = stages["export"].options
     fit = view_inputs(values, options.fit)
     of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
-    all_notes = (*cached_clip.notes, *notes, *dict.fromkeys(of_profile))
+    all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_profile))
     whole_shot = "" if fit.laws is None else format_whole_shot(fit)
     return FinishedRun(folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers)
 
 
-def _relocate_clip(path: Path, clip: Clip) -> Clip:
-    """Set the path of a cached clip: cache entries depend on content, not on paths."""
-    return replace(clip, path=path)
-
-
-def _forward_value(listener: Callable[[str, Any], None], shown: set[str], clip: Path, name: str, value: Any) -> Any:
+def _forward_value(listener: Callable[[str, Any], None], shown: set[str], name: str, value: Any) -> Any:
     """Call the listener with the output of a stage, and return it."""
-    value = _relocate_clip(clip, value) if name == "read" else value
     listener(name, value)
     shown.add(name)
     return value
@@ -377,23 +391,13 @@ def make_change_check(clip: Path) -> Callable[[str], None]:
         A function of the clip's digest that raises ClipError if the clip no longer has this digest. It reads the clip
         only if the size or a time of the file differs.
     """
-    before = _read_file_state(clip)
+    before = read_file_state(clip)
 
     def check(digest: str) -> None:
-        if _read_file_state(clip) != before and hash_clip(clip) != digest:
+        if read_file_state(clip) != before and hash_clip(clip) != digest:
             raise ClipError(f"{clip.name} was changed while it was read; run again once it is whole")
 
     return check
-
-
-def _read_file_state(clip: Path) -> list[tuple[int, int, int, int]]:
-    """Read size, inode and times (ns) of a file or of all files of a folder of images; every write changes them."""
-    try:
-        files = sorted(clip.iterdir()) if clip.is_dir() else [clip]
-        facts = [path.stat() for path in files]
-    except OSError:
-        return []
-    return [(one.st_size, one.st_ino, one.st_mtime_ns, one.st_ctime_ns) for one in facts]
 
 
 def require_clip_not_overwritten(clip: Path, folder: Path) -> None:

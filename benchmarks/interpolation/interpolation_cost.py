@@ -25,6 +25,7 @@ from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.run_options import RunOptions
 from video.io.clip import read_frames
 from video.matting.ball_timeline import build_ball_timeline
+from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.frame_balls import balls_at_times
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance, prepare_interval
 
@@ -59,10 +60,11 @@ def measure_gap(appearance: ClipAppearance, row: int, first: np.ndarray, second:
 def measure_clip(clip: Path) -> tuple[tuple[int, int], float, np.ndarray]:
     """Return the size of a clip, CPU seconds to prepare it, and costs (gaps, 2) s."""
     opened_clip, shot = run_shot_graph(
-        build_shot_graph(clip, RunOptions()), clip, ResultCache(default_cache_root()), SilentWatcher()
+        build_shot_graph(clip, RunOptions()), ResultCache(default_cache_root()), SilentWatcher()
     )
     start = time.process_time()
-    appearance = estimate_clip_appearance(build_ball_timeline(shot.scene, shot.tracks, view_shot(shot)), opened_clip)
+    timeline = build_ball_timeline(shot.scene, shot.tracks, view_shot(shot))
+    appearance = estimate_clip_appearance(estimate_hidden_background(timeline, opened_clip), opened_clip)
     preparation = time.process_time() - start
     moving = np.flatnonzero(appearance.timeline.moving.any(axis=1))
     rows = set(moving[np.linspace(0, len(moving) - 1, GAPS).round().astype(int)].tolist())

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 
 from models.core.detections import Detections
@@ -83,16 +82,11 @@ def run_clip_stages(path: Path, cache: ResultCache) -> tuple[Clip, FittedShot]:
         The clip, and its detections, tracks and fit.
     """
     graph = build_shot_graph(path, RunOptions())
-    entries = graph.run(cache, SilentWatcher(), {"read": partial(_relocate_clip, path)}, snapshot=SNAPSHOT)
+    entries = graph.run(cache, SilentWatcher(), snapshot=SNAPSHOT)
     values = {stage.name: load_stage_output(stage, entries[stage.name]) for stage in graph.stages}
-    clip, shot = _relocate_clip(path, values["read"]), values["explain"]
+    clip, shot = values["read"], values["explain"]
     recording = Recording(values["detect"], clip.distinct_frames, clip.t[clip.distinct_frames], shot.scene)
     return clip, FittedShot(recording, shot.tracks, view_shot(shot))
-
-
-def _relocate_clip(path: Path, clip: Clip) -> Clip:
-    """Set the path of a cached clip: cache entries depend on content, not on paths."""
-    return replace(clip, path=path)
 
 
 def fit_recording(recording: Recording) -> FittedShot:

@@ -20,7 +20,8 @@ from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
-from video.io.clip import Clip, compute_clip_digest, open_clip, read_frames
+from video.io.clip import Clip, open_clip, read_frames
+from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
 ARGUMENT_COUNTS = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}

@@ -13,6 +13,7 @@ from detectors.detect_options import DetectOptions
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import ImageArray
+from pipeline.stages.read_stage import open_frame_memory
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import (
@@ -66,11 +67,12 @@ def check_clip(
         ClipError: The clip cannot be read.
         OptionError: An option is not meaningful.
     """
-    sample = sample_clip(path)
-    view = locate_view(sample, options)
-    detections = concatenate_detections([])
-    if view.scene is not None:
-        detections = _detect_fast_balls(sample, view, view.scene)
+    with open_frame_memory() as memory:
+        sample = sample_clip(path, memory)
+        view = locate_view(sample, options)
+        detections = concatenate_detections([])
+        if view.scene is not None:
+            detections = _detect_fast_balls(sample, view, view.scene)
     values = measure_filming(sample, view, measure_exposure_time(detections, sample.clip.t))
     measurements = grade_measurements(values, limits)
     return FilmingReport(

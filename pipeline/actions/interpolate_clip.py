@@ -25,6 +25,7 @@ from video.io.audio import add_audio
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline, build_ball_timeline
+from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.plain_interpolation import (
     SynthesisOptions,
     regular_frame_rate,
@@ -125,7 +126,8 @@ def interpolate_clip(
     fit = view_run(shot)
     progress, start = watcher.start_stage("interpolate"), time.perf_counter()
     times, rate, even = _schedule_frames(source, wanted)
-    scenery = estimate_clip_appearance(build_ball_timeline(shot.scene, shot.tracks, fit), source)
+    background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), source)
+    scenery = estimate_clip_appearance(background, source)
     making = SynthesisOptions(elsewhere, _exposure_time(wanted, times))
     window = _CropWindow.follow_action(scenery.timeline, times, source, wanted.upright)
     video.parent.mkdir(parents=True, exist_ok=True)
@@ -148,7 +150,8 @@ def interpolate_clip(
             silent.unlink(missing_ok=True)
     watcher.finish_stage("interpolate", time.perf_counter() - start, False)
     originals = int(np.isin(times, source.t[source.distinct_frames]).sum())
-    return InterpolatedClip(len(times), originals, float(rate), fit.trust, source.notes)
+    notes = (*source.notes, *(source.memory.notes if source.memory else ()))
+    return InterpolatedClip(len(times), originals, float(rate), fit.trust, notes)
 
 
 def _schedule_frames(clip: Clip, wanted: InterpolateOptions) -> tuple[FloatArray, Fraction, bool]:

@@ -18,6 +18,7 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.stages.kernel_preparation import KernelPreparation
+from pipeline.stages.read_stage import open_frame_memory
 
 SNAPSHOT = SourceSnapshot()
 """The project's code that this process runs; a later edit counts for the next process."""
@@ -69,11 +70,14 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     cache, counted = ResultCache(Path(job.cache), mark=job.mark), CacheUseWatcher(watcher)
     clip, folder, options = Path(job.clip), Path(job.folder), job.options
     remove_leftovers(folder)
-    shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT)
-    if not shots:
-        with KernelPreparation() as kernels:
-            run = run_clip(clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start)
-        return _summarize_runs(job, [(0.0, run)], "", counted.cached)
+    with open_frame_memory() as memory:
+        shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT, memory)
+        if not shots:
+            with KernelPreparation() as kernels:
+                run = run_clip(
+                    clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start, memory=memory
+                )
+            return _summarize_runs(job, [(0.0, run)], "", counted.cached)
     ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)
     good = [(one.shot.clip.start_time, one.run) for one in ran if one.run is not None]
     bad = [one for one in ran if one.run is None]

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.batch.clip_discovery import find_clips
+from video.io.clip_digest import FileState, read_file_state
 
 POLL_INTERVAL_S = 1.0
 """Time between two searches of the folder, s."""
 SETTLE_S = 3.0
 """Time without a change after which a file counts as complete, s. A file that changes later is run again."""
-
-FileState = tuple[tuple[int, int], ...]
-"""Size and modification time (ns) of the file, or of all files of a folder of images."""
 
 
 def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator[Path | None]:
@@ -34,7 +32,7 @@ def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator
     while idle_s is None or time.monotonic() - last < idle_s:
         began = time.monotonic()
         for clip in find_clips(folder, excluded):
-            state = _read_file_state(clip)
+            state = read_file_state(clip)
             if delivered.get(clip) == state:
                 continue
             if observed.get(clip, (None, 0.0))[0] != state:
@@ -46,13 +44,3 @@ def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator
                 last = time.monotonic()
         while time.monotonic() - began < POLL_INTERVAL_S:
             yield None
-
-
-def _read_file_state(clip: Path) -> FileState:
-    """Read sizes and times; empty if the clip has disappeared."""
-    try:
-        files = sorted(clip.iterdir()) if clip.is_dir() else [clip]
-        facts = [path.stat() for path in files]
-    except OSError:
-        return ()
-    return tuple((one.st_size, one.st_mtime_ns) for one in facts)

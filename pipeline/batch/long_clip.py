@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from pipeline.stages.read_stage import read_stage
 from pipeline.stages.shot_stages import ClipShot, shots_stage
 from video.calibration.shot_segmentation import LONG_RECORDING_S, ShotIntervals
 from video.io.clip import Clip
+from video.io.frame_memory import FrameMemory
 
 TIME_COLUMNS = {"tracks.csv": ("frame", "t"), "events.csv": ("frame", "t"), "trajectory.csv": ("t",)}
 """Tables that are merged, with their columns that count from the start of a shot."""
@@ -42,16 +43,21 @@ class ShotOutcome:
 
 
 def find_recording_shots(
-    clip: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, snapshot: SourceSnapshot
+    clip: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    snapshot: SourceSnapshot,
+    memory: FrameMemory | None = None,
 ) -> list[ClipShot]:
-    """Find the shots of a recording; empty if it is too short for several, or is a single shot."""
+    """Find the shots of a recording, whose frames `memory` keeps; empty if it is too short, or is a single shot."""
     unchanged = make_change_check(clip)
-    read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot)
+    read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot, memory)
     if whole.t[-1] < LONG_RECORDING_S:
         return []
     graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
     check = partial(unchanged, whole.digest)
-    intervals: ShotIntervals = _run_stage(graph, "shots", clip, cache, watcher, check, snapshot)
+    intervals: ShotIntervals = _run_stage(graph, "shots", cache, watcher, check, snapshot)
     if len(intervals) < 2 and not len(intervals.cut_frames):
         return []
     spans = zip(intervals.first_frames.tolist(), intervals.stop_frames.tolist(), strict=True)
@@ -88,31 +94,26 @@ def _read_recording(
     watcher: RunWatcher,
     unchanged: Callable[[str], None],
     snapshot: SourceSnapshot | None = None,
+    memory: FrameMemory | None = None,
 ) -> tuple[Stage, Clip]:
     """Read a recording with the frame rate of its corrections; also return the stage that reads it."""
     digest = hash_clip(clip)
-    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read, memory)
     graph = StageGraph.from_stages([read], digest)
-    return read, _run_stage(graph, "read", clip, cache, watcher, partial(unchanged, digest), snapshot)
+    return read, _run_stage(graph, "read", cache, watcher, partial(unchanged, digest), snapshot)
 
 
 def _run_stage(
     graph: StageGraph,
     name: str,
-    clip: Path,
     cache: ResultCache,
     watcher: RunWatcher,
     check: Callable[[], None],
     snapshot: SourceSnapshot | None,
 ) -> Any:
-    """Run a graph and load the output of one stage, with the present path of the clip."""
-
-    def at(value: Clip) -> Clip:
-        return replace(value, path=clip)
-
-    entry = graph.run(cache, watcher, {"read": at}, check, snapshot)[name]
-    value = load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
-    return at(value) if isinstance(value, Clip) else value
+    """Run a graph and load the output of one stage."""
+    entry = graph.run(cache, watcher, None, check, snapshot)[name]
+    return load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
 
 
 def run_shots(

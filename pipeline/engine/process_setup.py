@@ -10,6 +10,8 @@ THREAD_COUNT_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_TH
 """Environment variables with the number of threads of the linear algebra libraries behind numpy."""
 ACTIVE_WAIT_VARIABLES = ("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN")
 """Environment variables with the number of iterations for which OpenCV's threads wait busily for each other."""
+CGROUP_LIMIT = "/sys/fs/cgroup/memory.max"
+"""File with the memory limit of the control group in bytes, or "max"; Linux, version 2 of control groups."""
 COLLECTION_THRESHOLD = 20_000
 """Net number of new objects that starts a garbage collection. Python's default is 700, which suits small programs."""
 
@@ -22,6 +24,23 @@ def available_cores() -> int:
         the number of cores of the machine.
     """
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+
+
+def available_memory() -> int:
+    """Measure the memory that new data can take without swapping, bytes.
+
+    Returns:
+        What the system has available, at most the limit of the control group, which containers set.
+    """
+    import psutil  # this module is imported before anything else
+
+    available = int(psutil.virtual_memory().available)
+    try:
+        with open(CGROUP_LIMIT, encoding="ascii") as file:
+            limit = file.read().strip()
+    except OSError:
+        return available
+    return min(available, int(limit)) if limit.isdigit() else available
 
 
 def limit_library_threads() -> None:

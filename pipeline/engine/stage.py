@@ -36,6 +36,8 @@ class Stage:
     """A frozen dataclass of plain values."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """What else the result depends on, such as the digest of the clip, as JSON values."""
+    adapt: Callable[[Any], Any] | None = None
+    """Adds to a loaded output what no entry of the cache can hold, such as the present path of the clip."""
 
     @property
     def json_options(self) -> dict[str, Any]:

@@ -192,7 +192,10 @@ def load_stage_output(stage: Stage, entry: CacheEntry) -> Any:
     Returns:
         The output value, or the folder of its files where the stage has no output type.
     """
-    return entry.folder if stage.output is None else load_value(stage.output, entry.folder)
+    if stage.output is None:
+        return entry.folder
+    value: Any = load_value(stage.output, entry.folder)
+    return value if stage.adapt is None else stage.adapt(value)
 
 
 def _run_and_save(

@@ -9,8 +9,10 @@ from pathlib import Path
 
 from models.core.options import option
 from models.core.progress import Progress
+from pipeline.engine.process_setup import available_cores, available_memory
 from pipeline.engine.stage import Inputs, Stage
 from video.io.clip import FPS_RANGE, Clip, open_clip
+from video.io.frame_memory import FrameMemory, MemoryLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,22 +35,36 @@ class ReadOptions:
             raise ValueError(f"{FPS_RANGE[0]} to {FPS_RANGE[1]} frames per second were expected")
 
 
-def read_stage(path: Path, digest: str, options: ReadOptions) -> Stage:
+def open_frame_memory(limits: MemoryLimits | None = None) -> FrameMemory:
+    """Open the memory for the decoded frames of a run; leaving it as a context frees them."""
+    return FrameMemory((limits or MemoryLimits()).budget(available_memory(), available_cores()))
+
+
+def read_stage(path: Path, digest: str, options: ReadOptions, memory: FrameMemory | None = None) -> Stage:
     """Build the stage that reads a clip.
 
     Args:
         path: Path of the clip.
         digest: SHA-256 of the clip.
         options: Options of the stage.
+        memory: Keeps the decoded frames for later stages.
 
     Returns:
-        The stage `read`, whose output is a `CaromClip`.
+        The stage `read`, whose output is a `Clip`.
     """
-    return Stage("read", __name__, (), Clip, partial(_read_clip, path), options, {"clip": digest})
+    run, adapt = partial(_read_clip, path, memory), partial(locate_clip, path, memory)
+    return Stage("read", __name__, (), Clip, run, options, {"clip": digest}, adapt)
 
 
-def _read_clip(path: Path, inputs: Inputs, options: ReadOptions, folder: Path, progress: Progress) -> Clip:
+def locate_clip(path: Path, memory: FrameMemory | None, clip: Clip) -> Clip:
+    """Set the path of a cached clip, which depends on the content only, and the memory for its frames."""
+    return replace(clip, path=path, memory=memory)
+
+
+def _read_clip(
+    path: Path, memory: FrameMemory | None, inputs: Inputs, options: ReadOptions, folder: Path, progress: Progress
+) -> Clip:
     """Read the clip."""
     fps = None if options.fps is None else Fraction(options.fps)
-    clip = open_clip(path, fps=fps, progress=progress)
-    return replace(clip, path=Path("clip"))  # the result depends on the content, not on the path
+    clip = open_clip(path, fps=fps, progress=progress, memory=memory)
+    return replace(clip, path=Path("clip"), memory=None)  # the result depends on the content, not on the path

@@ -1,4 +1,4 @@
-"""The stages of images: the poster, and the annotated slow motion."""
+"""The stages of images: the background behind the balls, the poster, and the annotated slow motion."""
 
 from __future__ import annotations
 
@@ -6,12 +6,23 @@ import json
 from pathlib import Path
 
 from models.core.progress import Progress
-from pipeline.engine.stage import Inputs, Stage
+from pipeline.engine.stage import Inputs, NoOptions, Stage
 from pipeline.io.run_views import view_run
 from video.io.video_options import RenderOptions
 
 SLOW_FILE, START_FILE = "slow.mp4", "start.json"
 """The slow motion; and the file with the time in the clip of its first frame, s."""
+
+
+def background_stage() -> Stage:
+    """Build the stage that places the balls in all frames and estimates the background behind them.
+
+    Returns:
+        The stage `background`, whose output is a `HiddenBackground`.
+    """
+    from video.matting.hidden_background import HiddenBackground  # slow to import
+
+    return Stage("background", __name__, ("read", "explain"), HiddenBackground, _estimate_background, NoOptions())
 
 
 def poster_stage(options: RenderOptions) -> Stage:
@@ -24,7 +35,7 @@ def poster_stage(options: RenderOptions) -> Stage:
         The stage `poster`, whose output is a folder with poster.png and start.json.
     """
     own = RenderOptions(slow=options.slow, trim_still=options.trim_still)  # the others do not change it
-    return Stage("poster", __name__, ("read", "explain"), None, _draw_poster, own)
+    return Stage("poster", __name__, ("read", "explain", "background"), None, _draw_poster, own)
 
 
 def render_stage(options: RenderOptions) -> Stage:
@@ -36,23 +47,30 @@ def render_stage(options: RenderOptions) -> Stage:
     Returns:
         The stage `render`, whose output is a folder with slow.mp4.
     """
-    return Stage("render", __name__, ("read", "explain"), None, _render_slow_motion, options)
+    return Stage("render", __name__, ("read", "explain", "background"), None, _render_slow_motion, options)
+
+
+def _estimate_background(inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> object:
+    """Estimate the background."""
+    from models.estimation.reconstruction.shot_views import view_shot
+    from video.matting.ball_timeline import build_ball_timeline
+    from video.matting.hidden_background import estimate_hidden_background
+
+    shot = inputs["explain"]
+    timeline = build_ball_timeline(shot.scene, shot.tracks, view_shot(shot))
+    return estimate_hidden_background(timeline, inputs["read"])
 
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
     """Draw the poster, and note when the slow motion begins."""
-    from video.matting.ball_timeline import build_ball_timeline
-    from video.matting.frame_store import FrameStore
-    from video.matting.hidden_background import estimate_hidden_background
-    from video.overlay.poster import Poster, find_poster_rows
+    from video.matting.ball_timeline import read_rows
+    from video.overlay.poster import Poster
     from video.overlay.slow_motion import find_output_times  # slow to import
 
-    clip, shot = inputs["read"], inputs["explain"]
+    clip, shot, background = inputs["read"], inputs["explain"], inputs["background"]
     tracks, fit = shot.tracks, view_run(shot)
-    timeline = build_ball_timeline(shot.scene, tracks, fit)
-    frames = FrameStore(timeline, clip, find_poster_rows(timeline))
-    poster = Poster.for_timeline(timeline, estimate_hidden_background(timeline, frames))
-    for row, image in frames.read_rows(poster.rows):
+    poster, timeline = Poster.for_background(background), background.timeline
+    for row, image in read_rows(clip, timeline, poster.rows):
         poster.add_frame(row, image)
     poster.write(tracks, fit, folder / "poster.png", options)
     start = float(find_output_times(clip, timeline, options)[0])
@@ -61,11 +79,10 @@ def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress:
 
 def _render_slow_motion(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
     """Render the slow motion."""
-    from video.matting.ball_timeline import build_ball_timeline
     from video.overlay.slow_motion import render_slow_motion
     from video.synthesis.frame_synthesis import estimate_clip_appearance  # slow to import
 
     clip, shot = inputs["read"], inputs["explain"]
     tracks, fit = shot.tracks, view_run(shot)
-    appearance = estimate_clip_appearance(build_ball_timeline(shot.scene, tracks, fit), clip)
+    appearance = estimate_clip_appearance(inputs["background"], clip)
     render_slow_motion(clip, appearance, tracks, fit, folder / SLOW_FILE, options, progress)

@@ -25,6 +25,7 @@ from video.io.decoder import (
     read_orientation,
 )
 from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import ImageSequence
 from video.io.timestamps import compute_presentation_times, nominal_fps
 
@@ -76,11 +77,12 @@ class _PacketList:
     pixels: int
 
 
-def sample_clip(path: Path) -> ClipSample:
+def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
     """Read the timestamps of a clip and decode its liveliest part.
 
     Args:
         path: A video, or a folder of numbered images.
+        memory: Keeps the decoded frames for later passes.
 
     Returns:
         The sample.
@@ -90,7 +92,7 @@ def sample_clip(path: Path) -> ClipSample:
     """
     require_readable_file(path)
     if path.is_dir():
-        clip = open_clip(path)
+        clip = open_clip(path, memory=memory)
         return _decode_part(clip, clip.t, float("nan"))
     packets = _read_packets(path)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
@@ -98,7 +100,7 @@ def sample_clip(path: Path) -> ClipSample:
     t = packets.times[first:stop] - packets.times[first]
     clip = Clip(
         path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first, float(packets.times[first]),
-        stop - first == len(packets.times),
+        stop - first == len(packets.times), memory,
     )  # fmt: skip
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
 
@@ -144,6 +146,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     wanted = set(np.linspace(0, clip.frame_count - 1, STILLS).round().astype(int).tolist())
     meter, changes, thumbnails = FrameChangeMeter(), list[tuple[float, float]](), list[ImageArray]()
     stills, places, steps = list[ImageArray](), list[int](), list[float]()
+    memory = clip.memory or FrameMemory()
     with open_container(clip.path) as (container, stream):
         if not isinstance(container, ImageSequence):
             stream.codec_context.options = {"export_side_data": "venc_params"}
@@ -151,6 +154,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
         for k, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
             if k == clip.frame_count:
                 break
+            memory.add_frame(k, frame)
             orientation = read_orientation(frame) if orientation is None else orientation
             if k < QUANTISER_FRAMES:
                 steps.append(_read_quantiser_step(frame))
@@ -166,6 +170,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
             f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
         )
     decoded = len(thumbnails)
+    memory.is_complete |= memory.is_filling
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
     repeats = find_duplicate_frames(*np.array(changes).T)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from models.core.errors import ClipError
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
+from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
     FrameOrientation,
     convert_to_rgb,
@@ -26,7 +26,8 @@ from video.io.decoder import (
     read_orientation,
 )
 from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
-from video.io.image_sequence import compute_sequence_digest, open_image_sequence
+from video.io.frame_memory import FrameMemory
+from video.io.image_sequence import open_image_sequence
 from video.io.timestamps import compute_presentation_times, even_times, nominal_fps
 
 MIN_DISTINCT_FRAMES = 5
@@ -78,6 +79,8 @@ class Clip:
     """s, presentation time of that frame in the file."""
     is_whole_file: bool = True
     """Whether the clip covers the whole file."""
+    memory: FrameMemory | None = None
+    """Decoded frames that all passes share; None decodes the file in every pass."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -117,17 +120,25 @@ class Clip:
         is_duplicate[0] = False
         t, start = self.t[first:stop], float(self.t[first])
         return replace(
-            self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False
-        )
+            self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False,
+            memory=None,
+        )  # fmt: skip
 
 
-def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = ignore_progress) -> Clip:
+def open_clip(
+    path: Path,
+    *,
+    fps: Fraction | None = None,
+    progress: Progress = ignore_progress,
+    memory: FrameMemory | None = None,
+) -> Clip:
     """Read a video file, or a folder of numbered images, once and collect its times, duplicate frames and size.
 
     Args:
         path: the file or folder.
         fps: frame rate (1/s) that replaces the container's timestamps: frame k is at k / fps.
         progress: is called with the share that has been read, 0 to 1.
+        memory: keeps the decoded frames for later passes.
 
     Returns:
         The clip. A truncated or damaged file is used up to the defect, which `Clip.notes` reports.
@@ -139,7 +150,7 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = i
     if fps is not None and fps <= 0:
         raise ValueError(f"fps must be positive; got {fps}")
     require_readable_file(path)
-    scan = _scan_file(path, progress)
+    scan = _scan_file(path, progress, memory or FrameMemory())
     is_duplicate = find_duplicate_frames(*np.array(scan.change).T)
     distinct = int(np.count_nonzero(~is_duplicate))
     if distinct < MIN_DISTINCT_FRAMES:
@@ -152,7 +163,8 @@ def open_clip(path: Path, *, fps: Fraction | None = None, progress: Progress = i
     nominal = nominal_fps(t, scan.fps) if fps is None else Fraction(fps)
     t = t if fps is None else even_times(len(t), nominal)
     _check_times(path, t, nominal)
-    return Clip(path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio, notes)
+    digest = compute_clip_digest(path)
+    return Clip(path, digest, *scan.size, nominal, t, is_duplicate, scan.has_audio, notes, memory=memory)
 
 
 def read_frames(
@@ -160,8 +172,8 @@ def read_frames(
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Decode frames of a clip in ascending order.
 
-    Only one frame is held at a time, so memory does not grow with the clip. Decoding stops after the last requested
-    frame.
+    Frames come from the memory of the clip once it holds them. Otherwise decoding stops after the last requested frame,
+    or, while the memory is filling, after the last one of the clip.
 
     Args:
         clip: the clip to read.
@@ -186,18 +198,32 @@ def read_frames(
 
 
 def _decode_wanted_frames(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    last = int(np.max(np.flatnonzero(wanted), initial=-1))
-    if last < 0:
+    orientation: FrameOrientation | None = None
+    for index, frame in enumerate(_iterate_frames(clip, int(np.max(np.flatnonzero(wanted), initial=-1)))):
+        orientation = read_orientation(frame) if orientation is None else orientation
+        if wanted[index]:
+            yield index, orientation.rotate_upright(extract_luma(frame) if grey else convert_to_rgb(frame))
+
+
+def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:
+    """Yield the frames of a clip up to index `last`, as decoded."""
+    memory = clip.memory or FrameMemory()
+    if last < 0 or memory.is_complete:
+        yield from memory.frames[: last + 1]
         return
+    index = -1
     with open_container(clip.path) as (container, stream):
-        orientation: FrameOrientation | None = None
         for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
-            orientation = read_orientation(frame) if orientation is None else orientation
-            if wanted[index]:
-                yield index, orientation.rotate_upright(extract_luma(frame) if grey else convert_to_rgb(frame))
-            if index == last:
+            memory.add_frame(index, frame)
+            if index <= last:
+                yield frame
+            if index == clip.frame_count - 1:
+                memory.is_complete = memory.is_filling and len(memory.frames) == clip.frame_count
                 return
-    raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
+            if index >= last and not memory.is_filling:
+                return
+    if index < last:
+        raise ClipError(f"{clip.path.name} has changed since it was opened: frame {last} is gone; open it again")
 
 
 def _check_times(path: Path, t: FloatArray, fps: Fraction) -> None:
@@ -231,13 +257,14 @@ class _FileScan:
     damage: tuple[str, ...] = ()
 
 
-def _scan_file(path: Path, progress: Progress) -> _FileScan:
+def _scan_file(path: Path, progress: Progress, memory: FrameMemory) -> _FileScan:
     scan, meter, damage = _FileScan([], [], []), FrameChangeMeter(), list[str]()
     with open_container(path) as (container, stream):
         _read_header(scan, container, stream)
         for frame in decode_frames(container, stream, damage):
             _check_size(path, scan, frame)
             scan.time_base = frame.time_base or stream.time_base
+            memory.add_frame(len(scan.pts), frame)
             scan.pts.append(frame.pts)
             scan.dts.append(frame.dts)
             scan.change.append(meter.measure_change(extract_luma(frame)))
@@ -248,6 +275,7 @@ def _scan_file(path: Path, progress: Progress) -> _FileScan:
             f"{path.name} contains no frame that can be decoded: {damage[0] if damage else 'the stream is empty'}"
         )
     scan.damage = tuple(damage)
+    memory.is_complete = memory.is_filling
     progress(1.0)
     return scan
 
@@ -317,21 +345,3 @@ def require_readable_file(path: Path) -> None:
         raise ClipError(f"{path} is not a regular file; give a video file")
     if path.stat().st_size == 0:
         raise ClipError(f"{path.name} is empty (0 bytes); copy or download it again")
-
-
-def compute_clip_digest(path: Path) -> str:
-    """Compute the digest that identifies a clip's content.
-
-    Args:
-        path: a video file or a folder of numbered images.
-
-    Returns:
-        SHA-256 of the file's bytes in hexadecimal; for a folder, of the numbers and digests of all its images.
-
-    Raises:
-        OSError: a file cannot be read.
-    """
-    if path.is_dir():
-        return compute_sequence_digest(path)
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -12,6 +12,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from models.core.errors import ClipError
@@ -186,14 +187,21 @@ def read_orientation(frame: Any) -> FrameOrientation:
 
 def convert_to_rgb(frame: Any) -> NDArray[np.uint8]:
     """Convert a frame to RGB (H, W, 3) as stored, not yet upright."""
-    return np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), np.uint8)
+    return _convert_frame(frame, "rgb24")
+
+
+def _convert_frame(frame: Any, pixel_format: str) -> NDArray[np.uint8]:
+    """Convert a frame to an array of its own; `VideoFrame.reformat` would leave a converter in every kept frame."""
+    converted = VideoReformatter().reformat(frame, format=pixel_format, threads=1)
+    pixels = np.asarray(converted.to_ndarray(), np.uint8)
+    return pixels.copy() if converted is frame else pixels
 
 
 def extract_luma(frame: Any) -> NDArray[np.uint8]:
     """Copy the luma plane (H, W) as stored, in 8 bits; a colour conversion would cost more than the decoding."""
     depth = _luma_depth(frame.format)
     if depth is None:
-        return np.asarray(frame.to_ndarray(format="gray"), np.uint8)
+        return _convert_frame(frame, "gray")
     plane = frame.planes[0]
     if depth == 8:
         rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]

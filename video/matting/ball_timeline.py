@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,9 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene, apply_homography
 from models.core.tracks import Tracks
 from models.core.trajectory import State, Trajectory
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.drawing.palette import lab_to_rgb
+from video.io.clip import Clip, read_frames
 from video.matting.ball_matting import BallOutline
 
 MIN_SHIFT_PX = 0.15
@@ -193,6 +195,13 @@ class BallTimeline:
         observed = self.observed[row] & self.observed[row + 1]
         fast = ~(goes < np.where(observed, SLOW_RADII, UNOBSERVED_SLOW_RADII) * radius)
         return np.asarray(over.any(axis=1) & ~fast & ~(over & fast).any(axis=1), dtype=np.bool_)
+
+
+def read_rows(clip: Clip, timeline: BallTimeline, rows: Iterable[int]) -> Iterator[tuple[int, ImageArray]]:
+    """Read (row, frame (H, W, 3)) of some rows of a timeline in ascending order."""
+    wanted = sorted({int(row) for row in rows})
+    frames = read_frames(clip, indices=timeline.frame[wanted])
+    return ((row, image) for row, (_, image) in zip(wanted, frames, strict=True))
 
 
 def build_ball_timeline(scene: Scene, tracks: Tracks, fit: Fit) -> BallTimeline:

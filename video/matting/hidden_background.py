@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, FloatArray, ImageArray
+from video.io.clip import Clip
 from video.matting.background_plate import (
     COVERED_BY_BALL,
     COVERED_BY_SHADOW,
@@ -15,8 +18,7 @@ from video.matting.background_plate import (
     estimate_background_plate,
 )
 from video.matting.ball_matting import SHADOW_RADII, BallOutline
-from video.matting.ball_timeline import BallTimeline
-from video.matting.frame_store import FrameStore
+from video.matting.ball_timeline import BallTimeline, read_rows
 
 MAX_SAMPLES, MIN_SAMPLES = 32, 13
 """Largest and smallest number of frames, spread over the clip, that the plate is estimated from."""
@@ -28,22 +30,30 @@ HIDDEN_RADII = 1.2
 """Radii around a ball's position that it may hide; beyond, it only casts shadow."""
 
 
-def estimate_hidden_background(timeline: BallTimeline, frames: FrameStore) -> BackgroundPlate:
+@dataclass(frozen=True, slots=True)
+class HiddenBackground:
+    """The positions of the balls of a clip, and the background that the moving ones hide."""
+
+    timeline: BallTimeline
+    plate: BackgroundPlate
+    """Valid wherever a moving ball is."""
+
+
+def estimate_hidden_background(timeline: BallTimeline, clip: Clip) -> HiddenBackground:
     """Estimate the background behind the moving balls from frames spread evenly over the clip.
 
     Args:
         timeline: Positions of the balls.
-        frames: Frames of the clip.
+        clip: The clip.
 
     Returns:
-        The background plate, valid wherever a moving ball is.
+        The timeline and the background plate.
     """
     region = find_covered_region(timeline)
     count = int(np.clip(MAX_PLATE_BYTES // (4 * max(1, int(region.sum()))), MIN_SAMPLES, MAX_SAMPLES))
     rows = _select_sample_rows(timeline, count)
-    return estimate_background_plate(
-        region, (_build_sample(timeline, row, rgb) for row, rgb in frames.read_rows(rows.tolist()))
-    )
+    samples = (_build_sample(timeline, row, rgb) for row, rgb in read_rows(clip, timeline, rows.tolist()))
+    return HiddenBackground(timeline, estimate_background_plate(region, samples))
 
 
 def _select_sample_rows(timeline: BallTimeline, count: int) -> NDArray[np.int64]:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, ImageArray
+from video.io.clip import Clip
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import MattedSprite, matte_balls
-from video.matting.ball_timeline import BallTimeline
+from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.deblur import deblur_sprite, match_brightness, scale_sprite
-from video.matting.frame_store import FrameStore
 
 VIEWS_PER_BALL = 3
 """Views of each ball, spread over the clip because light and visible markings change."""
@@ -72,12 +72,12 @@ def deblur_pair(
     return first, second
 
 
-def collect_sharp_balls(timeline: BallTimeline, frames: FrameStore, plate: BackgroundPlate) -> SharpBalls:
+def collect_sharp_balls(timeline: BallTimeline, clip: Clip, plate: BackgroundPlate) -> SharpBalls:
     """Search the clip for the sharpest views of the balls that may be streaked in any frame.
 
     Args:
         timeline: Positions of the balls.
-        frames: Frames of the clip.
+        clip: The clip.
         plate: Background plate.
 
     Returns:
@@ -85,7 +85,7 @@ def collect_sharp_balls(timeline: BallTimeline, frames: FrameStore, plate: Backg
     """
     wanted = find_sharpest_rows(timeline)
     views: dict[int, list[tuple[float, MattedSprite, float]]] = defaultdict(list)
-    for row, image in frames.read_rows(wanted):
+    for row, image in read_rows(clip, timeline, wanted):
         motion = timeline.camera_motion_at(float(timeline.t[row]))
         for index in wanted[row]:
             matted = matte_balls(image, [timeline.outline(row, index)], [], plate, motion)

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from models.core.typing import Float32Array, FloatArray, ImageArray
+from video.io.clip import Clip
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import BallOutline, matte_balls, sample_path
-from video.matting.ball_timeline import BallTimeline
+from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.deblur import match_brightness
-from video.matting.frame_store import FrameStore
 from video.matting.sharp_balls import FAST_RADII, SharpBalls, find_isolated_rows, frame_to_frame_shifts
 
 SHUTTER_SHARES = np.array([0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.7, 0.9])
@@ -38,13 +38,13 @@ MAX_RELATIVE_ERROR = 3.0
 
 
 def estimate_shutter_time(
-    timeline: BallTimeline, frames: FrameStore, plate: BackgroundPlate, balls: SharpBalls
+    timeline: BallTimeline, clip: Clip, plate: BackgroundPlate, balls: SharpBalls
 ) -> BallTimeline:
     """Estimate the shutter time that makes the sharp balls most similar to the fast ones.
 
     Args:
         timeline: Positions of the balls.
-        frames: Frames of the clip.
+        clip: The clip.
         plate: Background plate.
         balls: Sharp views of the balls.
 
@@ -55,7 +55,7 @@ def estimate_shutter_time(
     step = float(np.median(np.diff(timeline.t))) if len(timeline.t) > 1 else 0.0
     measured = [
         (_compute_streak_errors(timeline, plate, balls, row, ball, image, step), speed)
-        for row, image in frames.read_rows(row for _, row, _ in fastest_views)
+        for row, image in read_rows(clip, timeline, (row for _, row, _ in fastest_views))
         for speed, other, ball in fastest_views
         if other == row
     ]

@@ -21,6 +21,7 @@ from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
+from video.matting.hidden_background import HiddenBackground
 from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls, Label, mask_without_balls
 from video.overlay.trails import draw_trail
@@ -52,18 +53,19 @@ class Poster:
     last: ImageArray | None = None
 
     @classmethod
-    def for_timeline(cls, timeline: BallTimeline, plate: BackgroundPlate) -> Poster:
+    def for_background(cls, background: HiddenBackground) -> Poster:
         """Create a poster that has received no frame.
 
         Args:
-            timeline: Positions of the balls.
-            plate: Background of the clip without its moving balls.
+            background: Positions of the balls, and the background without the moving ones.
 
         Returns:
             The poster; its `rows` are the frames that it needs.
         """
+        timeline = background.timeline
         ghosts = _select_ghost_positions(timeline)
-        return cls(timeline, plate, ghosts, _list_rows(timeline, ghosts))
+        rows = frozenset({0, len(timeline.t) - 1, *(row for row, _ in ghosts)})
+        return cls(background.timeline, background.plate, ghosts, rows)
 
     def add_frame(self, row: int, image: ImageArray) -> None:
         """Take what the poster needs from a frame.
@@ -101,15 +103,6 @@ class Poster:
             height, width = still.shape[:2]
             raise ClipError(f"the poster {path.name} was to be a PNG of {width} x {height} px; it failed")
         path.write_bytes(data.tobytes())
-
-
-def find_poster_rows(timeline: BallTimeline) -> frozenset[int]:
-    """Find the rows of a timeline whose frames a poster shows: the first, the last, and those of the ghosts."""
-    return _list_rows(timeline, _select_ghost_positions(timeline))
-
-
-def _list_rows(timeline: BallTimeline, ghosts: list[tuple[int, int]]) -> frozenset[int]:
-    return frozenset({0, len(timeline.t) - 1, *(row for row, _ in ghosts)})
 
 
 def _select_ghost_positions(timeline: BallTimeline) -> list[tuple[int, int]]:

@@ -25,10 +25,9 @@ from video.matting.ball_matting import (
 )
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import RotationWarp, SpriteLayer, composite_balls
-from video.matting.frame_store import FrameStore
-from video.matting.hidden_background import estimate_hidden_background
-from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair, find_sharpest_rows
-from video.matting.shutter_time import estimate_shutter_time, find_fastest_views
+from video.matting.hidden_background import HiddenBackground
+from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
+from video.matting.shutter_time import estimate_shutter_time
 from video.matting.visible_balls import find_visible_balls
 from video.synthesis.ball_rotation import BallRotation, compare_rotated_views, estimate_rotation, states_between_frames
 from video.synthesis.marking_rotation import MarkingFlow, estimate_marking_flow
@@ -55,22 +54,19 @@ class ClipAppearance:
     sharp_balls: SharpBalls
 
 
-def estimate_clip_appearance(timeline: BallTimeline, clip: Clip) -> ClipAppearance:
-    """Estimate the background plate, the sharp balls and the shutter time of a clip.
+def estimate_clip_appearance(background: HiddenBackground, clip: Clip) -> ClipAppearance:
+    """Estimate the sharp balls and the shutter time of a clip.
 
     Args:
-        timeline: Positions of the balls.
+        background: Positions of the balls, and the background plate.
         clip: The clip.
 
     Returns:
         The appearance; its timeline has the estimated shutter time.
     """
-    sharpest = find_sharpest_rows(timeline)
-    streaked = find_fastest_views(timeline, {ball for balls in sharpest.values() for ball in balls})
-    frames = FrameStore(timeline, clip, frozenset([*sharpest, *(row for _, row, _ in streaked)]))
-    plate = estimate_hidden_background(timeline, frames)
-    sharp_balls = collect_sharp_balls(timeline, frames, plate)
-    return ClipAppearance(estimate_shutter_time(timeline, frames, plate, sharp_balls), plate, sharp_balls)
+    timeline, plate = background.timeline, background.plate
+    sharp_balls = collect_sharp_balls(timeline, clip, plate)
+    return ClipAppearance(estimate_shutter_time(timeline, clip, plate, sharp_balls), plate, sharp_balls)
 
 
 @dataclass(frozen=True, slots=True)

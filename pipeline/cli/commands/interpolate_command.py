@@ -118,13 +118,14 @@ def _interpolate_clip(
     from pipeline.actions.interpolate_clip import interpolate_clip
     from pipeline.chain import build_shot_graph, run_shot_graph
     from pipeline.reporting.text.text_formatting import format_trust_line, summarize_trust
+    from pipeline.stages.read_stage import open_frame_memory
     from pipeline.terminal.progress_display import StageDisplay
 
     with StageDisplay(console, str(clip)) as display:
         store = open_cache(cache)
         result = interpolate_clip(
             clip, video, frames, wanted,
-            lambda: run_shot_graph(build_shot_graph(clip, options), clip, store, display),
+            lambda: run_shot_graph(build_shot_graph(clip, options, open_frame_memory()), store, display),
             display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
         )  # fmt: skip
     for note in result.notes:

@@ -42,7 +42,8 @@ from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_f
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import CacheMissing, ResultCache
 from pipeline.run_options import RunOptions, list_setting_values
-from video.io.clip import compute_clip_digest, open_clip, read_frames
+from video.io.clip import open_clip, read_frames
+from video.io.clip_digest import compute_clip_digest
 
 ROOT = Path(__file__).resolve().parents[3]
 HANG_S = 600

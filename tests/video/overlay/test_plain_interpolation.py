@@ -18,6 +18,7 @@ from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
+from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.plain_interpolation import regular_frame_rate, subdivide_frame_times, synthesize_frames
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
@@ -26,7 +27,8 @@ FACTOR = 4
 
 def interpolate(clip: Clip, tracks: Tracks, fit: Fit, factor: int) -> Iterator[ImageArray]:
     """Frames (H, W, 3) of the clip with `factor` - 1 synthesized ones in every gap."""
-    appearance = estimate_clip_appearance(build_ball_timeline(shot.scene(), tracks, fit), clip)
+    background = estimate_hidden_background(build_ball_timeline(shot.scene(), tracks, fit), clip)
+    appearance = estimate_clip_appearance(background, clip)
     return synthesize_frames(clip, appearance, subdivide_frame_times(clip, factor))
 
 

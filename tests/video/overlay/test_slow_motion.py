@@ -20,6 +20,7 @@ from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
+from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
 from video.overlay.frame_balls import balls_at_times
 from video.overlay.poster import Poster
 from video.overlay.slow_motion import find_output_times, render_slow_motion
@@ -29,13 +30,16 @@ from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appear
 def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = None) -> ClipAppearance:
     """The appearance of the staged shot, with other tracks or another fit where passed."""
     return estimate_clip_appearance(
-        build_ball_timeline(shot.scene(), tracks or shot.tracks(clip.t), fit or shot.fit(clip.t)), clip
+        estimate_hidden_background(
+            build_ball_timeline(shot.scene(), tracks or shot.tracks(clip.t), fit or shot.fit(clip.t)), clip
+        ),
+        clip,
     )
 
 
 def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
     """Write the poster of a clip from all of its frames."""
-    poster = Poster.for_timeline(appearance.timeline, appearance.plate)
+    poster = Poster.for_background(HiddenBackground(appearance.timeline, appearance.plate))
     for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
         poster.add_frame(row, image)
     poster.write(tracks, fit, path)

@@ -23,7 +23,6 @@ from video.matting.background_plate import COVERED_BY_BALL, BackgroundPlate, est
 from video.matting.ball_matting import BallOutline, matte_balls
 from video.matting.ball_timeline import BallTimeline, build_ball_timeline
 from video.matting.compositing import SpriteLayer, composite_balls
-from video.matting.frame_store import FrameStore
 from video.matting.hidden_background import estimate_hidden_background, find_covered_region
 from video.synthesis.frame_synthesis import MovingBall, prepare_interval
 
@@ -251,7 +250,7 @@ def test_the_plate_is_the_median_of_uncovered_pixels_and_inpainted_elsewhere() -
 def test_the_plate_of_a_clip_shows_the_cloth_where_the_ball_rolled(tmp_path: Path) -> None:
     clip = shot.clip_in(tmp_path)
     timeline = build_staged_timeline()
-    plate = estimate_hidden_background(timeline, FrameStore(timeline, clip))
+    plate = estimate_hidden_background(timeline, clip).plate
     region = find_covered_region(timeline)
     assert 0.03 < region.mean() < 0.4
     assert difference(plate.image, shot.cloth())[region].mean() < 3
@@ -367,7 +366,7 @@ def compare_with_blending(
         for name in ("frame", "t", "xy", "px", "sigma", "sigma_along", "streak", "radius_px")
     })  # fmt: skip
     timeline = build_ball_timeline(scene, half, smooth_fit(half))
-    plate = estimate_hidden_background(timeline, FrameStore(timeline, clip))
+    plate = estimate_hidden_background(timeline, clip).plate
     images = [image for _, image in read_frames(clip, indices=rows)]
     moving = np.flatnonzero(np.linalg.norm(px[-1] - px[0], axis=1) > radius)
     made_error, blend_error = [], []

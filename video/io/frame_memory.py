@@ -1,0 +1,79 @@
+"""Decoded frames of a clip in memory, which the stages of a run share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryLimits:
+    """Limits of the memory for the decoded frames of one process."""
+
+    most_bytes: int = 1_000_000_000
+    """720 frames of 720p, or 320 of 1080p. A run takes 0.7 GB without them; a batch ends a clip that takes 4 GB."""
+    share_per_core: float = 0.25
+    """Share of the available memory per core: a batch runs a clip on every core, and most memory is for other programs.
+    """
+
+    def budget(self, available_bytes: int, cores: int) -> int:
+        """Compute the bytes that one process may use."""
+        return min(self.most_bytes, int(self.share_per_core * available_bytes / cores))
+
+
+class FrameMemory:
+    """The decoded frames of one clip, as long as all of them fit.
+
+    Frames stay in the pixel format of the decoder, mostly 1.5 bytes a pixel instead of the 3 of RGB. Where the clip
+    does not fit, no frame stays, and every pass decodes the clip again: a video is decoded from its start, so a part of
+    it in memory would save nothing. Only one thread may read at a time.
+    """
+
+    def __init__(self, budget: int = 0) -> None:
+        self.budget = budget
+        """Bytes that the frames may take."""
+        self._bytes = 0
+        self.frames: list[Any] = []
+        """Frames of the clip from the first one on, as decoded."""
+        self.is_complete = False
+        """Whether these are all frames of the clip."""
+        self.is_exceeded = False
+        """Whether the clip does not fit."""
+        self.is_closed = False
+        """Whether the run has ended."""
+
+    def __reduce__(self) -> tuple[type[FrameMemory], tuple[()]]:
+        """Send no frames to another process: that takes longer than to decode them there."""
+        return FrameMemory, ()
+
+    def __enter__(self) -> FrameMemory:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._clear()
+        self.is_closed = True
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know: empty unless the clip does not fit."""
+        size = f"{self.budget / 1e6:.0f} MB of memory"
+        return (f"its frames take more than {size}, so each stage decodes them again",) if self.is_exceeded else ()
+
+    @property
+    def is_filling(self) -> bool:
+        """Whether the next decoded frame will be kept."""
+        return self.budget > 0 and not (self.is_complete or self.is_exceeded or self.is_closed)
+
+    def add_frame(self, index: int, frame: Any) -> None:
+        """Keep a frame if it is the first or follows the last one; where it does not fit, drop all."""
+        if index != len(self.frames) or not self.is_filling:
+            return
+        self.frames.append(frame)
+        self._bytes += sum(plane.buffer_size for plane in frame.planes)
+        if self._bytes > self.budget:
+            self.is_exceeded = True
+            self._clear()
+
+    def _clear(self) -> None:
+        self.frames.clear()
+        self._bytes, self.is_complete = 0, False
