@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from models.numerics.robust import estimate_sigma
+from models.numerics.robust_scale import estimate_sigma
 
 SHADOW_WEIGHT = 0.5
 """Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows."""

@@ -1,4 +1,4 @@
-"""Robust statistics: the loss that bounds single outliers, and the scale that ignores them.
+"""The robust loss, which bounds single outliers.
 
 Huber's loss (1964, doi:10.1214/aoms/1177703732) is quadratic up to a threshold and linear beyond it; several
 coordinates of one observation count by their norm, so that the loss does not depend on the axes.
@@ -6,20 +6,13 @@ coordinates of one observation count by their norm, so that the loss does not de
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
 HUBER_THRESHOLD = 2.5
 """Standard deviations at which the loss of an observation turns from quadratic to linear."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation over the median absolute deviation, normal distribution."""
-NORM_MEDIAN = 1.1774
-"""Median of the norm of a two-dimensional standard normal vector."""
 
 
 def evaluate_huber_loss(residual: FloatArray, threshold: float = HUBER_THRESHOLD) -> tuple[FloatArray, float]:
@@ -76,22 +69,3 @@ def _fill_huber_loss(residual, threshold, weight, loss):  # type: ignore[no-unty
         weight[k] = threshold / size if size > threshold else 1.0
         loss[k] = 2 * size * inner - inner * inner
     return True
-
-
-def estimate_sigma(values: NDArray[np.floating[Any]], centre: float | None = None) -> float:
-    """Estimate a standard deviation by the median absolute deviation: half of the values may be outliers.
-
-    Args:
-        values: (N, ...) values.
-        centre: Value about which they scatter; the median along the first axis if None.
-
-    Returns:
-        The standard deviation of one value; NaN of none.
-    """
-    middle = np.median(values, axis=0) if centre is None else centre
-    return float(MAD_TO_SIGMA * np.median(np.abs(values - middle)))
-
-
-def estimate_norm_sigma(norms: FloatArray) -> float:
-    """Estimate the standard deviation of either coordinate from the norms (N,) of pairs."""
-    return float(np.median(norms)) / NORM_MEDIAN

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import FloatArray, ImageArray
-from models.numerics.robust import estimate_sigma
+from models.numerics.robust_scale import estimate_sigma
 from video.calibration.camera_model import homography_from_unit_square
 from video.calibration.cloth_region import SEARCH_WIDTH_PX, intersect_lines, line_through
 

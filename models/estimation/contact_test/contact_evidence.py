@@ -27,7 +27,7 @@ from models.estimation.contact_test.contact_moment import (
     predict_nearest_approach,
 )
 from models.numerics.least_squares import SearchOptions, minimize_residuals
-from models.numerics.robust import estimate_norm_sigma
+from models.numerics.robust_scale import estimate_norm_sigma
 from models.physics.effects.catalogue import find_prior
 
 NOISE_DOF = 50.0

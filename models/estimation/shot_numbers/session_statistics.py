@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from models.core.shot_numbers import ShotNumbers
 from models.core.typing import FloatArray
-from models.numerics.robust import MAD_TO_SIGMA
+from models.numerics.robust_scale import estimate_sigma
 
 MIN_TREND_SHOTS = 4
 """Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks."""
@@ -87,10 +86,12 @@ def summarize_series(name: str, unit: str, x: FloatArray, values: FloatArray, si
     if not len(values):
         return SeriesSummary(name, unit, 0, *(float("nan"),) * 7)
     middle, measurement = float(np.median(values)), float(np.sqrt(np.median(sigmas**2)))
-    spread = MAD_TO_SIGMA * float(np.median(abs(values - middle))) if len(values) > 1 else float("nan")
+    spread = estimate_sigma(values) if len(values) > 1 else float("nan")
     own = float(np.sqrt(max(spread**2 - measurement**2, 0.0))) if np.isfinite(spread) else float("nan")
     slope = low = high = float("nan")
     if len(values) >= MIN_TREND_SHOTS:
+        from scipy import stats  # slow to import
+
         fitted = stats.theilslopes(values, x, 0.95)
         slope, low, high = float(fitted.slope), float(fitted.low_slope), float(fitted.high_slope)
     return SeriesSummary(name, unit, len(values), middle, spread, measurement, own, slope, low, high)

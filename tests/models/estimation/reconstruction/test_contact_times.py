@@ -15,8 +15,8 @@ from models.core.corrections import BallPlace, ContactCorrection
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.shot import ContactTestResult
 from models.core.shot_explanation import MarkOutcome
-from models.estimation.hand_marks.graph_marks import HAND_TIME_FRAMES, combine_marked_times
-from models.estimation.hand_marks.resolved_marks import ResolvedMark
+from models.estimation.hand_marks.graph_marks import combine_marked_times
+from models.estimation.hand_marks.resolved_marks import HAND_TIME_FRAMES, ResolvedMark
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times
 from models.estimation.reconstruction import contact_time_refinement
