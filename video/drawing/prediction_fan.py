@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from models.core.scene import Table
-from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
 from video.drawing.palette import INK, WHITE, Colour, mix_colours
 from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset
 from video.drawing.table_plan import draw_table_plan
@@ -21,6 +21,9 @@ STROKE_PX = 4
 EDGE_RADII, EDGE_CONTRAST = 0.2, 3.0
 """Blur of the edge of an area, ball radii, and the factor by which it is sharpened again: the edge becomes rounder, not
 wider."""
+EDGE_MARGIN_RADII = 1 + 4 * EDGE_RADII
+"""Ball radii beyond its paths that an area is drawn in: the disc that closes gaps, and four standard deviations of the
+blur."""
 SPREAD_QUANTILE = 0.75
 """Quantile of the distances of the samples from their median, over all times, that is the spread of a fan."""
 MIN_TRAVEL = 0.01
@@ -53,9 +56,12 @@ class PredictionFan:
         last_finite = np.maximum.accumulate(np.where(is_potted, 0, np.arange(is_potted.shape[1])), axis=1)
         positions = np.take_along_axis(self.samples, last_finite[..., None], axis=1)
         points = positions[..., 0] + 1j * positions[..., 1]
-        distances = np.zeros(len(points))
+        distances, added, before = np.zeros(len(points)), np.zeros(len(points)), None
         for row in points.T:  # one moment at a time: all pairs at all moments take gigabytes
-            distances += np.nan_to_num(np.abs(row[:, None] - row)).sum(axis=1)
+            if before is None or not np.array_equal(row, before):
+                added = np.nan_to_num(np.abs(row[:, None] - row)).sum(axis=1)
+            distances += added
+            before = row
         medoid: FloatArray = self.samples[int(np.argmin(distances))]
         return medoid
 
@@ -134,9 +140,12 @@ def _shade_samples(inset: TableInset, fan: PredictionFan, colour: Colour) -> Non
             if len(line) > 1:
                 cv2.polylines(mask, [inset.to_fixed_point(line).reshape(-1, 1, 2)], False, 255, STROKE_PX * SUPERSAMPLE,
                               cv2.LINE_AA, SHIFT)  # fmt: skip
-        cover = _close_gaps(mask, radius)[..., None] * strength
-        ground = inset.canvas.astype(np.float32)
-        inset.canvas[:] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
+        left, top, width, height = cv2.boundingRect(mask)
+        margin = int(np.ceil(EDGE_MARGIN_RADII * radius))
+        part = (slice(max(top - margin, 0), top + height + margin), slice(max(left - margin, 0), left + width + margin))
+        cover = _close_gaps(mask[part], radius)[..., None] * strength
+        ground = inset.canvas[part].astype(np.float32)
+        inset.canvas[part] = np.rint(ground + (np.asarray(colour, np.float32) - ground) * cover).astype(np.uint8)
 
 
 def _close_gaps(mask: ByteArray, radius: float) -> Float32Array:
@@ -152,12 +161,16 @@ def _close_gaps(mask: ByteArray, radius: float) -> Float32Array:
     Returns:
         (h, w) share of each pixel that belongs to the area.
     """
-    from skimage.morphology import isotropic_closing  # slow to import
-
     is_path = mask >= 128
-    area = (isotropic_closing(is_path, radius) | is_path).astype(np.float32)
+    is_near = _measure_distance(~is_path) <= radius
+    area = ((_measure_distance(is_near) > radius) | is_path).astype(np.float32)
     smooth = cv2.GaussianBlur(area, (0, 0), EDGE_RADII * radius)
     return np.asarray(np.clip(EDGE_CONTRAST * (smooth - 0.5) + 0.5, 0, 1), np.float32)
+
+
+def _measure_distance(is_inside: BoolArray) -> Float32Array:
+    """Return the distance (h, w), px, of each pixel inside from the nearest one outside."""
+    return np.asarray(cv2.distanceTransform(is_inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), np.float32)
 
 
 def _draw_path_line(inset: TableInset, path: FloatArray, colour: Colour) -> None:

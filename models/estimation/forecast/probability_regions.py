@@ -55,9 +55,13 @@ def ensemble_outlyingness(members: FloatArray) -> FloatArray:
     """
     levels = np.full(members.shape[:2], np.nan)
     for row in range(members.shape[1]):
+        if row and np.array_equal(members[:, row], members[:, row - 1], equal_nan=True):
+            levels[:, row] = levels[:, row - 1]
+            continue
         is_present = np.isfinite(members[:, row, 0])
         if is_present.sum() > 1:
-            levels[is_present, row] = levels_by_neighbours(members[is_present, row], members[is_present, row])
+            far, own = _neighbour_distances(members[is_present, row], members[is_present, row])
+            levels[is_present, row] = np.searchsorted(np.sort(own), far) / len(far)
     is_defined = np.isfinite(levels)
     mean = np.where(is_defined, levels, 0.0).sum(axis=1) / np.maximum(is_defined.sum(axis=1), 1)
     return np.asarray((np.argsort(np.argsort(mean, kind="stable"), kind="stable") + 0.5) / len(mean), np.float64)

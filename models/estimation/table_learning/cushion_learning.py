@@ -10,7 +10,6 @@ from dataclasses import astuple, dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import minimize
 
 from models.core.fit_result import Parameter
 from models.core.joint_solution import JointSolution
@@ -134,6 +133,8 @@ def refit_scatter(
     Returns:
         The fit with its new scatter.
     """
+    from scipy.optimize import minimize  # slow to import
+
     rebounds = predict_rebounds(contacts, CUSHION_MODELS.index(fit.law), fit.physics, radius, mass, correction)
     decay, first = float(fit.physics[SPIN_DECAY]), np.log(astuple(fit.scatter))
 
@@ -159,6 +160,8 @@ def _fit_model(
 
     The search starts from the values of a neighbour, the best other model, else from the priors.
     """
+    from scipy.optimize import minimize  # slow to import
+
     priors = _list_unknowns(law)
     low, high = _coordinate_bounds(priors)
     first = np.clip(_read_coordinates(neighbour, priors), low, high)
