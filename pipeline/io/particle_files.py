@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from models.core.errors import OptionError
 from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import MIN_SAMPLES, ParticleMotion
-from models.estimation.particles.particle_prediction import ParticlePrediction
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.run_folder import Columns, read_csv_columns
+
+if TYPE_CHECKING:
+    from models.estimation.particles.particle_fit import ParticleMotion
+    from models.estimation.particles.particle_prediction import ParticlePrediction
 
 AXES = ("x", "y", "z")
 NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")
@@ -113,6 +115,8 @@ def _build_recording(number: int, axes: tuple[str, ...], columns: Columns, path:
     index = {name: k for k, name in enumerate(ids)}
     x = np.full((len(t), len(ids), len(axes)), np.nan)
     x[row, [index[name] for name in columns["id"].tolist()]] = np.stack([columns[axis] for axis in axes], axis=1)
+    from models.estimation.particles.particle_fit import MIN_SAMPLES  # slow to import
+
     particles = record_points(t, x, ids, number)
     try:
         particles.require_samples(MIN_SAMPLES)

@@ -16,7 +16,6 @@ from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE, ShotPrediction, forecast_shot
 from models.estimation.forecast.forecast_check import check_prediction
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
-from pipeline.actions.predict_particles import predict_particles
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.explained_shot import explain_tracks
@@ -24,7 +23,6 @@ from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.particle_files import is_particle_source
 from pipeline.io.prediction_files import summarize_prediction, write_prediction
 from pipeline.io.strict_json import format_strict_json
-from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.terminal.command_line import (
     CacheOption,
     DebugOption,
@@ -78,6 +76,8 @@ def predict(
     if not 0 < seconds <= 60:
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")
     if is_particle_source(source):
+        from pipeline.actions.predict_particles import predict_particles  # slow to import
+
         predict_particles(source, seconds, at, out, shot, fps, as_json)
         return
     tracks, scene, number = read_observed_shot(source, shot)
@@ -85,7 +85,11 @@ def predict(
     require_writable_folder(folder)
     t = _choose_start_time(tracks, at)
     times = _list_prediction_times(tracks, t, seconds)
-    learned = None if profile is None else parse_learned_table(read_profile_text(profile))
+    learned = None
+    if profile is not None:
+        from pipeline.io.table_profile import parse_learned_table, read_profile_text  # slow to import
+
+        learned = parse_learned_table(read_profile_text(profile))
     store = open_cache(cache)
     state = estimate_state(tracks, scene, t, learned, lambda past, place: explain_tracks(past, place, store))
     prediction = forecast_shot(state, times, seed, draws)
