@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -159,6 +159,9 @@ class Shot:
     """Break shots that a simulation explains."""
     hypotheses: tuple[ContactRivals, ...] = ()
     """(C,) what may have happened instead of each contact."""
+    gaps: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """(C, 2) m, least distance of the surfaces of two balls on free paths by the contact test that times their contact,
+    and its sigma; NaN for other contacts, whose gap follows from the solution."""
     passes: tuple[ClosePass, ...] = ()
     """Passes that may have been contacts."""
     corrections: Corrections = NO_CORRECTIONS
@@ -174,8 +177,8 @@ class Shot:
         if self.whitening.shape != (frames, balls, 2, 2):
             raise ValueError(f"Shot.whitening must be {(frames, balls, 2, 2)}; got {self.whitening.shape}")
         contacts = 0 if self.solution is None else len(self.solution.graph.contacts)
-        if len(self.hypotheses) != contacts:
-            raise ValueError(f"Shot.hypotheses must have one entry for each of {contacts} contacts")
+        if len(self.hypotheses) != contacts or self.gaps.shape != (contacts, 2):
+            raise ValueError(f"Shot.hypotheses and gaps must have one entry for each of {contacts} contacts")
 
     @property
     def captured(self) -> Tracks:

@@ -7,12 +7,14 @@ of the joint fit stays.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Scene
+from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME
 from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
@@ -45,7 +47,7 @@ class _FittedShot(NamedTuple):
 
 def refine_contact_times(
     solution: JointSolution, observations: Observations, scene: Scene
-) -> dict[int, tuple[float, float]]:
+) -> dict[int, ContactTestResult]:
     """Refine the times of all contacts of two balls where exact physics holds.
 
     Args:
@@ -54,7 +56,7 @@ def refine_contact_times(
         scene: Table and camera.
 
     Returns:
-        Time and its standard deviation, s, by the number of the contact.
+        Result of the contact test by the number of the contact; its standard deviations include the lack of fit.
     """
     layout = layout_parameters(solution.graph)
     variance = np.diag(solution.covariance)[layout.contact : layout.shared]
@@ -68,12 +70,10 @@ def refine_contact_times(
     refined = (
         (k, _refine_contact_time(shot, k, *reach)) for k, c in enumerate(solution.graph.contacts) if c.kind == "ball"
     )
-    return {k: time for k, time in refined if time is not None}
+    return {k: result for k, result in refined if result is not None}
 
 
-def _refine_contact_time(
-    shot: _FittedShot, number: int, reach: float, reach_sigma: float
-) -> tuple[float, float] | None:
+def _refine_contact_time(shot: _FittedShot, number: int, reach: float, reach_sigma: float) -> ContactTestResult | None:
     """Refine the time of a contact by exact physics; None where that does not hold."""
     t = shot.solution.graph.contacts[number].t
     try:
@@ -85,7 +85,9 @@ def _refine_contact_time(
         return None
     is_near = abs(result.t - t) < min(MAX_MOVE_SIGMAS * float(shot.time_sigma[number]), MAX_MOVE)
     holds = result.closing > 0 and result.chi2 < MAX_CHI2 and is_near
-    return (result.t, result.t_sigma * np.sqrt(max(result.chi2, 1.0))) if holds else None
+    excess = float(np.sqrt(max(result.chi2, 1.0)))
+    inflated = replace(result, t_sigma=excess * result.t_sigma, gap_sigma=excess * result.gap_sigma)
+    return inflated if holds else None
 
 
 def _cut_ball_window(shot: _FittedShot, number: int, which: int) -> BallWindow:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
-from models.core.shot import ContactRivals, Note, Shot
+from models.core.shot import ContactRivals, ContactTestResult, Note, Shot
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -111,7 +112,8 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: Fi
     """
     observations = collect_observations(tracks)
     solution = add_covariance(refine_graph(graph, observations, scene.table, iterations=60), observations, scene.table)
-    times = refine_contact_times(solution, observations, scene)
+    tests = refine_contact_times(solution, observations, scene)
+    times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
     solution = condition_on_contact_times(solution, times, observations, scene.table)
     clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
     hypotheses = collect_hypotheses(solution, observations, scene.table)
@@ -122,6 +124,7 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: Fi
         _whiten_observed(tracks),
         solution,
         hypotheses=hypotheses,
+        gaps=_list_gaps(solution, tests),
         moving_speed=options.moving_speed,
     )
     return _add_close_passes(shot)
@@ -191,16 +194,25 @@ def _explain_tracks(
         marked, outcomes = settle_marks(solution, marks, MarkedFit(observations, table, prices), tracks.ids)
         solution = log("marks by hand", marked)
     solution = add_covariance(solution, observations, table)
-    times = refine_contact_times(solution, measured, blank.scene)
+    tests = refine_contact_times(solution, measured, blank.scene)
+    times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
     times, outcomes = combine_marked_times(solution, times, marks, outcomes, observations)
     solution = condition_on_contact_times(solution, times, observations, table)
     shot = replace(
         blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
-        hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts),
+        hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts), gaps=_list_gaps(solution, tests),
     )  # fmt: skip
     shot = replace(shot, hypotheses=collect_hypotheses(solution, shot.observations, table))
     progress(1.0)
     return shot
+
+
+def _list_gaps(solution: JointSolution, tests: Mapping[int, ContactTestResult]) -> FloatArray:
+    """List the gaps (C, 2) and their sigmas of contacts by their contact tests; NaN where there is none."""
+    gaps = np.full((len(solution.graph.contacts), 2), np.nan)
+    for number, one in tests.items():
+        gaps[number] = one.gap, one.gap_sigma
+    return gaps
 
 
 def _whiten_observed(tracks: Tracks) -> FloatArray:

@@ -92,6 +92,11 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     pocketed = find_pocketed_balls(solution, tracks, table)
     rows = list_events(solution, tracks, table, pocketed, list_break_contacts(shot.breaks, tracks.ids))
     weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2, shot.hypotheses)
+    weighed = [
+        replace(row, gap=float(shot.gaps[row.contact, 0]), gap_sigma=float(shot.gaps[row.contact, 1]))
+        if row.category == "ball" and np.isfinite(shot.gaps[row.contact, 0]) else row
+        for row in weighed
+    ]  # fmt: skip
     ends = {tracks.ids.index(event.a): event.t for event in pocketed}
     unfitted_balls = [
         ball

@@ -54,6 +54,20 @@ def test_the_bend_of_a_sampled_path_is_at_the_time_of_its_contact(seed: int) -> 
     assert np.nanmax(np.abs(bends)) < 1e-4
 
 
+def test_the_gap_of_a_timed_contact_is_that_of_the_exact_physics_that_timed_it() -> None:
+    shot = film(
+        np.array([[0.5, 0.6], [1.1, 0.61]]), np.array([[1.5, 0.0], [0, 0]]), np.zeros((2, 3)),
+        np.random.default_rng(2), seconds=1.4, missing=0.0,
+    )  # fmt: skip
+    explained = explain(shot.tracks, shot.scene)
+    events = view_shot(explained).events
+    (contact,) = (k for k in range(len(events)) if events.kind[k] == "ball")
+    (timed,) = explained.gaps[np.isfinite(explained.gaps[:, 0])]
+    assert (events.gap[contact], events.gap_sigma[contact]) == tuple(timed)
+    true = 0.01 - 2 * RADIUS  # the free path passes the resting ball at 10 mm
+    assert abs(events.gap[contact] - true) < 4 * events.gap_sigma[contact] < 4e-3
+
+
 def collision() -> tuple[JointSolution, Observations]:
     """A struck ball hits another one; with its covariance."""
     shot = film(
@@ -125,5 +139,8 @@ def test_exact_physics_times_a_contact_only_where_it_explains_the_samples(
     t = solution.graph.contacts[1].t + 1e-4
     result = ContactTestResult(0.99, t, 1e-3, -1e-3, 1e-4, chi2, 0.0, 0.5)
     monkeypatch.setattr(contact_time_refinement, "estimate_contact_time", lambda *_: result)
-    times = contact_time_refinement.refine_contact_times(solution, observations, SCENE)
-    assert times == ({1: (t, pytest.approx(1e-3 * np.sqrt(chi2)))} if is_refined else {})
+    tests = contact_time_refinement.refine_contact_times(solution, observations, SCENE)
+    assert list(tests) == ([1] if is_refined else [])
+    for one in tests.values():
+        assert (one.t, one.gap) == (t, -1e-3)
+        assert (one.t_sigma, one.gap_sigma) == pytest.approx((1e-3 * np.sqrt(chi2), 1e-4 * np.sqrt(chi2)))
