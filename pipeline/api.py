@@ -22,7 +22,7 @@ from pyarrow import csv
 
 from models.core.errors import OptionError
 from models.core.events import Events
-from models.core.fit_result import Fit, Trust
+from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.shot import Shot
@@ -33,6 +33,7 @@ from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.io.run_folder import TEXT_COLUMNS
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
+from pipeline.io.shot_laws import find_laws
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
 from pipeline.run_options import build_options, list_settings
 
@@ -50,6 +51,8 @@ class Run:
     """Folder with slow.mp4, report.html and the other files, which docs/reference/file-formats.md describes."""
     shot: Shot
     """The saved shot, of which everything else is a view or an export."""
+    laws: WholeShotFit | None = None
+    """What published contact models make of it; None if `laws=True` did not ask for them."""
 
     @property
     def scene(self) -> Scene:
@@ -64,7 +67,7 @@ class Run:
     @property
     def fit(self) -> Fit:
         """Events, motion and parameters, each with its standard deviation."""
-        return view_run(self.shot)
+        return view_run(self.shot, self.laws)
 
     @property
     def events(self) -> Events:
@@ -164,7 +167,7 @@ def run(
     values: dict[str, Any] = {}
     store = ResultCache(Path(cache) if cache is not None else default_cache_root())
     run_clip(path, folder, options, store, _CallbackWatcher(progress), values.__setitem__)
-    return Run(folder, values["explain"])
+    return Run(folder, values["explain"], values.get("laws"))
 
 
 def load(folder: str | Path) -> Run:
@@ -179,7 +182,9 @@ def load(folder: str | Path) -> Run:
     Raises:
         OptionError: It holds no saved shot.
     """
-    return Run(Path(folder), read_shot(Path(folder)))
+    place = Path(folder)
+    shot = read_shot(place)
+    return Run(place, shot, find_laws(place, shot, ResultCache(default_cache_root())))
 
 
 class _CallbackWatcher:

@@ -346,7 +346,7 @@ def run_clip(
         entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
-    if "laws" in entries:
+    if "laws" in entries and not corrected.fit.profile:  # a profile is a prior that other questions do not share
         explained, laws = (load_stage_output(stages[name], entries[name]) for name in ("explain", "laws"))
         keep_laws(folder, explained, laws, cache)
     if value_listener is not None:

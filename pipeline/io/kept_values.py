@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -71,7 +71,7 @@ def _address_value(
     parts: dict[str, Any] = {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions()}
     if source is None or not has_shot(source):
         return cache, CacheKey(name, parts)
-    parts["shot"] = hashlib.sha256((source / SHOT_FOLDER / SHOT_FILE).read_bytes()).hexdigest()
-    with suppress(OSError):
-        return ResultCache(source / SHOT_FOLDER / KEPT_FOLDER), CacheKey(name, parts)
-    return cache, CacheKey(name, parts)
+    folder = source / SHOT_FOLDER
+    parts["shot"] = hashlib.sha256((folder / SHOT_FILE).read_bytes()).hexdigest()
+    store = ResultCache(folder / KEPT_FOLDER) if os.access(folder, os.W_OK) else cache
+    return store, CacheKey(name, parts)

@@ -13,6 +13,8 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.kept_values import find_kept_value, keep_value
 from pipeline.io.shot_folder import hash_tracks
 
+_CODE = fit_shot_laws.__module__
+
 
 def load_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit:
     """Find what published contact models make of a shot: kept by `run --laws` or by an answer, else fitted now.
@@ -25,15 +27,28 @@ def load_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit:
     Returns:
         The models, or why there are none.
     """
-    code, facts = fit_shot_laws.__module__, {"content": hash_tracks(shot.tracks, shot.scene)}
-    complete = find_kept_value(source, cache, "laws", facts | {"laws": True}, WholeShotFit, code)
+    complete = find_laws(source, shot, cache)
     if complete is not None:
         return complete
 
     def fit_laws() -> WholeShotFit:
         return fit_shot_laws(view_shot(shot), shot.tracks, shot.scene.table, FitOptions())
 
-    return keep_value(source, cache, "laws", facts | {"laws": False}, WholeShotFit, code, fit_laws)
+    return keep_value(source, cache, "laws", _list_facts(shot, False), WholeShotFit, _CODE, fit_laws)
+
+
+def find_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit | None:
+    """Find the contact models that `trueroll run --laws` kept.
+
+    Args:
+        source: Its run folder.
+        shot: The shot.
+        cache: Holds the models where the folder cannot be written.
+
+    Returns:
+        The models, or why there are none; None if nobody asked.
+    """
+    return find_kept_value(source, cache, "laws", _list_facts(shot, True), WholeShotFit, _CODE)
 
 
 def keep_laws(folder: Path, shot: Shot, laws: WholeShotFit, cache: ResultCache) -> None:
@@ -45,5 +60,9 @@ def keep_laws(folder: Path, shot: Shot, laws: WholeShotFit, cache: ResultCache) 
         laws: The models.
         cache: Holds them where the folder cannot be written.
     """
-    facts = {"content": hash_tracks(shot.tracks, shot.scene), "laws": True}
-    keep_value(folder, cache, "laws", facts, WholeShotFit, fit_shot_laws.__module__, lambda: laws)
+    keep_value(folder, cache, "laws", _list_facts(shot, True), WholeShotFit, _CODE, lambda: laws)
+
+
+def _list_facts(shot: Shot, is_complete: bool) -> dict[str, object]:
+    """List what contact models depend on: the recording, and whether their search had no budget."""
+    return {"content": hash_tracks(shot.tracks, shot.scene), "complete": is_complete}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def _write_tables(inputs: Inputs, options: ExportOptions, folder: Path, progress
     """Write the saved shot, and its exports tracks.csv, events.csv, scene.json and trajectory.csv."""
     shot: Shot = inputs["explain"]
     scene, tracks, fit = note_selection(shot.scene, options.detect), shot.tracks, view_inputs(inputs, options.fit)
-    write_shot(shot, asdict(options.fit), version("trueroll"), folder)
+    write_shot(shot, asdict(replace(options.fit, laws=False, profile="")), version("trueroll"), folder)
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
     write_events(fit.events, folder / "events.csv")
     write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json", options.corrections)

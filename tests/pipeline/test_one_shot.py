@@ -53,6 +53,23 @@ def test_a_run_is_loaded_from_its_folder(home: Home) -> None:
     assert len(run.to_arrow("tracks")) == len(home.rows("tracks.csv"))
 
 
+@pytest.mark.slow
+def test_contact_models_that_were_asked_for_are_loaded_and_used_by_what_if(own_home: Home, tmp_path: Path) -> None:
+    done = own_home.trueroll("run", own_home.clip, "-o", own_home.out, "--no-video", "--laws")
+    assert done.status == 0, done.err
+    loaded = trueroll.load(own_home.out)
+    assert loaded.laws is not None
+    assert own_home.scene["laws"] is not None
+    before = {path.name for path in (own_home.out / "shot" / "kept" / "entries").rglob("value.json")}
+    done = own_home.trueroll("what-if", own_home.out, "--speed", "+10%", "-o", tmp_path / "answer")
+    assert done.status == 0, done.err
+    assert {path.name for path in (own_home.out / "shot" / "kept" / "entries").rglob("value.json")} == before
+    shot = (own_home.out / "shot" / "shot.json").read_bytes()
+    done = own_home.trueroll("run", own_home.clip, "-o", own_home.out, "--no-video")
+    assert (own_home.out / "shot" / "shot.json").read_bytes() == shot, "the models are no part of the shot"
+    assert own_home.scene["laws"] is None
+
+
 def test_contact_models_that_nobody_asked_for_are_null_with_the_reason(home: Home) -> None:
     assert home.scene["laws"] is None
     assert "--laws" in home.scene["laws_reason"]

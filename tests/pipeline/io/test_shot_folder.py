@@ -162,6 +162,17 @@ def test_what_was_kept_of_another_shot_is_not_used(shot: Shot, tmp_path: Path) -
     assert find_kept_value(tmp_path, cache, "test", {}, Kept, __name__) is None
 
 
+def test_a_folder_that_cannot_be_written_keeps_values_in_the_cache(
+    shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache = ResultCache(tmp_path / "cache")
+    write_shot(shot, {}, "1", tmp_path)
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    keep_value(tmp_path, cache, "test", {}, Kept, __name__, lambda: Kept(1, np.zeros(1)))
+    assert find_kept_value(tmp_path, cache, "test", {}, Kept, __name__) is not None
+    assert not (tmp_path / SHOT_FOLDER / KEPT_FOLDER).exists()
+
+
 def test_a_folder_without_a_saved_shot_keeps_values_in_the_cache(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path / "cache")
     keep_value(tmp_path, cache, "test", {}, Kept, __name__, lambda: Kept(1, np.zeros(1)))
