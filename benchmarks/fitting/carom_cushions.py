@@ -17,6 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.fitting.cushion_chains import (
+    ChainSegment,
+    CushionChains,
+    CushionLaw,
+    chain_priors,
+    extract_chain_segments,
+    predict_motion,
+)
 from benchmarks.support.run_folder_tracks import measure_noise, parse_clip_arguments, read_filmed_clips
 from models.core.scene import Table
 from models.estimation.multiple_shooting.shooting_fit import (
@@ -27,14 +35,6 @@ from models.estimation.multiple_shooting.shooting_fit import (
 )
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.whole_shot.cushion_chains import (
-    ChainSegment,
-    CushionChains,
-    CushionLaw,
-    chain_priors,
-    extract_chain_segments,
-    predict_motion,
-)
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
 from models.physics.effect import Prior
 

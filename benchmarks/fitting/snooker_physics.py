@@ -18,12 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.support.run_folder_tracks import FilmedClip, measure_noise, parse_clip_arguments, read_filmed_clips
-from models.core.events import Events
-from models.estimation.multiple_shooting.shooting_fit import ShootingFit, convert_to_priors, fit_windows
-from models.estimation.reconstruction.explain_shot import explain
-from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.whole_shot.free_paths import (
+from benchmarks.fitting.free_paths import (
     WINDOW_LENGTH,
     FreePath,
     FreePaths,
@@ -31,6 +26,11 @@ from models.estimation.whole_shot.free_paths import (
     extract_free_paths,
     predict_rest_position,
 )
+from benchmarks.support.run_folder_tracks import FilmedClip, measure_noise, parse_clip_arguments, read_filmed_clips
+from models.core.events import Events
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit, convert_to_priors, fit_windows
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 
 LEAST_MOTION = 0.02
 """Paths shorter than this do not constrain friction, m."""

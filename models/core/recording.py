@@ -100,6 +100,9 @@ def record_points(t: FloatArray, positions: FloatArray, names: tuple[str, ...] =
         positions: (T, N, D) x, y and perhaps z; NaN where a point was not observed.
         names: Of the points; by default their numbers.
         shot: Index of the shot.
+
+    Returns:
+        The recording, with errors of NaN.
     """
     count, axes = positions.shape[1:]
     return Recording(

@@ -217,7 +217,15 @@ def invert_semidefinite(matrix: FloatArray) -> FloatArray:
 
 
 def solve_normal_equations(equations: NormalEquations, damping: float) -> FloatArray:
-    """Solve dense damped normal equations for a step (P,)."""
+    """Solve dense damped normal equations.
+
+    Args:
+        equations: Normal matrix (P, P), gradient (P,) and ridge.
+        damping: Added to the diagonal, which is scaled to 1.
+
+    Returns:
+        (P,) step.
+    """
     return solve_damped(equations.normal, -equations.gradient, damping, ridge=equations.ridge, lower=True)
 
 

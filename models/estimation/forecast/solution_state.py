@@ -43,7 +43,6 @@ from models.estimation.table_learning.cushion_contacts import (
 from models.estimation.table_learning.cushion_learning import learn_own_cushions
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
 from models.estimation.table_learning.side_spin import infer_side_spins
-from models.estimation.whole_shot.free_paths import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
@@ -51,6 +50,14 @@ from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLID
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.tracking.track_noise import apply_noise, estimate_noise
 
+ROLLING_SLOPE_FACTOR = 5 / 7
+"""Share of the weight's component along a slope that accelerates a rolling ball: the rest turns it."""
+UNEVENNESS = 0.01
+"""m/s^2 per axis: effect of an uneven cloth on a window, a slope of 1.5 mm/m."""
+SLOPE_SIGMA = 2.0
+"""mm/m: prior standard deviation of the slope of a levelled table."""
+WINDOW_LENGTH = 0.3
+"""s: short enough for a nearly constant push by the cloth."""
 MIN_NOISE_SPEED = 0.1
 """m/s: faster balls give the noise."""
 MAX_INFLATION = 30.0

@@ -188,7 +188,14 @@ def linearize_window(model: ShootingModel, window: int, start: FloatArray, share
 
 
 def is_lost(residual: FloatArray) -> BoolArray:
-    """Return which observations (K,) of a window could not be simulated, from its residuals (K, d)."""
+    """Find the observations of a window that could not be simulated.
+
+    Args:
+        residual: (K, d) residuals.
+
+    Returns:
+        (K,) mask.
+    """
     return np.asarray((residual == LOST_RESIDUAL).all(axis=1))
 
 

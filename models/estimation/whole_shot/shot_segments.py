@@ -8,9 +8,10 @@ import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import Window
-from models.estimation.whole_shot.free_paths import VELOCITY_SIGMA
 from models.physics.billiards.simulation.parametrised_shot import pack_start
 
+VELOCITY_SIGMA = 5.0
+"""m/s: prior standard deviation of a velocity."""
 SLIP_SIGMA = 0.7
 """Prior standard deviation of a slip: this share of the speed, plus `SPIN_SIGMA_AT_REST`."""
 SIDE_SPIN_SIGMA = 0.6

@@ -17,7 +17,9 @@ from models.core.events import Events
 from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.forecast.solution_state import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
+from models.estimation.whole_shot.shot_segments import VELOCITY_SIGMA
 from models.physics.billiards.cloth.closed_form_motion import (
     GRAVITY,
     differentiate_kinematics,
@@ -27,18 +29,8 @@ from models.physics.billiards.cloth.closed_form_motion import (
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
-ROLLING_SLOPE_FACTOR = 5 / 7
-"""Share of the weight's component along a slope that accelerates a rolling ball: the rest turns it."""
-UNEVENNESS = 0.01
-"""m/s^2 per axis: effect of an uneven cloth on a window, a slope of 1.5 mm/m."""
-SLOPE_SIGMA = 2.0
-"""mm/m: prior standard deviation of the slope of a levelled table."""
-WINDOW_LENGTH = 0.3
-"""s: short enough for a nearly constant push by the cloth."""
 MIN_WINDOW_SPEED = 0.05
 """m/s: slower balls stop within the window; a window that begins at rest would push a resting ball."""
-VELOCITY_SIGMA = 5.0
-"""m/s: prior standard deviation of a velocity."""
 SLIP_SIGMA = 0.7
 """Prior standard deviation of the slip after a contact, over the speed."""
 _SLIP_GUESSES = (-0.7, -0.2, 0.2, 0.7)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.fitting.free_paths import FreePath, FreePaths, extract_free_paths
 from models.core.events import Events
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
-from models.estimation.whole_shot.free_paths import FreePath, FreePaths, extract_free_paths
 
 G, SIGMA, FPS = 9.81, 0.0004, 30.0
 SLIDING, ROLLING = 0.17, 0.0102

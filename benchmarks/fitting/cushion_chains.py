@@ -21,7 +21,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
-from models.estimation.whole_shot.free_paths import SLIP_SIGMA, VELOCITY_SIGMA
+from models.estimation.whole_shot.shot_segments import SLIP_SIGMA, VELOCITY_SIGMA
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral_parameters
 from models.physics.billiards.tables import NOSE_SIGMA

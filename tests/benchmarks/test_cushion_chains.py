@@ -8,12 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from models.core.events import Events
-from models.core.scene import CUSHIONS, Table
-from models.core.tracks import Tracks
-from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shooting_fit import fit_windows
-from models.estimation.whole_shot.cushion_chains import (
+from benchmarks.fitting.cushion_chains import (
     ChainSegment,
     CushionBounce,
     CushionChains,
@@ -21,6 +16,11 @@ from models.estimation.whole_shot.cushion_chains import (
     extract_chain_segments,
     predict_motion,
 )
+from models.core.events import Events
+from models.core.scene import CUSHIONS, Table
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray
+from models.estimation.multiple_shooting.shooting_fit import fit_windows
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, mirror, stronge
 
 TABLE = Table("carom-match", "carom", 2.84, 1.42, 0.03075, 0.21, False)
