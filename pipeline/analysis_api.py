@@ -17,7 +17,7 @@ from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
-from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot
+from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
@@ -38,7 +38,7 @@ def simulate(shot: Mapping[str, Any] | str | Path, profile: str | Path | None = 
     Raises:
         OptionError: The shot has a mistake, and the message names the first one; or the profile cannot be used.
     """
-    parsed = parse_shot(dict(shot)) if isinstance(shot, Mapping) else read_shot(Path(shot))
+    parsed = parse_shot(dict(shot)) if isinstance(shot, Mapping) else read_shot_setup(Path(shot))
     if profile is not None:
         parsed = place_on_learned_table(parsed, read_profile_text(Path(profile)))
     return parsed.simulate()

@@ -436,11 +436,11 @@ def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: 
         for names in STAGE_FILES.values():
             for name in set(names) - sources.keys():
                 (folder / name).unlink(missing_ok=True)
+    if "export" in entries:
+        publish_shot(entries["export"].folder, folder)
     for name in changed:
         with replace_file(folder / name) as path:
             shutil.copyfile(sources[name], path)
-    if "export" in entries:
-        publish_shot(entries["export"].folder, folder)
 
 
 def _is_published(source: Path, target: Path) -> bool:

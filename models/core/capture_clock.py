@@ -24,7 +24,7 @@ class CaptureClock:
     """(T,) s, standard deviations of `capture_time`; 0 for frames captured at regular intervals."""
 
     @property
-    def is_even(self) -> bool:
+    def is_identity(self) -> bool:
         """Whether every frame was captured at its presentation time."""
         return np.array_equal(self.capture_time, self.presentation_time)
 

@@ -48,7 +48,7 @@ class ContactRivals:
 
     rivals: tuple[RivalContact, ...]
     """The best first."""
-    apart: float
+    separation_cost: float
     """chi2 by which two separate velocity changes differ from a contact of two balls, at most 0; 0 for others."""
 
 
@@ -181,7 +181,7 @@ class Shot:
             raise ValueError(f"Shot.hypotheses and gaps must have one entry for each of {contacts} contacts")
 
     @property
-    def captured(self) -> Tracks:
+    def capture_tracks(self) -> Tracks:
         """The recording at its capture times."""
         return replace(self.tracks, t=self.clock.capture_time)
 
@@ -191,9 +191,9 @@ class Shot:
         return np.asarray(np.isfinite(self.whitening).all(axis=(2, 3)))
 
     @property
-    def used(self) -> Tracks:
+    def fitted_tracks(self) -> Tracks:
         """The positions that were used in the fit, at their capture times."""
-        return replace(self.captured, xy=np.where(self.is_used[..., None], self.tracks.xy, np.nan))
+        return replace(self.capture_tracks, xy=np.where(self.is_used[..., None], self.tracks.xy, np.nan))
 
     @property
     def observations(self) -> Observations:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+
 from models.core.errors import OptionError
 from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
 from models.numerics.executor import Executor
@@ -89,9 +91,6 @@ def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:
 
 
 def _count_potted(sources: list[Path]) -> int:
-    """Count the pocket events of run folders."""
-    return sum(
-        kind == "pocket"
-        for file in list_files_beside(sources, "events.csv")
-        for kind in read_csv_columns(file, ("kind",))["kind"]
-    )
+    """Count the pocket events of run folders that more probably happened than not."""
+    tables = (read_csv_columns(file, ("kind", "probability")) for file in list_files_beside(sources, "events.csv"))
+    return sum(int(np.sum((events["kind"] == "pocket") & (events["probability"] >= 0.5))) for events in tables)

@@ -136,6 +136,6 @@ def prepare_shot(shot: Shot) -> tuple[JointSolution, Tracks]:
     """
     if shot.solution is None:
         raise TrackError("physics could not be fitted")
-    captured = shot.captured
+    captured = shot.capture_tracks
     noise = estimate_noise(captured, MIN_NOISE_SPEED, shot.scene.table.ball_radius)
     return shot.solution, apply_noise(captured, noise)

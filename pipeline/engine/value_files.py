@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 import types
@@ -57,6 +58,23 @@ def load_value(kind: type[V], folder: Path) -> V:
     return value
 
 
+def hash_value(value: object) -> str:
+    """Hash a value with everything that it holds.
+
+    Args:
+        value: A value that `save_value` can write.
+
+    Returns:
+        SHA-256 as hexadecimal digits.
+    """
+    arrays: dict[str, AnyArray] = {}
+    digest = hashlib.sha256(json.dumps([FORMAT, encode_value(value, "", arrays)]).encode())
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
 def encode_value(value: Any, path: str, arrays: dict[str, AnyArray]) -> Any:
     """Convert a value to a JSON tree; its arrays are added to `arrays` under their paths.
 
@@ -98,7 +116,7 @@ def decode_value(kind: Any, data: Any, arrays: Mapping[str, AnyArray]) -> Any:
         return arrays[data["array"]]
     if dataclasses.is_dataclass(kind):
         hints = _field_types(kind).items()  # type: ignore[arg-type]
-        return kind(**{name: decode_value(hint, data[name], arrays) for name, hint in hints})  # type: ignore[operator]
+        return kind(**{name: decode_value(hint, data[name], arrays) for name, hint in hints if name in data})  # type: ignore[operator]
     if origin in (Union, types.UnionType):
         choices = [choice for choice in get_args(kind) if choice is not type(None)]
         return None if data is None else decode_value(choices[0], data, arrays)

@@ -10,10 +10,11 @@ from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.value_files import hash_value
 from pipeline.io.kept_values import keep_value
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.shot_folder import has_shot, hash_tracks, read_shot
+from pipeline.io.shot_folder import has_shot, read_shot
 
 
 def load_shot(source: Path, number: int | None, cache: ResultCache) -> Shot:
@@ -49,5 +50,5 @@ def explain_tracks(tracks: Tracks, scene: Scene, cache: ResultCache) -> Shot:
     Returns:
         The shot.
     """
-    facts = {"content": hash_tracks(tracks, scene)}
+    facts = {"tracks": hash_value(tracks), "scene": hash_value(scene)}
     return keep_value(None, cache, "explain", facts, Shot, explain.__module__, lambda: explain(tracks, scene))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any, TypeVar
 from pipeline.engine.cache_key import CacheKey
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
-from pipeline.engine.value_files import load_value, save_value
-from pipeline.io.shot_folder import SHOT_FILE, SHOT_FOLDER, has_shot
+from pipeline.engine.value_files import FORMAT, load_value, save_value
+from pipeline.io.shot_folder import SHOT_FOLDER, has_shot
 
 KEPT_FOLDER = "kept"
 V = TypeVar("V")
@@ -30,7 +29,7 @@ def keep_value(
         source: Run folder or track folder that the value belongs to; None for neither.
         cache: Holds the value where the source has no saved shot, or cannot be written.
         name: Name of the value.
-        facts: What the value depends on beside the saved shot, as JSON values.
+        facts: What the value depends on, such as the hash of the shot, as JSON values.
         kind: Type of the value.
         code: Module that computes it.
         build: Computes it.
@@ -38,8 +37,9 @@ def keep_value(
     Returns:
         The value.
     """
-    store, key = _address_value(source, cache, name, facts, code)
-    entry = store.find_or_build(key, lambda folder: save_value(build(), folder))
+    folder = _find_kept_folder(source)
+    store = cache if folder is None else ResultCache(folder)
+    entry = store.find_or_build(_build_key(name, facts, code), lambda place: save_value(build(), place))
     return load_value(kind, entry.folder)
 
 
@@ -52,26 +52,30 @@ def find_kept_value(
         source: Run folder, track folder or tracks.csv that the value belongs to.
         cache: Holds the value where the source has no saved shot, or cannot be written.
         name: Name of the value.
-        facts: What the value depends on beside the saved shot, as JSON values.
+        facts: What the value depends on, such as the hash of the shot, as JSON values.
         kind: Type of the value.
         code: Module that computes it.
 
     Returns:
         The value; None where it was not kept.
     """
-    store, key = _address_value(source, cache, name, facts, code)
-    entry = store.find(key)
+    folder = _find_kept_folder(source)
+    if folder is not None and not folder.is_dir():
+        return None  # a look-up creates no folder
+    entry = (cache if folder is None else ResultCache(folder)).find(_build_key(name, facts, code))
     return None if entry is None else load_value(kind, entry.folder)
 
 
-def _address_value(
-    source: Path | None, cache: ResultCache, name: str, facts: Mapping[str, Any], code: str
-) -> tuple[ResultCache, CacheKey]:
-    """Return where a value is kept, and under which key."""
-    parts: dict[str, Any] = {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions()}
-    if source is None or not has_shot(source):
-        return cache, CacheKey(name, parts)
-    folder = source / SHOT_FOLDER
-    parts["shot"] = hashlib.sha256((folder / SHOT_FILE).read_bytes()).hexdigest()
-    store = ResultCache(folder / KEPT_FOLDER) if os.access(folder, os.W_OK) else cache
-    return store, CacheKey(name, parts)
+def _find_kept_folder(source: Path | None) -> Path | None:
+    """Find where values of a saved shot are kept; None where there is none, or where it cannot be written."""
+    if source is None or not has_shot(source) or not os.access(source / SHOT_FOLDER, os.W_OK):
+        return None
+    return source / SHOT_FOLDER / KEPT_FOLDER
+
+
+def _build_key(name: str, facts: Mapping[str, Any], code: str) -> CacheKey:
+    """Build the key of a value."""
+    return CacheKey(
+        name,
+        {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions(), "format": FORMAT},
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.events import EVENT_KINDS, Events
 from models.core.typing import FloatArray
+from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.io.explanation_json import parse_explanation
 from pipeline.io.run_folder import (
@@ -25,23 +28,25 @@ from pipeline.io.shot_folder import has_shot, read_shot
 GRID_HZ = 1000.0
 
 
-def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
+def read_shot_record(folder: Path, shot: int = 0, cloth: ClothPriors | None = None) -> ShotRecord:
     """Read one shot of a run folder: its saved shot, or the tables of a folder that holds none.
 
     Args:
         folder: Run folder.
         shot: Number of the shot.
+        cloth: What is known about the friction of the cloth, with which close passes are tested again; None for what
+            the shot was explained with.
 
     Returns:
         Observations and fitted motion of the N balls.
 
     Raises:
-        OptionError: The folder is missing or incomplete.
+        OptionError: The folder is missing or incomplete, or `cloth` is given and it holds no saved shot.
     """
     if not folder.is_dir():
         raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
-    if has_shot(folder):
-        return _record_saved_shot(folder, shot)
+    if has_shot(folder) or cloth is not None:
+        return _record_saved_shot(folder, shot, cloth)
     scene = read_scene_document(folder / "scene.json")
     tracks, events, motion = (
         _select_shot_rows(read_csv_columns(folder / f"{name}.csv", wanted), shot)
@@ -73,9 +78,11 @@ def read_shot_record(folder: Path, shot: int = 0) -> ShotRecord:
     )  # fmt: skip
 
 
-def _record_saved_shot(folder: Path, number: int) -> ShotRecord:
+def _record_saved_shot(folder: Path, number: int, cloth: ClothPriors | None) -> ShotRecord:
     """Record the saved shot of a run folder."""
     shot = read_shot(folder)
+    if cloth is not None:
+        shot = replace(shot, passes=list_close_passes(shot, cloth))
     fit = view_shot(shot)
     if number or not len(fit.trajectory.start):
         raise OptionError(f"{folder} has no motion of shot {number}")

@@ -101,7 +101,7 @@ class ShotSetup:
         )
 
 
-def read_shot(path: Path) -> ShotSetup:
+def read_shot_setup(path: Path) -> ShotSetup:
     """Read the shot of a SHOT.json.
 
     Args:

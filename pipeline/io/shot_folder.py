@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
 
 from models.core.errors import OptionError
-from models.core.scene import Scene
 from models.core.shot import Shot
-from models.core.tracks import Tracks
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.value_files import AnyArray, decode_value, encode_value
+from pipeline.io.run_folder import SOURCE_FILE
 
-SHOT_FOLDER, SHOT_FILE = "shot", "shot.json"
+SHOT_FOLDER, SHOT_FILE, LOCK_FILE = "shot", "shot.json", "lock"
 FORMAT = 1
 """Version of the layout; a later program reads every earlier one."""
 HASH_DIGITS = 16
@@ -35,7 +35,7 @@ _UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZi
 
 
 def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Path) -> None:
-    """Write a shot into a folder.
+    """Write a shot into a folder that holds none.
 
     Args:
         shot: The shot.
@@ -49,8 +49,8 @@ def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Pat
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     name = f"{hashlib.sha256(buffer.getvalue()).hexdigest()[:HASH_DIGITS]}.npz"
     document = {"format": FORMAT, "program": version, "options": dict(options), "arrays": name, "value": tree}
-    text = json.dumps(document, indent=1, allow_nan=False)
-    _write_files(folder / SHOT_FOLDER, name, buffer.getvalue(), text.encode())
+    (folder / SHOT_FOLDER).mkdir()
+    _write_files(folder / SHOT_FOLDER, buffer.getvalue(), document)
 
 
 def publish_shot(source: Path, folder: Path) -> None:
@@ -60,25 +60,25 @@ def publish_shot(source: Path, folder: Path) -> None:
         source: Folder that holds the saved shot.
         folder: The run folder, which exists.
     """
-    path = source / SHOT_FOLDER / SHOT_FILE
-    text = path.read_bytes()
-    target = folder / SHOT_FOLDER
-    with suppress(OSError):
-        if (target / SHOT_FILE).read_bytes() == text:
-            return
-    name = json.loads(text)["arrays"]
-    _write_files(target, name, (path.parent / name).read_bytes(), text)
-
-
-def _write_files(target: Path, name: str, arrays: bytes, document: bytes) -> None:
-    """Write the arrays, then the document that names them, so that a reader finds the old shot or the new one."""
+    path, target = source / SHOT_FOLDER / SHOT_FILE, folder / SHOT_FOLDER
+    document = json.loads(path.read_text(encoding="utf-8"))
     target.mkdir(exist_ok=True)
-    for file, content in ((name, arrays), (SHOT_FILE, document)):
-        with replace_file(target / file) as path:
+    with FileLock(target / LOCK_FILE):  # two runs may write one folder
+        _write_files(target, (path.parent / document["arrays"]).read_bytes(), document)
+        for other in target.glob("*.npz"):
+            if other.name != document["arrays"]:
+                other.unlink(missing_ok=True)
+
+
+def _write_files(target: Path, arrays: bytes, document: dict[str, Any]) -> None:
+    """Write the arrays, then the document that names them, so that a reader finds the old shot or the new one."""
+    text = json.dumps(document, indent=1, allow_nan=False).encode()
+    for name, content in ((document["arrays"], arrays), (SHOT_FILE, text)):
+        with suppress(OSError):
+            if (target / name).read_bytes() == content:
+                continue
+        with replace_file(target / name) as path:
             path.write_bytes(content)
-    for other in target.glob("*.npz"):
-        if other.name != name:
-            other.unlink(missing_ok=True)
 
 
 def has_shot(source: Path) -> bool:
@@ -121,25 +121,6 @@ def read_shot(folder: Path) -> Shot:
         except _UNREADABLE as error:
             failure: BaseException = error
     if not path.is_file():
-        raise OptionError(
-            f"{folder} holds no saved shot, because an earlier version of trueroll wrote it; run the clip again:"
-            f" trueroll run CLIP -o {folder}"
-        )
+        why = ", because an earlier version of trueroll wrote it" if (folder / SOURCE_FILE).is_file() else ""
+        raise OptionError(f"{folder} holds no saved shot{why}; run the clip again: trueroll run CLIP -o {folder}")
     raise OptionError(f"{path} cannot be read ({failure}); run the clip again: trueroll run CLIP -o {folder}")
-
-
-def hash_tracks(tracks: Tracks, scene: Scene) -> str:
-    """Hash what the explanation of tracks depends on.
-
-    Args:
-        tracks: Tracks of a shot.
-        scene: Its table and camera.
-
-    Returns:
-        SHA-256 as hexadecimal digits.
-    """
-    digest = hashlib.sha256(repr((tracks.ids, tracks.kinds, scene.table)).encode())
-    positions = tracks.xy, tracks.sigma, tracks.sigma_along, tracks.streak
-    for array in (tracks.frame, tracks.t, *positions, scene.camera.matrix):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()

@@ -10,8 +10,8 @@ from models.core.shot import Shot
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.value_files import hash_value
 from pipeline.io.kept_values import find_kept_value, keep_value
-from pipeline.io.shot_folder import hash_tracks
 
 _CODE = fit_shot_laws.__module__
 
@@ -64,5 +64,5 @@ def keep_laws(folder: Path, shot: Shot, laws: WholeShotFit, cache: ResultCache) 
 
 
 def _list_facts(shot: Shot, is_complete: bool) -> dict[str, object]:
-    """List what contact models depend on: the recording, and whether their search had no budget."""
-    return {"content": hash_tracks(shot.tracks, shot.scene), "complete": is_complete}
+    """List what contact models depend on: the shot, and whether their search had no budget."""
+    return {"shot": hash_value(shot), "complete": is_complete}

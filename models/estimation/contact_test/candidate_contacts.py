@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from models.core.shot import ClosePass, ContactTestResult
 from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
 from models.estimation.contact_test.contact_probability import evaluate_contact
 from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
 
 WINDOW_TIME = 0.4
 """s to either side of a moment: farther away, deviations of a table from the laws of rolling exceed the noise."""
@@ -140,26 +139,6 @@ def evaluate_close_pass(record: ShotRecord, one: int, two: int, t: float) -> Con
         result = evaluate_contact(question, t)
         return result if result.t_sigma < WINDOW_TIME else None
     return None
-
-
-def reevaluate_close_passes(record: ShotRecord) -> ShotRecord:
-    """Test the close passes of a recorded shot again, with the friction that the record knows.
-
-    Args:
-        record: Record with an explanation whose close passes are marked.
-
-    Returns:
-        The record with new probabilities of these passes; all other moments stay.
-    """
-    moments = []
-    for moment in record.explanation.moments:
-        other = next((one.other for one in moment.hypotheses if one.cause == "ball"), "")
-        if "close_pass" in moment.doubts and {other, moment.ball} <= {*record.ids}:
-            result = evaluate_close_pass(record, record.ids.index(moment.ball), record.ids.index(other), moment.t)
-            if result is not None:
-                moment = replace(moment, hypotheses=weigh_close_pass(other, result)[0])
-        moments.append(moment)
-    return replace(record, explanation=replace(record.explanation, moments=tuple(moments)))
 
 
 def _gap_at(record: ShotRecord, one: int, two: int, t: float) -> tuple[float, float]:

@@ -19,8 +19,6 @@ from models.core.shot import ContactRivals, ContactTestResult, Note, Shot
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.contact_test.candidate_contacts import find_close_passes
-from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, combine_marked_times, settle_marks
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations
@@ -36,9 +34,9 @@ from models.estimation.reconstruction.break_refinement import (
     reconstruct_breaks,
 )
 from models.estimation.reconstruction.capture_times import estimate_capture_times
+from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
 from models.estimation.reconstruction.noise_reestimation import reestimate_noise
-from models.estimation.reconstruction.shot_views import view_captured
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
@@ -93,7 +91,7 @@ def explain(
         shot = _explain_tracks(blank, captured, options, progress, marks)
     except np.linalg.LinAlgError as failure:
         shot = replace(blank, notes=(*notes, Note("fit_failed", str(failure))))
-    return _add_close_passes(shot)
+    return replace(shot, passes=list_close_passes(shot))
 
 
 def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Shot:
@@ -127,18 +125,7 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: Fi
         gaps=_list_gaps(solution, tests),
         moving_speed=options.moving_speed,
     )
-    return _add_close_passes(shot)
-
-
-def _add_close_passes(shot: Shot) -> Shot:
-    """Test the passes of two balls that may have been grazes."""
-    if not len(shot.tracks.t):
-        return shot
-    view = view_captured(shot)
-    record = make_shot_record(
-        shot.captured, view.events, view.trajectory, shot.scene.table, shot.scene.camera, view.explanation
-    )
-    return replace(shot, passes=find_close_passes(record))
+    return replace(shot, passes=list_close_passes(shot))
 
 
 def _explain_tracks(

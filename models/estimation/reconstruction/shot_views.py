@@ -55,9 +55,13 @@ def view_shot(shot: Shot) -> Fit:
     Returns:
         Events, trajectory, hypotheses, parameters and trust level.
     """
-    fit = view_captured(shot)
-    warnings = (*shot.scene.warnings, *warn_of_contact_ball_size(fit.parameters, shot.scene))
-    return _convert_to_presentation_time(replace(fit, trust=add_warnings(fit.trust, warnings)), shot.tracks, shot.clock)
+    fit = _convert_to_presentation_time(view_captured(shot), shot.tracks, shot.clock)
+    warnings = (
+        *_warn_of_unexplained_changes(fit.explanation), *shot.scene.warnings,
+        *warn_of_contact_ball_size(fit.parameters, shot.scene),
+    )  # fmt: skip
+    trust = add_warnings(fit.trust, warnings)
+    return replace(fit, trust=replace(trust, reasons=(*trust.reasons, *_note_capture_times(shot.clock))))
 
 
 def view_captured(shot: Shot) -> Fit:
@@ -72,19 +76,18 @@ def view_captured(shot: Shot) -> Fit:
     fit = _view_measured_motion(shot) if shot.solution is None else _view_solution(shot, shot.solution)
     if not len(shot.tracks.t):
         return fit
-    tracks = shot.captured
+    tracks = shot.capture_tracks
     events, explanation = add_close_passes(fit.events, fit.explanation, shot.passes, tracks)
     if shot.solution is not None and shot.corrections.contacts:
         marks, _ = resolve_marks(shot.corrections.contacts, tracks)
         events, explanation = weigh_marks(events, explanation, marks, shot.outcomes[: len(marks)], tracks)
     explanation = mark_unexplained_motion(explanation, fit.trajectory, tracks)
-    trust = add_warnings(fit.trust, _warn_of_unexplained_changes(explanation))
-    return replace(fit, events=events, explanation=explanation, trust=trust)
+    return replace(fit, events=events, explanation=explanation)
 
 
 def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     """View a shot that physics explains."""
-    original, tracks, observations, table = shot.captured, shot.used, shot.observations, shot.scene.table
+    original, tracks, observations, table = shot.capture_tracks, shot.fitted_tracks, shot.observations, shot.scene.table
     is_accepted = find_accepted_segments(
         solution, observations, table.ball_radius, _pixel_size(original, table.ball_radius)
     )
@@ -138,7 +141,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
 
 def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock) -> Fit:
     """Convert a fit from capture times to presentation times."""
-    if clock.is_even:
+    if clock.is_identity:
         return fit
     t = clock.presentation_time_at(fit.events.t)
     events = replace(
@@ -155,18 +158,15 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
     motion = replace(
         motion, start=clock.presentation_time_at(motion.start), end=clock.presentation_time_at(motion.end), clock=clock
     )
-    offset = clock.capture_time - clock.presentation_time
-    note = (
-        f"Frames were dropped, duplicated or late: their capture times deviate by up to {1e3 * np.ptp(offset):.0f} ms."
-    )
-    return replace(
-        fit,
-        events=events,
-        trajectory=motion,
-        explanation=explanation,
-        mark_outcomes=outcomes,
-        trust=Trust(fit.trust.level, (*fit.trust.reasons, note)),
-    )
+    return replace(fit, events=events, trajectory=motion, explanation=explanation, mark_outcomes=outcomes)
+
+
+def _note_capture_times(clock: CaptureClock) -> tuple[str, ...]:
+    """Return a note on frames whose capture times are not their presentation times; empty without any."""
+    if clock.is_identity:
+        return ()
+    deviation = 1e3 * np.ptp(clock.capture_time - clock.presentation_time)
+    return (f"Frames were dropped, duplicated or late: their capture times deviate by up to {deviation:.0f} ms.",)
 
 
 def _warn_of_unexplained_changes(explanation: ShotExplanation) -> tuple[str, ...]:
@@ -245,7 +245,7 @@ def _list_coefficients(solution: JointSolution) -> tuple[Parameter, ...]:
 
 def _view_measured_motion(shot: Shot) -> Fit:
     """View a shot that physics could not be fitted to: curves through the samples, without events."""
-    tracks, failure = shot.captured, next((note.detail for note in shot.notes if note.code == "fit_failed"), None)
+    tracks, failure = shot.capture_tracks, next((note.detail for note in shot.notes if note.code == "fit_failed"), None)
     reason = "No ball was detected." if failure is None else f"The fit failed: {failure}; paths are as measured."
     empty = np.empty(0)
     events = Events((), empty, empty, empty, (), (), np.empty((0, 2)), empty, empty, empty, empty)

@@ -176,7 +176,7 @@ def _collect_evidence(shot: _Shot, row: EventRow, rivals: tuple[RivalContact, ..
     is_contact = row.kind in ("ball", "cushion")
     apart = 0.0
     if row.kind == "ball" and contact.kind == "ball":
-        apart = -shot.hypotheses[row.contact].apart
+        apart = -shot.hypotheses[row.contact].separation_cost
     return replace(
         own,
         gain=compress_gain(contact.gain),

@@ -153,8 +153,10 @@ def _require_explained(
 ) -> list[ShotNumber]:
     """Mark numbers as not observable where physics explains one of their segments insufficiently."""
     graph, clock = view.solution.graph, fit.trajectory.clock
+    shown = np.array(fit.trajectory.end.max())
+    last = float(shown if clock is None else clock.capture_time_at(shown))
     for k in segments:
-        begin, last = graph.start_time(k), float(fit.trajectory.end.max())
+        begin = graph.start_time(k)
         middle = present_time((begin + min(view.end_time(k), max(last, begin))) / 2, clock)
         if fit.trajectory.at(middle).measured[graph.segments[k].ball]:
             return [replace(one, observable=False) for one in numbers]

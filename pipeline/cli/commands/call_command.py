@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.candidate_contacts import reevaluate_close_passes
 from pipeline.actions.answer_call import answer_question, write_call_images
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.run_record import read_shot_record
@@ -48,9 +46,8 @@ def call(
     debug: DebugOption = False,
 ) -> None:
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
-    record = read_shot_record(folder, shot)
-    if profile is not None:
-        record = reevaluate_close_passes(replace(record, cloth=parse_cloth_priors(read_profile_text(profile))))
+    cloth = None if profile is None else parse_cloth_priors(read_profile_text(profile))
+    record = read_shot_record(folder, shot, cloth)
     target = folder if out is None else out
     require_writable_folder(target)
     answer = answer_question(record, question, edge)

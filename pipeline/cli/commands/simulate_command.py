@@ -15,7 +15,7 @@ from models.core.events import Events
 from models.core.trajectory import State
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
-from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot
+from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.reporting.text.text_formatting import format_event
 from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
@@ -44,7 +44,7 @@ def simulate_shot(
     debug: DebugOption = False,
 ) -> None:
     """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
-    wanted = read_shot(shot)
+    wanted = read_shot_setup(shot)
     if profile is not None:
         wanted = place_on_learned_table(wanted, read_profile_text(profile))
     folder = out if out is not None else Path("out") / shot.stem

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.shot_file import read_shot
+from pipeline.io.shot_file import read_shot_setup
 
 SHOT: dict[str, Any] = {
     "scene": "billiards",
@@ -115,7 +115,7 @@ def test_a_file_that_holds_no_shot_is_refused_in_one_line(
 
 
 def test_balls_without_size_are_those_of_the_nearest_table(tmp_path: Path) -> None:
-    shot = read_shot(
+    shot = read_shot_setup(
         write_shot(tmp_path, change_shot("table", to={"length": 2.84, "width": 1.42}) | {"balls": SHOT["balls"][1:]})
     )
     assert shot.balls.radius.tolist() == [0.03075]

@@ -6,6 +6,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from support.filmed_shots import film
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.errors import OptionError
+from models.core.fit_result import WholeShotFit
 from models.core.shot import Note, Shot
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
@@ -23,6 +25,7 @@ from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_record import read_shot_record
 from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, publish_shot, read_shot, write_shot
+from pipeline.io.shot_laws import find_laws, keep_laws
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +46,13 @@ def shot() -> Shot:
     return explain(tracks, filmed.scene, corrections=marks, notes=(Note("incomplete_clip", "it breaks off"),))
 
 
+def save_shot(shot: Shot, folder: Path, options: dict[str, object] | None = None, version: str = "1") -> None:
+    """Save a shot in a run folder as a run does."""
+    with TemporaryDirectory() as fresh:
+        write_shot(shot, options or {}, version, Path(fresh))
+        publish_shot(Path(fresh), folder)
+
+
 def assert_equal(one: Any, other: Any) -> None:
     """Assert that two values are equal to the last bit."""
     if is_dataclass(one):
@@ -58,16 +68,16 @@ def assert_equal(one: Any, other: Any) -> None:
 
 
 def test_a_shot_is_read_back_to_the_last_bit_with_all_its_views(shot: Shot, tmp_path: Path) -> None:
-    write_shot(shot, {"break_price": 20.0}, "1.2.3", tmp_path)
+    save_shot(shot, tmp_path, {"break_price": 20.0}, "1.2.3")
     again = read_shot(tmp_path)
     assert_equal(shot, again)
-    assert not shot.clock.is_even
+    assert not shot.clock.is_identity
     assert shot.outcomes
     assert_equal(view_shot(shot), view_shot(again))
 
 
 def test_the_document_is_strict_json_with_version_and_options(shot: Shot, tmp_path: Path) -> None:
-    write_shot(shot, {"break_price": 20.0}, "1.2.3", tmp_path)
+    save_shot(shot, tmp_path, {"break_price": 20.0}, "1.2.3")
 
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is not JSON")
@@ -80,24 +90,22 @@ def test_the_document_is_strict_json_with_version_and_options(shot: Shot, tmp_pa
 def test_the_same_shot_gives_the_same_bytes(shot: Shot, tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        write_shot(shot, {}, "1", tmp_path / name)
+        save_shot(shot, tmp_path / name)
     one, two = ({path.name: path.read_bytes() for path in (tmp_path / name / SHOT_FOLDER).iterdir()}
                 for name in ("one", "two"))  # fmt: skip
     assert one == two
 
 
 def test_a_new_shot_takes_the_place_of_the_old_one_and_of_its_arrays(shot: Shot, tmp_path: Path) -> None:
-    (tmp_path / "new").mkdir()
-    write_shot(shot, {}, "1", tmp_path)
+    save_shot(shot, tmp_path)
     moved = replace(shot, whitening=2 * shot.whitening)
-    write_shot(moved, {}, "1", tmp_path / "new")
-    publish_shot(tmp_path / "new", tmp_path)
+    save_shot(moved, tmp_path)
     assert_equal(read_shot(tmp_path), moved)
     assert len(list((tmp_path / SHOT_FOLDER).glob("*.npz"))) == 1
 
 
 def test_a_shot_of_a_later_version_is_refused_with_what_to_do(shot: Shot, tmp_path: Path) -> None:
-    write_shot(shot, {}, "9.9", tmp_path)
+    save_shot(shot, tmp_path, {}, "9.9")
     path = tmp_path / SHOT_FOLDER / SHOT_FILE
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": FORMAT + 1}))
     with pytest.raises(OptionError, match=r"saved by trueroll 9\.9.*update trueroll, or run the clip again"):
@@ -106,7 +114,7 @@ def test_a_shot_of_a_later_version_is_refused_with_what_to_do(shot: Shot, tmp_pa
 
 @pytest.mark.parametrize("damage", ["document", "arrays"])
 def test_a_damaged_shot_is_refused_with_what_to_do(shot: Shot, tmp_path: Path, damage: str) -> None:
-    write_shot(shot, {}, "1", tmp_path)
+    save_shot(shot, tmp_path)
     folder = tmp_path / SHOT_FOLDER
     path = folder / SHOT_FILE if damage == "document" else next(folder.glob("*.npz"))
     path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2])
@@ -121,7 +129,7 @@ def test_a_run_folder_of_an_earlier_version_says_how_to_get_a_shot(tmp_path: Pat
 
 
 def test_a_record_of_a_run_folder_is_that_of_its_shot(shot: Shot, tmp_path: Path) -> None:
-    write_shot(shot, {}, "1", tmp_path)
+    save_shot(shot, tmp_path)
     record, events = read_shot_record(tmp_path), view_shot(shot).events
     np.testing.assert_array_equal(record.events.t, events.t)
     np.testing.assert_array_equal(record.frame, shot.tracks.frame)
@@ -136,7 +144,7 @@ class Kept:
 
 
 def test_commands_that_keep_values_at_once_lose_nothing_and_compute_each_once(shot: Shot, tmp_path: Path) -> None:
-    write_shot(shot, {}, "1", tmp_path)
+    save_shot(shot, tmp_path)
     cache, built = ResultCache(tmp_path / "cache"), []
 
     def keep(number: int) -> Kept:
@@ -153,20 +161,38 @@ def test_commands_that_keep_values_at_once_lose_nothing_and_compute_each_once(sh
     assert len(list((tmp_path / SHOT_FOLDER / KEPT_FOLDER / "entries").rglob("value.json"))) == 5
 
 
-def test_what_was_kept_of_another_shot_is_not_used(shot: Shot, tmp_path: Path) -> None:
-    cache = ResultCache(tmp_path / "cache")
-    write_shot(shot, {}, "1", tmp_path)
-    keep_value(tmp_path, cache, "test", {}, Kept, __name__, lambda: Kept(1, np.zeros(1)))
-    assert find_kept_value(tmp_path, cache, "test", {}, Kept, __name__) is not None
-    write_shot(replace(shot, whitening=2 * shot.whitening), {}, "1", tmp_path)
-    assert find_kept_value(tmp_path, cache, "test", {}, Kept, __name__) is None
+def test_runs_that_save_into_one_folder_at_once_leave_a_shot_that_can_be_read(shot: Shot, tmp_path: Path) -> None:
+    shots = [replace(shot, moving_speed=0.02 + 0.001 * k) for k in range(6)]
+    with ThreadPoolExecutor(6) as pool:
+        for _ in range(5):
+            list(pool.map(save_shot, shots, [tmp_path] * len(shots)))
+            assert read_shot(tmp_path).moving_speed in [one.moving_speed for one in shots]
+
+
+def test_a_field_that_a_later_version_added_takes_its_default(shot: Shot, tmp_path: Path) -> None:
+    save_shot(shot, tmp_path)
+    path = tmp_path / SHOT_FOLDER / SHOT_FILE
+    document = json.loads(path.read_text())
+    del document["value"]["passes"]
+    path.write_text(json.dumps(document))
+    assert read_shot(tmp_path).passes == ()
+
+
+def test_models_that_were_kept_of_another_shot_are_not_used(shot: Shot, tmp_path: Path) -> None:
+    cache, laws = ResultCache(tmp_path / "cache"), WholeShotFit(refusal="No ball moved.")
+    save_shot(shot, tmp_path)
+    keep_laws(tmp_path, shot, laws, cache)
+    found = find_laws(tmp_path, read_shot(tmp_path), cache)
+    assert found is not None
+    assert found.refusal == laws.refusal
+    assert find_laws(tmp_path, replace(shot, whitening=2 * shot.whitening), cache) is None
 
 
 def test_a_folder_that_cannot_be_written_keeps_values_in_the_cache(
     shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cache = ResultCache(tmp_path / "cache")
-    write_shot(shot, {}, "1", tmp_path)
+    save_shot(shot, tmp_path)
     monkeypatch.setattr("os.access", lambda path, mode: False)
     keep_value(tmp_path, cache, "test", {}, Kept, __name__, lambda: Kept(1, np.zeros(1)))
     assert find_kept_value(tmp_path, cache, "test", {}, Kept, __name__) is not None

@@ -10,37 +10,11 @@ from support import staged_shot as shot
 
 from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
-from models.core.shot import ContactTestResult
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
-from models.estimation.contact_test import call_answers, candidate_contacts
-from models.estimation.contact_test.contact_moment import USUAL_CLOTH
-from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.contact_test import call_answers
+from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.reconstruction import event_list
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
-
-
-def test_only_close_passes_are_tested_again_with_the_friction_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    times = np.arange(31) / shot.RATE
-    fit = shot.fit(times)
-    halves = CauseHypothesis("none", "", 0.5), CauseHypothesis("ball", "red", 0.5)
-    graze = Moment("cue", 0.5, 1e-3, np.zeros(2), halves, ("close_pass",))
-    strike = Moment("cue", 0.1, 1e-3, np.zeros(2), (CauseHypothesis("strike", "", 1.0),))
-    scene = shot.scene()
-    record = make_shot_record(
-        shot.tracks(times), fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation((strike, graze))
-    )
-    cloth = replace(USUAL_CLOTH[0], sigma=0.05), USUAL_CLOTH[1]
-
-    def evaluate(given: ShotRecord, one: int, two: int, t: float) -> ContactTestResult:
-        assert given.cloth == cloth
-        assert (given.ids[one], given.ids[two], t) == ("cue", "red", 0.5)
-        return ContactTestResult(0.999, t, 1e-3, -1e-3, 1e-4, 1.0, 0.0, 0.5)
-
-    monkeypatch.setattr(candidate_contacts, "evaluate_close_pass", evaluate)
-    first, second = candidate_contacts.reevaluate_close_passes(replace(record, cloth=cloth)).explanation.moments
-    assert first == strike
-    assert second.best.cause == "ball"
-    assert second.best.probability > 0.5
 
 
 @pytest.mark.parametrize(("deceleration", "is_explained"), [(3.0, True), (4.0, False)])
