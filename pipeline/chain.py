@@ -29,7 +29,6 @@ from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.correction_sentences import format_corrections
@@ -173,13 +172,11 @@ def _build_graph(
         track_stage(options.track, options.corrections),
         explain_stage(options.fit, options.corrections),
         *((laws_stage(options.fit),) if options.fit.laws else ()),
-        export_stage(options.detect, options.fit, options.corrections),
+        export_stage(options.detect, options.fit),
         background_stage(),
         poster_stage(options.render),
         forecast_stage(options.forecast),
-        report_stage(
-            ReportOptions(title, options.render.slow, settings, options.detect, options.fit, options.corrections)
-        ),
+        report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.fit)),
         record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
     )
     if not options.render.no_video:
@@ -243,9 +240,12 @@ def run_tables(
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
-    opened, explained = _load_shot(graph, entries)
-    views = explained.scene, explained.tracks, view_run(explained)
-    return opened, *views, hash_tables(entries["export"].folder)
+    stages = {stage.name: stage for stage in graph.stages}
+    wanted = [name for name in ("read", "explain", "laws") if name in entries]
+    values: dict[str, Any] = {name: load_stage_output(stages[name], entries[name]) for name in wanted}
+    explained: Shot = values["explain"]
+    views = explained.scene, explained.tracks, view_inputs(values, options.fit)
+    return values["read"], *views, hash_tables(entries["export"].folder)
 
 
 def hash_clip(path: Path) -> str:

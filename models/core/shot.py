@@ -136,6 +136,23 @@ class SimulatedBreak:
     motion: Trajectory
 
 
+def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
+    """Select the observations outside the first and last contact of each ball in a break.
+
+    Args:
+        observations: Observations at capture times.
+        breaks: The breaks.
+
+    Returns:
+        Those that the contact graph has to explain.
+    """
+    ball, t = observations.ball, observations.t
+    is_outside = np.ones(len(t), np.bool_)
+    for ball_exit in (leaving for one in breaks for leaving in one.exits):
+        is_outside &= ~((ball == ball_exit.ball) & (t > ball_exit.start) & (t <= ball_exit.end))
+    return observations.select_rows(is_outside)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
     """Explanation of the recording of N balls over T frames, with S segments and C contacts.
@@ -201,7 +218,4 @@ class Shot:
         ball, frame = np.nonzero(self.is_used.T)
         t = self.clock.capture_time[frame]
         rows = Observations(ball, t, self.tracks.xy[frame, ball], self.whitening[frame, ball])
-        is_outside = np.ones(len(t), np.bool_)
-        for ball_exit in (leaving for one in self.breaks for leaving in one.exits):
-            is_outside &= ~((ball == ball_exit.ball) & (t > ball_exit.start) & (t <= ball_exit.end))
-        return rows.select_rows(is_outside)
+        return select_outside_breaks(rows, self.breaks)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from models.core.fit_result import WholeShotFit
 from models.core.options import FitOptions
 from models.core.shot import Shot
-from models.estimation.reconstruction.shot_views import view_shot
+from models.estimation.reconstruction.shot_views import view_captured
+from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.value_files import hash_value
@@ -31,10 +35,36 @@ def load_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit:
     if complete is not None:
         return complete
 
-    def fit_laws() -> WholeShotFit:
-        return fit_shot_laws(view_shot(shot), shot.tracks, shot.scene.table, FitOptions())
+    facts = _list_facts(shot, False)
+    return keep_value(source, cache, "laws", facts, WholeShotFit, _CODE, lambda: fit_laws(shot, FitOptions()))
 
-    return keep_value(source, cache, "laws", _list_facts(shot, False), WholeShotFit, _CODE, fit_laws)
+
+def fit_laws(shot: Shot, options: FitOptions, prior: TablePrior | None = None) -> WholeShotFit:
+    """Fit published contact models to whole shots, at the capture times of the frames.
+
+    Args:
+        shot: The shot.
+        options: Options of the fit.
+        prior: Physics of the table, where it is known.
+
+    Returns:
+        The models, or why there are none, at presentation times.
+    """
+    laws = fit_shot_laws(view_captured(shot), shot.capture_tracks, shot.scene.table, options, prior)
+    if shot.clock.is_identity:
+        return laws
+    solution, misfit = laws.solution, laws.misfit
+    if solution is not None:
+        solution = replace(solution, t=_show_time(shot, solution.t))
+    if misfit is not None:
+        until = _show_time(shot, misfit.explained_until)
+        misfit = replace(misfit, t=_show_time(shot, misfit.t), explained_until=until)
+    return replace(laws, solution=solution, misfit=misfit)
+
+
+def _show_time(shot: Shot, t: float) -> float:
+    """Convert a capture time to a presentation time, s."""
+    return float(shot.clock.presentation_time_at(np.array(t)))
 
 
 def find_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit | None:

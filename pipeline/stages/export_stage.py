@@ -8,7 +8,6 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
-from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.shot import Shot
@@ -27,22 +26,19 @@ class ExportOptions:
     """Options of the detection, which scene.json notes."""
     fit: FitOptions
     """Options of the explanation, which the saved shot notes."""
-    corrections: Corrections = NO_CORRECTIONS
-    """What a person corrected, which scene.json notes."""
 
 
-def export_stage(detect: DetectOptions, fit: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
+def export_stage(detect: DetectOptions, fit: FitOptions) -> Stage:
     """Build the stage that writes the tables.
 
     Args:
         detect: Options of the detection, which scene.json notes.
         fit: Options of the explanation.
-        corrections: What a person corrected, which scene.json notes.
 
     Returns:
         The stage `export`, whose output is a folder of files.
     """
-    options = ExportOptions(detect, fit, corrections)
+    options = ExportOptions(detect, fit)
     return Stage("export", __name__, ("read", *list_view_inputs(fit)), None, _write_tables, options)
 
 
@@ -53,6 +49,6 @@ def _write_tables(inputs: Inputs, options: ExportOptions, folder: Path, progress
     write_shot(shot, asdict(replace(options.fit, laws=False, profile="")), version("trueroll"), folder)
     write_tracks(scene, tracks, fit, folder / "tracks.csv")
     write_events(fit.events, folder / "events.csv")
-    write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json", options.corrections)
+    write_scene(inputs["read"], scene, tracks, fit, folder / "scene.json", shot.corrections)
     progress(0.5)
     write_trajectory(fit.trajectory, folder / "trajectory.csv")

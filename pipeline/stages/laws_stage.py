@@ -26,7 +26,7 @@ def laws_stage(options: FitOptions) -> Stage:
 def _fit_laws(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> WholeShotFit:
     """Fit published contact models to whole shots, on the table of the profile where it suits the clip."""
     from models.estimation.reconstruction.shot_views import view_shot
-    from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws  # slow to import
+    from pipeline.io.shot_laws import fit_laws  # slow to import
     from pipeline.io.table_profile import parse_table_prior
     from pipeline.io.view_profile import list_profile_misfits
 
@@ -34,4 +34,4 @@ def _fit_laws(inputs: Inputs, options: FitOptions, folder: Path, progress: Progr
     prior = None
     if options.profile and not list_profile_misfits(options.profile, shot.scene.cloth_lab, view_shot(shot).parameters):
         prior = parse_table_prior(options.profile)
-    return fit_shot_laws(view_shot(shot), shot.tracks, shot.scene.table, options, prior)
+    return fit_laws(shot, options, prior)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
-from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.shot import Shot
@@ -32,8 +31,6 @@ class ReportOptions:
     """Options of the detection."""
     fit: FitOptions
     """Options of the explanation."""
-    corrections: Corrections = NO_CORRECTIONS
-    """What a person corrected, which the page notes."""
 
 
 def report_stage(options: ReportOptions) -> Stage:
@@ -81,7 +78,7 @@ def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress
     start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))
     files = ReportFiles(SLOW_FILE, drawn / "poster.png", options.slow, start)
     shot: Shot = inputs["explain"]
-    scene = note_corrections(note_selection(shot.scene, options.detect), options.corrections, shot.tracks)
+    scene = note_corrections(note_selection(shot.scene, options.detect), shot.corrections, shot.tracks)
     fit = view_inputs(inputs, options.fit)
     write_report(
         inputs["read"], scene, shot.tracks, fit, files, options.title, options.settings, folder / "report.html",

@@ -136,6 +136,30 @@ def combine_marked_times(
     return combined, tuple(final)
 
 
+def contradict_unheld_marks(
+    solution: JointSolution, marks: Sequence[ResolvedMark], outcomes: tuple[MarkOutcome, ...]
+) -> tuple[MarkOutcome, ...]:
+    """Correct the outcomes of marks whose contact is at another time in the end.
+
+    Args:
+        solution: The final solution.
+        marks: The marks.
+        outcomes: The outcome of each mark so far.
+
+    Returns:
+        The outcomes; a confirmed mark without a contact within its tolerance is at another time.
+    """
+    final = list(outcomes)
+    for k, mark in enumerate(marks):
+        is_settled = outcomes[k].code != "confirmed" or mark.mark.kind == "delete"
+        if is_settled or find_contact(solution.graph, mark, mark.t) is not None:
+            continue
+        number = find_contact(solution.graph, replace(mark, tolerance=np.inf), mark.t)
+        if number is not None:
+            final[k] = replace(outcomes[k], code="other_time", value=solution.graph.contacts[number].t - mark.t)
+    return tuple(final)
+
+
 def find_contact(graph: ContactGraph, mark: ResolvedMark, t: float) -> int | None:
     """Find the contact of a graph that a mark means.
 

@@ -7,7 +7,7 @@ import numpy as np
 from models.core.contact_graph import Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
-from models.core.shot import SimulatedBreak
+from models.core.shot import SimulatedBreak, select_outside_breaks
 from models.estimation.break_shot.break_posterior import summarize_break
 from models.estimation.break_shot.break_search import search_break
 from models.estimation.joint_fit.contact_cascades import find_segment_at
@@ -49,18 +49,6 @@ def reconstruct_breaks(
         graph = _insert_break(graph, posterior)
     remaining = _add_arrival_observations(select_outside_breaks(observations, tuple(breaks)), tuple(breaks))
     return refine_graph(graph, remaining, table, initial=solution), remaining, tuple(breaks)
-
-
-def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
-    """Select the observations outside each ball's first and last contact in a break."""
-    is_outside = np.ones(len(observations.t), np.bool_)
-    for ball_exit in (leaving for posterior in breaks for leaving in posterior.exits):
-        is_outside &= ~(
-            (observations.ball == ball_exit.ball)
-            & (observations.t > ball_exit.start)
-            & (observations.t <= ball_exit.end)
-        )
-    return observations.select_rows(is_outside)
 
 
 def _insert_break(graph: ContactGraph, posterior: SimulatedBreak) -> ContactGraph:

@@ -19,7 +19,13 @@ from models.core.shot import ContactRivals, ContactTestResult, Note, Shot
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.hand_marks.graph_marks import MarkedFit, apply_marks, combine_marked_times, settle_marks
+from models.estimation.hand_marks.graph_marks import (
+    MarkedFit,
+    apply_marks,
+    combine_marked_times,
+    contradict_unheld_marks,
+    settle_marks,
+)
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations
 from models.estimation.joint_fit.joint_refinement import (
@@ -185,6 +191,7 @@ def _explain_tracks(
     times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
     times, outcomes = combine_marked_times(solution, times, marks, outcomes, observations)
     solution = condition_on_contact_times(solution, times, observations, table)
+    outcomes = contradict_unheld_marks(solution, marks, outcomes)
     shot = replace(
         blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
         hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts), gaps=_list_gaps(solution, tests),
