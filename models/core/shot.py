@@ -90,7 +90,7 @@ class BreakContact:
 
     t: float
     t_sigma: float
-    """s of the clip."""
+    """s, capture time."""
     a: int
     b: int
     """The faster ball, and the other: their indices in the tracks."""
@@ -109,7 +109,7 @@ class BreakExit:
     """Its index in the tracks."""
     start: float
     end: float
-    """s of the clip: first and last contact."""
+    """s, capture times of its first and last contact."""
     state: FloatArray
     """(6,) place, velocity and slip after its last contact, m and m/s."""
     covariance: FloatArray
@@ -134,6 +134,7 @@ class SimulatedBreak:
     contacts: tuple[BreakContact, ...]
     exits: tuple[BreakExit, ...]
     motion: Trajectory
+    """Motion of the balls; its times count from `start`."""
 
 
 def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
