@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from support.carom_start import Home
 import trueroll
 from models.estimation.reconstruction import explain_shot
 from pipeline.cli.execute import execute_command_line
+from pipeline.io.shot_folder import publish_shot, read_shot, write_shot
 
 ANSWERS = (
     ("call", "contact", "white", "yellow"), ("put-back",), ("compare",), ("what-if", "--speed", "+10%"),
@@ -97,6 +99,16 @@ def test_changed_later_frames_change_no_byte_of_a_prediction(
             for row in rows:
                 later = float(row["t"]) > 1.1
                 writer.writerow(row | ({"x": float(row["x"]) + shift, "y": float(row["y"]) - shift} if later else {}))
-    one, two = (predict(folder, tmp_path / f"out_{k}", tmp_path / f"cache_{k}") for k, folder in enumerate(folders))
+    for folder, shift in zip((tmp_path / "shot_as_filmed", tmp_path / "shot_changed"), (0.0, 0.1), strict=True):
+        folders.append(folder)
+        saved = read_shot(home.out)
+        moved = saved.tracks.xy + shift * (saved.tracks.t > 1.1)[:, None, None]
+        (folder / "fresh").mkdir(parents=True)
+        write_shot(replace(saved, tracks=replace(saved.tracks, xy=moved)), {}, "1", folder / "fresh")
+        publish_shot(folder / "fresh", folder)
+    one, two, three, four = (
+        predict(folder, tmp_path / f"out_{k}", tmp_path / f"cache_{k}") for k, folder in enumerate(folders)
+    )
     assert one == two
+    assert three == four
     assert json.loads(capsys.readouterr().out.split("\n}\n")[0] + "\n}")["compared"]
