@@ -27,7 +27,7 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
-from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.shot_folder import publish_shot
 from pipeline.io.shot_laws import keep_laws

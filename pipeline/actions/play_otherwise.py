@@ -26,9 +26,9 @@ from pipeline.actions.compare_session import read_session
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
-from pipeline.io.session.what_if_files import summarize_changed_shot, write_changed_paths
 from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import format_strict_json
+from pipeline.io.what_if_files import summarize_changed_shot, write_changed_paths
 from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
 
 MIN_PROBABILITY = 0.5

@@ -105,7 +105,7 @@ def reproduce(
 def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list[Trial]:
     from pipeline.experiments.thesis.experiment_plan import explain_omissions, list_tasks
     from pipeline.experiments.thesis.thesis_page import write_results
-    from pipeline.experiments.thesis.trial_processes import run_trials
+    from pipeline.experiments.thesis.trials import run_trials
 
     planned = list_tasks(plan)
     if not planned:

@@ -33,7 +33,7 @@ def edit(
     from pipeline.editing.edit_server import EditServer  # slow to import
     from pipeline.editing.edit_session import EditSession
     from pipeline.editing.edited_clip import continue_run_options, find_edited_clip
-    from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+    from pipeline.io.corrections_file import corrections_path, read_corrections
 
     edited = find_edited_clip(target, out)
     if overridden := list_overridden_flags(options, read_corrections(edited.path, edited.digest).corrections):
