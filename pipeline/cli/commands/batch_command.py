@@ -24,15 +24,7 @@ from pipeline.engine.process_setup import available_cores
 from pipeline.engine.result_cache import open_cache
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import RunOptions, list_setting_values
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
@@ -45,14 +37,12 @@ MAX_TABLE_ROWS = 100
 """Most rows of the final table; for a larger batch it lists only failed clips."""
 
 
-@app.command("batch")
+@cli.app.command("batch")
 @add_settings
 def batch(
     folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth.")],
     options: RunOptions,
-    out: Annotated[
-        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results.")
-    ] = Path("out"),
+    out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out"),
     jobs: Annotated[
         int, typer.Option("--jobs", help="Number of clips that run at a time; 0: one per core.", min=0)
     ] = 1,
@@ -75,9 +65,9 @@ def batch(
     gaps: Annotated[
         bool, typer.Option("--diagnose", help="Finally diagnose all shots of each table together.")
     ] = False,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
     from pipeline.batch.clip_discovery import find_clips, order_largest_first
@@ -105,7 +95,7 @@ def batch(
     try:
         with (
             _open_runner(work, jobs, cluster, clips) as runner,
-            BatchDisplay(console, None if watch else len(clips)) as display,
+            BatchDisplay(cli.console, None if watch else len(clips)) as display,
         ):
             run_batch(work, watch_folder(folder, out, idle) if watch else queue, runner, display)
     except KeyboardInterrupt:
@@ -151,9 +141,9 @@ def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
     """Diagnose the shots of each table and print the results."""
     from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
 
-    for table, sentence in diagnose_tables(group_by_table(rows), out, console):
+    for table, sentence in diagnose_tables(group_by_table(rows), out, cli.console):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
-        console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
+        cli.console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 
 
 def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: bool) -> None:
@@ -166,7 +156,7 @@ def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: b
     for row in shown:
         remark = row.sentence or escape_text(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
         grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(remark))
-    make_output_console().print(grid)
+    cli.make_output_console().print(grid)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")
     print(_describe_duration(rows, seconds))
@@ -201,7 +191,9 @@ class BatchDisplay:
             TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
             TimeElapsedColumn(),
         )  # fmt: skip
-        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, refresh_per_second=REFRESH_HZ)
+        self._bars = Progress(
+            *columns, console=cli.console, disable=not cli.console.is_terminal, refresh_per_second=REFRESH_HZ
+        )
         self._all = self._bars.add_task("clips", total=expected, note="")
         self._clips: dict[str, TaskID] = {}
         self._count = [0, 0]
