@@ -130,11 +130,7 @@ class ExportedOffsetNetwork(nn.Module):
 
 
 def export_offset_network(
-    network: OffsetNetwork,
-    factor: float,
-    figures: DiscFigures | StreakFigures,
-    recipe: dict[str, object],
-    path: Path,
+    network: OffsetNetwork, factor: float, figures: DiscFigures | StreakFigures, recipe: dict[str, object], path: Path
 ) -> dict[str, float]:
     """Write an offset regressor as an ONNX file with metadata.
 

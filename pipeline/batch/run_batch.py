@@ -85,12 +85,7 @@ class Batch:
         return row
 
 
-def run_batch(
-    batch: Batch,
-    clips: Iterable[Path | None],
-    runner: ClipRunner,
-    follower: BatchFollower,
-) -> None:
+def run_batch(batch: Batch, clips: Iterable[Path | None], runner: ClipRunner, follower: BatchFollower) -> None:
     """Run the clips of a batch and keep its summary on disk up to date.
 
     Args:

@@ -21,21 +21,10 @@ from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.corrections_file import (
-    CorrectionsFile,
-    describe_corrections,
-    read_corrections,
-    write_corrections,
-)
+from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
 from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.run_options import (
-    CORRECTED_SETTINGS,
-    RunOptions,
-    apply_corrections,
-    reset_settings,
-    start_corrections,
-)
+from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
 from pipeline.stages.shot_stages import ClipShot
 from video.io.clip import read_frames
 

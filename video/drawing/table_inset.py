@@ -48,13 +48,7 @@ class TableInset:
         return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
 
     def draw(
-        self,
-        image: ImageArray,
-        x: int,
-        y: int,
-        xy: FloatArray,
-        paths: Sequence[FloatArray],
-        colours: Sequence[Colour],
+        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
     ) -> None:
         """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
         canvas = self.canvas.copy()

@@ -137,12 +137,7 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
 
 
 def _annotate_frames(
-    clip: Clip,
-    appearance: ClipAppearance,
-    tracks: Tracks,
-    fit: Fit,
-    times: FloatArray,
-    options: RenderOptions,
+    clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, times: FloatArray, options: RenderOptions
 ) -> Iterator[ImageArray]:
     """Yield the output frames in order: frames are annotated while later ones are synthesized."""
     annotation: Annotation | None = None

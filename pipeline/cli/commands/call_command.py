@@ -22,8 +22,7 @@ def call(
     question: Annotated[
         list[str],
         typer.Argument(
-            metavar="QUESTION",
-            help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A",
+            metavar="QUESTION", help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A"
         ),
     ],
     edge: Annotated[

@@ -10,12 +10,7 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.actions.compare_session import (
-    GROUPINGS,
-    ComparedSession,
-    compare_session,
-    write_session,
-)
+from pipeline.actions.compare_session import GROUPINGS, ComparedSession, compare_session, write_session
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS

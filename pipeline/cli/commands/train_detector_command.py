@@ -70,10 +70,7 @@ def train_detector(
     start: Annotated[
         Path | None,
         typer.Option(
-            "--from",
-            parser=cli.parse_output_path,
-            metavar="FILE.onnx",
-            help="Ball network of trueroll to start from.",
+            "--from", parser=cli.parse_output_path, metavar="FILE.onnx", help="Ball network of trueroll to start from."
         ),
     ] = None,
     seer: Annotated[

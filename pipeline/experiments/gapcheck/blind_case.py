@@ -192,10 +192,7 @@ class Oracle:
         """Return how many standard deviations the strengths (p,) of missing effects are, all else adjusted."""
         mask = self.problem.mask(tuple(names))
         effect_signatures = compute_signatures(
-            self.problem,
-            linearize_fit(self.problem, self.base).shot_information,
-            self.base.free,
-            self.base.lack_of_fit,
+            self.problem, linearize_fit(self.problem, self.base).shot_information, self.base.free, self.base.lack_of_fit
         )
         size: float = float(strengths @ effect_signatures.information[np.ix_(mask, mask)] @ strengths)
         return float(np.sqrt(max(size, 0.0)))

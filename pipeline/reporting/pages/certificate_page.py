@@ -13,13 +13,7 @@ from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.certificate_files import (
-    ADVISED_CONTACTS,
-    ADVISED_SHOTS,
-    NAMES,
-    CertifiedTable,
-    NumberComparison,
-)
+from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_measured, format_value
 

@@ -32,11 +32,7 @@ _FIGURE_HEIGHT = 300
 
 
 def write_session_page(
-    columns: Columns,
-    summaries: Mapping[str, Sequence[SeriesSummary]],
-    notes: Sequence[str],
-    title: str,
-    path: Path,
+    columns: Columns, summaries: Mapping[str, Sequence[SeriesSummary]], notes: Sequence[str], title: str, path: Path
 ) -> None:
     """Write the page of a session.
 
