@@ -37,11 +37,7 @@ BallDetector = HoughDetector | NetworkDetector
 
 
 def detect_balls(
-    clip: Clip,
-    scene: Scene,
-    options: DetectOptions,
-    progress: Progress = ignore_progress,
-    executor: Executor = SERIAL,
+    clip: Clip, scene: Scene, options: DetectOptions, progress: Progress = ignore_progress, executor: Executor = SERIAL
 ) -> Detections:
     """Detect the balls in every distinct frame of a clip.
 
@@ -77,11 +73,7 @@ class ClipDetection:
     """Detection of the balls of one clip, which can be sent to another process: there the network is opened again."""
 
     def __init__(
-        self,
-        clip: Clip,
-        detector: BallDetector,
-        options: DetectOptions,
-        progress: Progress = ignore_progress,
+        self, clip: Clip, detector: BallDetector, options: DetectOptions, progress: Progress = ignore_progress
     ) -> None:
         self._clip, self._detector, self._options, self._progress = clip, detector, options, progress
 

@@ -54,11 +54,7 @@ class _Template:
 
 
 def add_placed_balls(
-    detections: Detections,
-    clip: Clip,
-    scene: Scene,
-    marks: Sequence[BallMark],
-    progress: Progress = ignore_progress,
+    detections: Detections, clip: Clip, scene: Scene, marks: Sequence[BallMark], progress: Progress = ignore_progress
 ) -> MarkedDetections:
     """Add the balls that a person placed to the detections.
 

@@ -80,8 +80,8 @@ def test_no_import_cycle_joins_modules_or_packages() -> None:
 @pytest.mark.parametrize(
     ("command", "limit"),
     [
-        ("upkeep.cache_command", 1_000),
-        ("filming.check_command", 8_000),
+        ("cache_command", 1_000),
+        ("check_command", 8_000),
         ("simulate_command", 10_000),
         ("predict_command", 17_500),
     ],

@@ -37,10 +37,8 @@ from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 from pipeline.engine.helper_executor import open_executor
-from pipeline.experiments.gapcheck.billiards_cases import FOREIGN_EFFECTS
-from pipeline.experiments.gapcheck.billiards_strengths import Effects
-from pipeline.experiments.gapcheck.blind_case import is_separable
-from pipeline.experiments.gapcheck.gap_oracle import build_oracle
+from pipeline.experiments.gapcheck.billiards_cases import FOREIGN_EFFECTS, Effects
+from pipeline.experiments.gapcheck.blind_case import build_oracle, is_separable
 
 
 def build_scene(case: BilliardsGapCase, shots: tuple[Recording, ...]) -> GapScene:

@@ -22,8 +22,8 @@ from pipeline.experiments.gapcheck.billiards_cases import (
     OPTIONAL_EFFECTS,
     SINGLE_EFFECTS,
     BilliardsKind,
+    Effects,
 )
-from pipeline.experiments.gapcheck.billiards_strengths import Effects
 from pipeline.experiments.gapcheck.blind_case import simulate_experiment
 from pipeline.io.track_folder import read_track_folders
 

@@ -19,8 +19,7 @@ from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.physics.effect import Effect
-from pipeline.experiments.gapcheck.blind_case import WORLDS, grade_report
-from pipeline.experiments.gapcheck.gap_oracle import Oracle, build_oracle
+from pipeline.experiments.gapcheck.blind_case import WORLDS, Oracle, build_oracle, grade_report
 from pipeline.io.track_folder import TrackFolder, read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 

@@ -33,8 +33,13 @@ from models.core.recording import record_points
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import AKIMA, CUBIC, LINEAR
-from pipeline.experiments.thesis.compared_methods import CONSTRAINT_NET, PRETRAINED_NET, build_methods
-from pipeline.experiments.thesis.physics_methods import ArmsFit, BoxesFit
+from pipeline.experiments.thesis.compared_methods import (
+    CONSTRAINT_NET,
+    PRETRAINED_NET,
+    ArmsFit,
+    BoxesFit,
+    build_methods,
+)
 from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, build_boxes_series
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import STARTS, build_pendulum_series, read_recorded_series
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, mean_squared_error

@@ -137,6 +137,13 @@ class OffsetRegressor:
 def open_offset_regressor(kind: OffsetRegressorKind, path: Path | None = None) -> OffsetRegressor:
     """Open an offset regressor; the one that ships with the package where no file is given.
 
+    Args:
+        kind: What it measures.
+        path: Its ONNX file.
+
+    Returns:
+        The regressor.
+
     Raises:
         ModelError: The file holds no regressor of that kind.
     """

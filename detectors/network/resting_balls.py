@@ -70,11 +70,7 @@ def refine_resting_balls(context: FrameContext, balls: RestingBalls, regressor: 
 
 def _locate_candidates(context: FrameContext, candidates: CandidateDetections) -> RestingBalls:
     detections, outlines = locate_outlines(
-        context.rgb,
-        context.smooth,
-        context.to_frame(candidates),
-        context.surroundings_of(candidates),
-        context.frame,
+        context.rgb, context.smooth, context.to_frame(candidates), context.surroundings_of(candidates), context.frame
     )
     # A candidate that only its outline makes a ball gets the least score that is reported.
     score = np.maximum(detections.score, REPORTED_SCORE)

@@ -1,21 +1,30 @@
-"""Training of the ball network on rendered images."""
+"""Training of the ball network on rendered images.
+
+Initial weights from an exported network.
+
+The exporter folds every batch normalisation that follows a convolution into it. Training needs them back: each is given
+the statistics of some images and inverts them, so that it changes nothing at first and is trained from there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
+from detectors.network.ball_model import CentreModel, open_ball_model
 from detectors.training.data.augmentation import augment_image
 from detectors.training.data.shard_rotation import ShardRotation
 from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
 from detectors.training.networks.ball_loss import build_targets, compute_ball_loss
 from detectors.training.networks.ball_network import BallNetwork
-from detectors.training.networks.warm_start import load_exported_weights
 from detectors.training.training_loop import StepCallback, TrainOptions, run_training
+from models.core.errors import ModelError
 from models.core.typing import ByteArray, Float32Array
 
 CHECKPOINT = "checkpoint.pt"
@@ -84,3 +93,82 @@ class BallTraining:
 def to_network_input(rgb: ByteArray) -> Tensor:
     """Convert images (B, H, W, 3) of bytes to the input (B, 3, H, W) of a network, in [0, 1]."""
     return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255  # memory layout unchanged: channels last
+
+
+NAME_PREFIX = "network."
+"""Prefix of the names of the network's arrays in a file."""
+FOLDED_SHIFT = "weight_bias"
+"""Name of a convolution's shift that was that of the normalisation."""
+
+Arrays = dict[str, Tensor]
+
+
+@torch.no_grad()
+def load_exported_weights(network: BallNetwork, path: Path, images: Tensor) -> None:
+    """Load the weights of an exported network; blocks that the file lacks begin as identities.
+
+    Args:
+        network: The network.
+        path: ONNX file of a ball network of the project's own.
+        images: Images (B, 3, H, W) like those of the training, for the statistics of the normalisations.
+
+    Raises:
+        ModelError: The file holds another network.
+    """
+    if not isinstance(open_ball_model(path), CentreModel):
+        raise ModelError(f"{path} should be one of trueroll's own networks to continue from; it is a YOLO export")
+    arrays = _read_arrays(path)
+    weights = {name: arrays[name] for name in network.state_dict() if name in arrays}
+    try:
+        network.load_state_dict(weights, strict=False)
+    except RuntimeError as error:
+        raise ModelError(
+            f"{path} should hold a network as wide as this version's to continue from; its arrays have other shapes"
+        ) from error
+    for block in network.blocks:
+        last = block.get_submodule("inner.3")
+        assert isinstance(last, nn.BatchNorm2d)
+        nn.init.zeros_(last.weight)
+    hooks = [
+        norm.register_forward_pre_hook(_undo_normalisation(arrays[f"{conv}.{FOLDED_SHIFT}"]))
+        for conv, norm in _find_normalised_convolutions(network)
+        if f"{conv}.{FOLDED_SHIFT}" in arrays
+    ]
+    network.eval()(images)
+    for hook in hooks:
+        hook.remove()
+
+
+def _read_arrays(path: Path) -> Arrays:
+    """Read the arrays of an ONNX file, by their names in the network."""
+    import onnx  # from the extra `train`, which training from random weights does not need
+
+    initializers = onnx.load(str(path)).graph.initializer
+    return {
+        each.name.removeprefix(NAME_PREFIX): torch.from_numpy(np.array(onnx.numpy_helper.to_array(each)))
+        for each in initializers
+        if each.name.startswith(NAME_PREFIX)
+    }
+
+
+def _find_normalised_convolutions(network: BallNetwork) -> list[tuple[str, nn.BatchNorm2d]]:
+    """Find the names of the convolutions that a normalisation follows, and those normalisations."""
+    return [
+        (f"{name}.{number}", after)
+        for name, chain in network.named_modules()
+        if isinstance(chain, nn.Sequential)
+        for number, (before, after) in enumerate(pairwise(chain))
+        if isinstance(before, nn.Conv2d) and isinstance(after, nn.BatchNorm2d)
+    ]
+
+
+def _undo_normalisation(shift: Tensor) -> Callable[[nn.BatchNorm2d, tuple[Tensor]], None]:
+    """Build a hook that gives a normalisation the statistics of its first input, and lets it only add `shift` (C,)."""
+
+    def learn(norm: nn.BatchNorm2d, given: tuple[Tensor]) -> None:
+        variance, mean = torch.var_mean(given[0], dim=(0, 2, 3), correction=0)
+        norm.running_mean, norm.running_var = mean, variance
+        norm.weight.copy_((variance + norm.eps).sqrt())
+        norm.bias.copy_(mean + shift)
+
+    return learn

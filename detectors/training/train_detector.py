@@ -20,8 +20,7 @@ from detectors.training.data.streak_samples import StreakSource
 from detectors.training.data.training_shards import IMAGES_PER_SHARD
 from detectors.training.networks.ball_network import CHANNEL_WIDTHS
 from detectors.training.offset_evaluation import evaluate_offset_network, fit_sigma_factor
-from detectors.training.offset_export import export_offset_network
-from detectors.training.offset_training import train_offset_network
+from detectors.training.offset_training import export_offset_network, train_offset_network
 from detectors.training.training_loop import StepCallback, TrainOptions, read_step_count
 from video.rendering.training_images import SIZE_PX
 

@@ -185,12 +185,7 @@ def _sample_line(record: ShotRecord, axis: str, at: float) -> FloatArray:
 
 
 def _build_close_up_frame(
-    record: ShotRecord,
-    camera: Camera,
-    call: CallAnswer,
-    frame: int,
-    image: NDArray[np.uint8],
-    line: FloatArray | None,
+    record: ShotRecord, camera: Camera, call: CallAnswer, frame: int, image: NDArray[np.uint8], line: FloatArray | None
 ) -> CloseUpFrame:
     """Build a close-up frame with the fitted outlines of the balls concerned and the line (n, 2) m in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])

@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
-from pipeline.engine.atomic_write import replace_file
-from pipeline.io.csv_tables import Columns
+from pipeline.engine.atomic_write import replace_file, write_text
+from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.run_folder import find_repeated_clips, read_scene_document
-from pipeline.io.scene_entries.shot_numbers_json import parse_shot_numbers
-from pipeline.io.session.session_files import SessionShot, tabulate_session, write_session_tables
+from pipeline.io.shot_numbers_json import parse_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import write_session_page
 
@@ -166,8 +167,7 @@ def write_session(session: ComparedSession, title: str, folder: Path) -> dict[st
     }
     with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
         write_session_tables(session.columns, table, parquet)
-    with replace_file(folder / "session.json") as path:
-        path.write_text(format_strict_json(document), encoding="utf-8")
+    write_text(folder / "session.json", format_strict_json(document))
     with replace_file(folder / "session.html") as path:
         write_session_page(session.columns, session.summaries, (*session.repetitions, *session.refusals), title, path)
     return document
@@ -185,3 +185,56 @@ def _name_group(grouping: Grouping, source: str, shot: ShotNumbers) -> str:
         cut = shot.find_number("cut_angle")
         return "no ball" if cut is None else "cut to the right" if cut.value > 0 else "cut to the left"
     return source
+
+
+@dataclass(frozen=True, slots=True)
+class SessionShot:
+    """One shot of a session."""
+
+    group: str
+    folder: str
+    """Run folder."""
+    number: int
+    """Number of the shot in the session, from 1."""
+    shot: ShotNumbers
+
+
+def tabulate_session(shots: Sequence[SessionShot]) -> Columns:
+    """Arrange the shots of a session as columns.
+
+    Args:
+        shots: K shots.
+
+    Returns:
+        Columns (K,): texts, then for every number its value and `NAME_sigma`; NaN where it is not observable.
+    """
+    entries = [collect_session_numbers(one.shot) for one in shots]
+    columns: Columns = {
+        "number": np.array([one.number for one in shots], np.int64),
+        "group": [one.group for one in shots], "folder": [one.folder for one in shots],
+        "t": np.array([one.shot.t for one in shots], np.float64),
+        "cue": [one.shot.cue for one in shots], "first": [one.shot.first for one in shots],
+        "spin_state": [one.shot.spin_state for one in shots],
+        "potted": [_format_potted(one.shot) for one in shots],
+    }  # fmt: skip
+    for name in dict.fromkeys(name for entry in entries for name in entry):
+        pairs = [entry.get(name, (np.nan, np.nan, "", False)) for entry in entries]
+        for column, place in ((name, 0), (f"{name}_sigma", 1)):
+            columns[column] = np.array([pair[place] if pair[3] else np.nan for pair in pairs], np.float64)
+    return columns
+
+
+def _format_potted(shot: ShotNumbers) -> str:
+    return "; ".join(f"{ball} {pocket}" for ball, pocket in zip(shot.potted, shot.pockets, strict=True))
+
+
+def write_session_tables(columns: Columns, table: Path, parquet: Path) -> None:
+    """Write the columns of a session.
+
+    Args:
+        columns: Columns of `tabulate_session`.
+        table: CSV file to write.
+        parquet: Parquet file to write.
+    """
+    write_columns(columns, table, "needed")
+    pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), parquet)

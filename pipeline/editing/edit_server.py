@@ -27,7 +27,7 @@ from starlette.routing import Route
 from models.core.errors import OptionError
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.editing.edit_session import ConflictError, EditSession
-from pipeline.io.by_hand.corrections_file import MAX_BYTES, SCHEMA, parse_corrections
+from pipeline.io.corrections_file import MAX_BYTES, SCHEMA, parse_corrections
 
 HOST = "127.0.0.1"
 PAGE_FILES = {"": ("edit.html", "text/html"), "edit.css": ("edit.css", "text/css"),

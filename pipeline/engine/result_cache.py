@@ -16,7 +16,7 @@ import shutil
 import stat
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +25,55 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from models.core.errors import OptionError, TruerollError
-from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder
-from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder, write_text
+from pipeline.engine.source_fingerprint import library_versions
+from pipeline.engine.stage import Stage
+
+
+@dataclass(frozen=True, slots=True)
+class CacheKey:
+    """What an entry depends on. Its digest is the address of the entry."""
+
+    stage: str
+    parts: Mapping[str, Any]
+    """JSON-able: options, inputs (content hashes), source (hash per file), libraries."""
+
+    @property
+    def json_parts(self) -> dict[str, Any]:
+        """The parts as read back from JSON: tuples have become lists."""
+        parts: dict[str, Any] = json.loads(json.dumps(self.parts))
+        return parts
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the stage name and all parts."""
+        text = json.dumps({"stage": self.stage, **self.parts}, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def build_stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[str, str]) -> CacheKey:
+    """Build the cache key of a stage.
+
+    Args:
+        stage: The stage.
+        contents: Content hashes of its inputs (`CacheEntry.content`) by stage name.
+        source: Hashes of the files of code behind it, by path.
+
+    Returns:
+        The key.
+    """
+    from pipeline.engine.value_files import FORMAT  # imports numpy, for which `trueroll --help` need not wait
+
+    parts = {
+        "options": stage.json_options,
+        "facts": dict(stage.facts),
+        "inputs": {name: contents[name] for name in sorted(stage.needs)},
+        "source": dict(source),
+        "libraries": library_versions(),
+        "format": FORMAT,
+    }
+    return CacheKey(stage.name, parts)
+
 
 MANIFEST = "manifest.json"
 MARK = "mark"
@@ -142,8 +189,7 @@ class ResultCache:
     def remember(self, key: CacheKey, clip: str) -> None:
         """Store the parts of the latest key of a stage for a clip."""
         self._require_mark()
-        with replace_file(self._latest_file(key.stage, clip)) as fresh:
-            fresh.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
+        write_text(self._latest_file(key.stage, clip), json.dumps(key.parts, sort_keys=True))
 
     def recall(self, stage: str, clip: str) -> dict[str, Any] | None:
         """Return the parts that `remember` stored; None if there are none."""

@@ -16,10 +16,10 @@ from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
-from pipeline.io.by_hand.corrections_file import describe_corrections
+from pipeline.io.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
 from pipeline.io.explanation_json import describe_explanation
-from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections

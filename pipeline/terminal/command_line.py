@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -51,20 +51,21 @@ def parse_output_path(text: str | Path) -> Path:
     return Path(text)
 
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--out",
-        parser=parse_output_path,
-        metavar="PATH",
-        help="Folder of the results. Default: out/<clip>.",
-    ),
-]
-OutBesideOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: DIR."),
-]
+def make_output_option(description: str, metavar: str = "PATH") -> Any:
+    """Make the option `-o` of a command.
+
+    Args:
+        description: What it names, for the help.
+        metavar: Kind of its value, for the help.
+
+    Returns:
+        The option.
+    """
+    return typer.Option("-o", "--out", parser=parse_output_path, metavar=metavar, help=description)
+
+
+OutOption = Annotated[Path | None, make_output_option("Folder of the results. Default: out/<clip>.")]
+OutBesideOption = Annotated[Path | None, make_output_option("Folder of the results. Default: DIR.")]
 CacheOption = Annotated[
     Path | None, typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
 ]

@@ -12,10 +12,10 @@ from support.sample_clips import SAMPLES
 
 from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from pipeline.batch.clip_job import ClipJob
-from pipeline.batch.clip_run import run_job
+from pipeline.batch.clip_runner import run_job
 from pipeline.chain import build_shot_graph, honour_corrections
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, write_corrections
+from pipeline.io.corrections_file import CorrectionsFile, corrections_path, write_corrections
 from pipeline.run_options import apply_corrections, build_options, list_overridden_flags, list_setting_values
 
 

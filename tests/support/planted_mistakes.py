@@ -30,7 +30,7 @@ from pipeline.chain import build_shot_graph, run_tables
 from pipeline.editing.run_view import ClipRun
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import StageGraph, load_stage_output
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, write_corrections
+from pipeline.io.corrections_file import CorrectionsFile, write_corrections
 from pipeline.run_options import RunOptions, build_options
 
 OPTIONS: RunOptions = build_options({"laws": False})

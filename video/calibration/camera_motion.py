@@ -125,7 +125,15 @@ def warp_camera(camera: Camera, homography: FloatArray) -> Camera:
 
 
 def shift_camera(camera: Camera, shift: FloatArray) -> Camera:
-    """Return the camera of an image that is shifted by (2,) px from the reference, as of a camera that drifts."""
+    """Return the camera of an image that is shifted from the reference, as of a camera that drifts.
+
+    Args:
+        camera: Camera of the reference.
+        shift: Shift (2,), px.
+
+    Returns:
+        The camera of the image.
+    """
     move = np.eye(3)
     move[:2, 2] = shift
     return warp_camera(camera, move)

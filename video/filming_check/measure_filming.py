@@ -12,7 +12,6 @@ from models.core.errors import TableNotFound
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
 from video.calibration.table_finder import calibrate_clip, calibrate_image, compute_median_image
-from video.filming_check import image_measurements
 from video.filming_check.clip_sample import ClipSample
 from video.filming_check.filming_limits import FilmingLimits, Level
 from video.filming_check.motion_measurements import measure_drift
@@ -92,12 +91,12 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     background = compute_median_image(list(sample.stills)) if is_still else sample.stills[0]
     corners = inset if scene is None else scene.camera.corners_px
     radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _find_least_radius(scene)
-    mask = image_measurements.draw_table_mask((width, height), corners)
+    mask = draw_table_mask((width, height), corners)
     small = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
     return FilmedView(
         background, scene, "" if scene is not None else refusal, corners, mask,
-        image_measurements.draw_table_mask(small, corners, small[0] / width), radius, measure_drift(greys, corners),
-        image_measurements.find_glare(background, mask, radius),
+        draw_table_mask(small, corners, small[0] / width), radius, measure_drift(greys, corners),
+        find_glare(background, mask, radius),
     )  # fmt: skip
 
 
@@ -117,11 +116,11 @@ def measure_filming(sample: ClipSample, view: FilmedView, exposure_ms: float) ->
     usual = float(np.median(steps))
     distinct = float((~sample.clip.is_duplicate).mean())
     inside = ((view.corners >= 0) & (view.corners <= (width - 1, height - 1))).all(axis=1)
-    blur = image_measurements.measure_edge_blur(_convert_to_grey(sample.stills[0]), _draw_mask_with_rails(view))
+    blur = measure_edge_blur(_convert_to_grey(sample.stills[0]), _draw_mask_with_rails(view))
     return {
-        "exposure": image_measurements.measure_exposure(view.background, view.mask),
-        "clipping": image_measurements.measure_clipping(view.background, view.mask & ~view.glare),
-        "flicker": image_measurements.measure_flicker(sample.thumbnails, view.thumbnail_mask),
+        "exposure": measure_exposure(view.background, view.mask),
+        "clipping": measure_clipping(view.background, view.mask & ~view.glare),
+        "flicker": measure_flicker(sample.thumbnails, view.thumbnail_mask),
         "glare": 100 * float(view.glare.sum() / max(view.mask.sum(), 1)),
         "motion_blur": exposure_ms,
         "frame_rate": distinct / usual,
@@ -158,4 +157,123 @@ def _draw_mask_with_rails(view: FilmedView) -> BoolArray:
     centre = view.corners.mean(axis=0)
     outer = centre + (1 + 2 * RAIL_SHARE) * (view.corners - centre)
     height, width = view.mask.shape
-    return image_measurements.draw_table_mask((width, height), outer)
+    return draw_table_mask((width, height), outer)
+
+
+CLIPPED_LEVEL = 250
+"""Level of 255 from which a colour counts as clipped; video rarely reaches 255."""
+GLARE_RATIO, GLARE_GREY = 1.6, 0.5
+"""A pixel of glare is so many times brighter than the median of the cloth, and has at most this share of its
+saturation."""
+GLARE_LEVELS = (150, 240)
+"""Limits of the level of 255 from which a pixel is glare: no dark grey is, and nearly white always is."""
+SPOT_RADII = 1.6
+"""Radius of the smallest spot that is no ball, ball radii."""
+EDGE_WINDOW, STRONG_EDGE = 21, 40.0
+"""px around an edge within which both sides are seen, and the least step of a strong edge, grey levels."""
+SHARPEST_SHARE = 0.2
+"""Quantile of the blur over strong edges: many edges are soft by themselves, the sharpest show the focus."""
+SLOPE_VARIANCE = 5 / 12
+"""px^2 that a slope over two pixels (4 / 12) and the pixels themselves (1 / 12) add to the variance of the blur."""
+LEAST_EDGES = 60
+"""Pixels of strong edges below which the focus is not measured."""
+STEADY_SHARES = (25, 75)
+"""Percentiles of the cells that give the brightness of a frame: what moves lies outside."""
+RANGE_PERCENTILES = (3, 97)
+"""Percentiles over the frames that bound the range of the brightness."""
+LEAST_LEVEL = 12
+"""Level of 255 below which a cell is too dark for a ratio."""
+
+
+def draw_table_mask(size: tuple[int, int], corners: FloatArray, scale: float = 1.0) -> BoolArray:
+    """Draw the playing surface.
+
+    Args:
+        size: Width and height of the mask, px.
+        corners: (4, 2) px of the image.
+        scale: Mask pixels per image pixel.
+
+    Returns:
+        Mask (h, w).
+    """
+    mask = np.zeros(size[::-1], np.uint8)
+    cv2.fillConvexPoly(mask, np.rint(corners * scale).astype(np.int32), 1)
+    return mask > 0
+
+
+def measure_exposure(image: ImageArray, mask: BoolArray) -> float:
+    """Measure the median brightness of the table, grey levels of 255, in an image (H, W, 3) under a mask (H, W)."""
+    return float(np.median(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[mask]))
+
+
+def measure_clipping(image: ImageArray, mask: BoolArray) -> float:
+    """Measure the share of pixels with a colour at its maximum, %, in an image (H, W, 3) under a mask (H, W)."""
+    return float(100 * (image.max(axis=2)[mask] >= CLIPPED_LEVEL).mean())
+
+
+def measure_flicker(thumbnails: ImageArray, mask: BoolArray) -> float:
+    """Measure half the range of the brightness over the frames, %.
+
+    Args:
+        thumbnails: (K, h, w) small grey frames.
+        mask: (h, w) where light is compared.
+
+    Returns:
+        Half the range, % of the mean.
+    """
+    cells = thumbnails[:, mask].astype(np.float32)
+    typical = np.median(cells, axis=0)
+    bright = typical >= LEAST_LEVEL
+    if not bright.any():
+        return float("nan")
+    ratio = np.sort(cells[:, bright] / typical[bright], axis=1)
+    low, high = (ratio.shape[1] * share // 100 for share in STEADY_SHARES)
+    gain = ratio[:, low : max(high, low + 1)].mean(axis=1)
+    first, last = np.percentile(gain, RANGE_PERCENTILES)
+    return float(50 * (last - first))
+
+
+def find_glare(image: ImageArray, mask: BoolArray, ball_radius: float) -> BoolArray:
+    """Find bright spots on the cloth that are larger than balls.
+
+    Args:
+        image: (H, W, 3), the table without what moves.
+        mask: (H, W) of the playing surface.
+        ball_radius: px.
+
+    Returns:
+        Mask (H, W) of the spots.
+    """
+    saturation = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[..., 1].astype(np.float32)
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    cloth_grey, cloth_saturation = float(np.median(grey[mask])), float(np.median(saturation[mask]))
+    bright = mask & (grey > np.clip(GLARE_RATIO * cloth_grey, *GLARE_LEVELS))
+    bright &= (saturation < GLARE_GREY * cloth_saturation) | (grey >= CLIPPED_LEVEL)
+    size = 2 * max(round(SPOT_RADII * ball_radius), 1) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.morphologyEx(bright.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0)
+
+
+def measure_edge_blur(grey: ByteArray, mask: BoolArray) -> float:
+    """Measure the blur of the sharpest strong edges.
+
+    An edge of step h that is blurred by a Gaussian of standard deviation s has the largest slope h / (s sqrt(2 pi)).
+
+    Args:
+        grey: (H, W).
+        mask: (H, W) where edges count.
+
+    Returns:
+        Standard deviation, px; NaN where there are too few strong edges.
+    """
+    smooth = grey.astype(np.float32)
+    across, down = (cv2.Scharr(smooth, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1)))
+    slope = cv2.magnitude(across, down)
+    kernel = np.ones((EDGE_WINDOW, EDGE_WINDOW), np.uint8)
+    step = cv2.dilate(smooth, kernel) - cv2.erode(smooth, kernel)
+    near = cv2.dilate(slope, np.ones((5, 5), np.uint8))
+    strong = mask & (step >= STRONG_EDGE) & (slope >= near) & (slope > 0.02 * step)
+    if np.count_nonzero(strong) < LEAST_EDGES:
+        return float("nan")
+    apparent = float(np.quantile(step[strong] / (slope[strong] * np.sqrt(2 * np.pi)), SHARPEST_SHARE))
+    return float(np.sqrt(max(apparent**2 - SLOPE_VARIANCE, 0.0)))

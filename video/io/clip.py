@@ -126,11 +126,7 @@ class Clip:
 
 
 def open_clip(
-    path: Path,
-    *,
-    fps: Fraction | None = None,
-    progress: Progress = ignore_progress,
-    memory: FrameMemory | None = None,
+    path: Path, *, fps: Fraction | None = None, progress: Progress = ignore_progress, memory: FrameMemory | None = None
 ) -> Clip:
     """Read a video file, or a folder of numbered images, once and collect its times, duplicate frames and size.
 

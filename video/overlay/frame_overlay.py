@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
-from models.core.typing import BoolArray, FloatArray, ImageArray
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
 from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect
-from video.drawing.mask_tile import ColouredMask, MaskTile, compose_tile
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.text import blend_mask, draw_text, number_mask, round_corner_mask, text_mask
+from video.drawing.text import blend_mask, blend_sparse_masks, draw_text, number_mask, round_corner_mask, text_mask
+from video.io.pixel_kernels import blend_colours
 
 LABEL_OPACITY = 0.72
 DASH_PX, MIN_DASHES = 12.0, 5
@@ -195,3 +196,101 @@ def format_time_error(sigma: float) -> str:
         return ""
     ms = sigma * 1e3
     return f"± {ms:.1f} ms" if ms < 9.95 else f"± {ms:.0f} ms"
+
+
+@dataclass(frozen=True, slots=True)
+class ColouredMask:
+    """A mask (h, w), 0 to 255, with its colour; (x, y) is its top-left pixel in the tile."""
+
+    mask: ByteArray
+    x: int
+    y: int
+    colour: Colour
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class MaskTile:
+    """Composed masks: a colour and an opacity for each pixel. Tiles are shared and must not be written into."""
+
+    colours: ImageArray
+    """(h, w, 3)"""
+    alpha: Float32Array
+    """(h, w) 0 to 1"""
+
+    def blend_onto(self, image: ImageArray, x: int, y: int, opacity: float = 1.0) -> None:
+        """Blend the tile onto `image` (H, W, 3) in place with its top-left pixel at (x, y), cut at the border."""
+        if opacity > 0:
+            blend_colours(image, self.colours, self.alpha, x, y, float(opacity))
+
+
+def compose_tile(width: int, height: int, masks: Sequence[ColouredMask]) -> MaskTile:
+    """Compose masks into one tile.
+
+    Args:
+        width: Width of the tile, px.
+        height: Height of the tile, px.
+        masks: Coloured masks from bottom to top; parts outside the tile are cut.
+
+    Returns:
+        A tile that looks the same as the masks blended one after another.
+    """
+    colours = np.zeros((height, width, 3), dtype=np.float32)
+    alpha = np.zeros((height, width), dtype=np.float32)
+    for layer in masks:
+        left, top = max(0, -layer.x), max(0, -layer.y)
+        mask = layer.mask[top : max(top, height - layer.y), left : max(left, width - layer.x)]
+        here = np.s_[layer.y + top : layer.y + top + mask.shape[0], layer.x + left : layer.x + left + mask.shape[1]]
+        share = (mask * np.float32(layer.opacity / 255))[..., None]
+        colours[here] += (np.asarray(layer.colour, dtype=np.float32) - colours[here]) * share  # premultiplied
+        alpha[here] += (1 - alpha[here]) * share[..., 0]
+    unmultiplied = np.rint(colours / np.maximum(alpha, 1e-6)[..., None])
+    return MaskTile(np.clip(unmultiplied, 0, 255).astype(np.uint8), alpha)
+
+
+TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
+"""px of a trail with one opacity, and largest number of such pieces."""
+TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
+"""Opacity of the coloured line and of its white core."""
+
+
+def draw_trail(
+    image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float, uncovered: ImageArray
+) -> None:
+    """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,), where `uncovered` (H, W)."""
+    if len(path) < 2:
+        return
+    margin = width + 3
+    x0, y0 = (int(v) for v in np.maximum(np.floor(path.min(axis=0) - margin), 0))
+    x1, y1 = (int(v) for v in np.minimum(np.ceil(path.max(axis=0) + margin), [image.shape[1], image.shape[0]]))
+    if x1 <= x0 or y1 <= y0:
+        return
+    pieces = _split_trail(path - [x0, y0], fade)
+    layers = []
+    for ink, thickness, opacity in (
+        (colour, width, TRAIL_OPACITY),
+        (mix_colours(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY),
+    ):
+        mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
+        _draw_strokes(mask, pieces, opacity, max(1, round(thickness)))
+        layers.append((mask, ink))
+    blend_sparse_masks(image, layers, x0, y0, uncovered)
+
+
+def _split_trail(path: FloatArray, fade: FloatArray) -> list[tuple[NDArray[np.int32], float]]:
+    """Split a polyline (n, 2) px into lines of constant opacity, the oldest first."""
+    points = to_fixed_point(path).reshape(-1, 1, 2)
+    length = float(np.hypot(*np.diff(path, axis=0).T).sum())
+    count = int(min(max(length / TRAIL_PIECE_PX, 2), MAX_TRAIL_PIECES, len(points) - 1))
+    cuts = [k * (len(points) - 1) // count for k in range(count + 1)]
+    return [(points[start : end + 1], float(fade[end])) for start, end in pairwise(cuts)]
+
+
+def _draw_strokes(
+    mask: ImageArray, pieces: Sequence[tuple[NDArray[np.int32], float]], opacity: float, thickness: int
+) -> None:
+    """Draw the pieces of a polyline, each with its own opacity."""
+    for line, fade in pieces:
+        level = round(fade * opacity * 255)
+        if level > 2:
+            cv2.polylines(mask, [line], False, level, thickness, cv2.LINE_AA, SHIFT)

@@ -42,7 +42,7 @@ def read_summary(name: str) -> str:
     Returns:
         First paragraph of the docstring of the first public function in its file, which is the command.
     """
-    (path,) = Path(__file__).parent.rglob(f"{name.replace('-', '_')}_command.py")
+    (path,) = Path(__file__).parent.glob(f"{name.replace('-', '_')}_command.py")
     source = path.read_text(encoding="utf-8")
     functions = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
     command = next(function for function in functions if not function.name.startswith("_"))
@@ -58,7 +58,7 @@ def _import_command(name: str) -> None:
     """Import the file of a command. Imports are static here, so that tools see them."""
     match name:
         case "check":
-            from pipeline.cli.commands.filming import check_command as check_command
+            from pipeline.cli.commands import check_command as check_command
         case "run":
             from pipeline.cli.commands import run_command as run_command
         case "batch":
@@ -66,17 +66,17 @@ def _import_command(name: str) -> None:
         case "view":
             from pipeline.cli.commands import view_command as view_command
         case "edit":
-            from pipeline.cli.commands.correction import edit_command as edit_command
+            from pipeline.cli.commands import edit_command as edit_command
         case "call":
             from pipeline.cli.commands import call_command as call_command
         case "compare":
-            from pipeline.cli.commands.coaching import compare_command as compare_command
+            from pipeline.cli.commands import compare_command as compare_command
         case "what-if":
-            from pipeline.cli.commands.coaching import what_if_command as what_if_command
+            from pipeline.cli.commands import what_if_command as what_if_command
         case "predict":
             from pipeline.cli.commands import predict_command as predict_command
         case "put-back":
-            from pipeline.cli.commands.table import put_back_command as put_back_command
+            from pipeline.cli.commands import put_back_command as put_back_command
         case "interpolate":
             from pipeline.cli.commands import interpolate_command as interpolate_command
         case "diagnose":
@@ -86,7 +86,7 @@ def _import_command(name: str) -> None:
         case "fit-table":
             from pipeline.cli.commands import fit_table_command as fit_table_command
         case "certify":
-            from pipeline.cli.commands.table import certify_command as certify_command
+            from pipeline.cli.commands import certify_command as certify_command
         case "simulate":
             from pipeline.cli.commands import simulate_command as simulate_command
         case "detect":
@@ -96,6 +96,6 @@ def _import_command(name: str) -> None:
         case "reproduce":
             from pipeline.cli.commands import reproduce_command as reproduce_command
         case "graph":
-            from pipeline.cli.commands.upkeep import graph_command as graph_command
+            from pipeline.cli.commands import graph_command as graph_command
         case "cache":
-            from pipeline.cli.commands.upkeep import cache_command as cache_command
+            from pipeline.cli.commands import cache_command as cache_command

@@ -9,10 +9,13 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
+from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
@@ -21,15 +24,7 @@ from pipeline.engine.process_setup import available_cores
 from pipeline.engine.result_cache import open_cache
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import RunOptions, list_setting_values
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
@@ -37,18 +32,17 @@ if TYPE_CHECKING:
     from pipeline.batch.clip_job import ClipResult
     from pipeline.batch.run_batch import Batch
 
+
 MAX_TABLE_ROWS = 100
 """Most rows of the final table; for a larger batch it lists only failed clips."""
 
 
-@app.command("batch")
+@cli.app.command("batch")
 @add_settings
 def batch(
     folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth.")],
     options: RunOptions,
-    out: Annotated[
-        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results.")
-    ] = Path("out"),
+    out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out"),
     jobs: Annotated[
         int, typer.Option("--jobs", help="Number of clips that run at a time; 0: one per core.", min=0)
     ] = 1,
@@ -71,12 +65,11 @@ def batch(
     gaps: Annotated[
         bool, typer.Option("--diagnose", help="Finally diagnose all shots of each table together.")
     ] = False,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
-    from pipeline.batch.batch_display import BatchDisplay
     from pipeline.batch.clip_discovery import find_clips, order_largest_first
     from pipeline.batch.clip_job import ClipLimits
     from pipeline.batch.folder_watch import watch_folder
@@ -102,7 +95,7 @@ def batch(
     try:
         with (
             _open_runner(work, jobs, cluster, clips) as runner,
-            BatchDisplay(console, None if watch else len(clips)) as display,
+            BatchDisplay(cli.console, None if watch else len(clips)) as display,
         ):
             run_batch(work, watch_folder(folder, out, idle) if watch else queue, runner, display)
     except KeyboardInterrupt:
@@ -148,9 +141,9 @@ def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
     """Diagnose the shots of each table and print the results."""
     from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
 
-    for table, sentence in diagnose_tables(group_by_table(rows), out, console):
+    for table, sentence in diagnose_tables(group_by_table(rows), out, cli.console):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
-        console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
+        cli.console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
 
 
 def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: bool) -> None:
@@ -163,7 +156,7 @@ def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: b
     for row in shown:
         remark = row.sentence or escape_text(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
         grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(remark))
-    make_output_console().print(grid)
+    cli.make_output_console().print(grid)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")
     print(_describe_duration(rows, seconds))
@@ -182,3 +175,55 @@ def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
     if compiling < 1:
         return f"{processing}."
     return f"{processing}, and compiling numerical code about {format_duration(compiling)}: once on this machine."
+
+
+NAME_WIDTH = 32
+"""Most characters of a clip's name that are shown."""
+REFRESH_HZ = 4
+"""Redraws per second. Clips report half as often, and each redraw takes time from workers on the same machine."""
+
+
+class BatchDisplay:
+    """A follower of a batch with progress bars, as a context manager. It draws nothing unless on a terminal."""
+
+    def __init__(self, console: Console, expected: int | None) -> None:
+        columns = (
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
+            TimeElapsedColumn(),
+        )  # fmt: skip
+        self._bars = Progress(
+            *columns, console=cli.console, disable=not cli.console.is_terminal, refresh_per_second=REFRESH_HZ
+        )
+        self._all = self._bars.add_task("clips", total=expected, note="")
+        self._clips: dict[str, TaskID] = {}
+        self._count = [0, 0]
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for task in self._clips.values():
+            self._bars.remove_task(task)
+        self._bars.stop()
+
+    def show_progress(self, clip: str, message: dict[str, Any]) -> None:
+        """Show the progress of a clip; see `clip_runner` for the messages."""
+        if self._bars.disable:
+            return
+        if clip not in self._clips:
+            name = clip if len(clip) <= NAME_WIDTH else f"…{clip[1 - NAME_WIDTH :]}"
+            self._clips[clip] = self._bars.add_task(f"  {escape(name)}", total=100, note="")
+        if "shot" in message:
+            self._bars.update(self._clips[clip], note="shot {} of {}".format(*message["shot"]))
+        elif "stage" in message:
+            self._bars.update(self._clips[clip], completed=round(100 * message["share"]), note=message["stage"])
+
+    def show_result(self, row: ClipResult, expected: int) -> None:
+        """Count a clip that has ended, and remove its line."""
+        task = self._clips.pop(row.clip, None)
+        if task is not None:
+            self._bars.remove_task(task)
+        self._count[row.status == "failed"] += 1
+        note = f"{self._count[1]} failed" if self._count[1] else ""
+        self._bars.update(self._all, completed=sum(self._count), total=expected, note=note)

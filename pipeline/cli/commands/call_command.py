@@ -13,17 +13,16 @@ from pipeline.actions.answer_call import answer_question, write_call_images
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.run_record import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
-from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app
+from pipeline.terminal import command_line as cli
 
 
-@app.command("call")
+@cli.app.command("call")
 def call(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run.")],
     question: Annotated[
         list[str],
         typer.Argument(
-            metavar="QUESTION",
-            help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A",
+            metavar="QUESTION", help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A"
         ),
     ],
     edge: Annotated[
@@ -32,7 +31,7 @@ def call(
     clip: Annotated[
         Path | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
     ] = None,
-    out: OutBesideOption = None,
+    out: cli.OutBesideOption = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     profile: Annotated[
         Path | None,
@@ -42,8 +41,8 @@ def call(
             help="Table profile of trueroll fit-table or diagnose: its friction decides close passes of two balls.",
         ),
     ] = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(profile))

@@ -16,7 +16,7 @@ from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
+from pipeline.terminal import command_line as cli
 from video.io.video_options import CalibrateOptions
 
 
@@ -37,13 +37,10 @@ class DetectedBallRow:
 COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
-@app.command("detect")
+@cli.app.command("detect")
 def detect(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", parser=parse_output_path, metavar="FILE.csv", help="File of the table of balls."),
-    ],
+    out: Annotated[Path, cli.make_output_option("File of the table of balls.", "FILE.csv")],
     detector: Annotated[
         Literal["auto", "hough", "onnx"], typer.Option(help="Ball detector; auto chooses the network for still images.")
     ] = "auto",
@@ -51,8 +48,8 @@ def detect(
     corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
     table: Annotated[str | None, typer.Option(help="Playing surface, such as 2.54x1.27 (m) or pool-9ft.")] = None,
     ball_radius: Annotated[float | None, typer.Option("--ball-radius", help="Radius of the balls in m.")] = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each."""
     options = DetectOptions(detector, None if model is None else str(model))
@@ -71,10 +68,10 @@ def detect(
             balls = detect_in_still(read_image(path), name, options, calibrate)
         except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
-            console.print(f"trueroll: {error}", markup=False, soft_wrap=True)
+            cli.console.print(f"trueroll: {error}", markup=False, soft_wrap=True)
             continue
         if balls.note:
-            console.print(f"Note: {balls.note}", markup=False, soft_wrap=True)
+            cli.console.print(f"Note: {balls.note}", markup=False, soft_wrap=True)
         rows.extend(_build_rows(name, balls))
         makers.add(balls.detector)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -32,32 +32,27 @@ from pipeline.reporting.text.gap_sentences import (
     list_causes,
 )
 from pipeline.reporting.text.number_format import format_probability
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.search_display import show_search_progress
 
 _MAX_CAUSES = 5
 
 
-@app.command("diagnose")
+@cli.app.command("diagnose")
 def diagnose_folders(
     inputs: Annotated[
         list[Path], typer.Argument(metavar="INPUT...", help="Run folders or track folders of one scene.")
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: INPUT/gap."
-        ),
-    ] = None,
-    as_json_: JsonOption = False,
-    debug: DebugOption = False,
+    out: Annotated[Path | None, cli.make_output_option("Folder of the results. Default: INPUT/gap.")] = None,
+    as_json_: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap."""
     folder = out if out is not None else inputs[0] / "gap"
     read = read_track_folders(inputs)
     require_writable_folder(folder)
     scene = build_gap_scene(read)
-    with open_executor() as executor, show_search_progress(console) as watch:
+    with open_executor() as executor, show_search_progress(cli.console) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=executor)
     report = replace(report, notes=(*report.notes, *read.notes))
     write_gap_files(report, folder)
@@ -81,7 +76,7 @@ def _format_title(inputs: list[Path]) -> str:
 
 
 def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, str]) -> None:
-    screen = make_output_console()
+    screen = cli.make_output_console()
     screen.print(f"[bold]{escape(format_verdict(report))}[/]")
     screen.print(escape(format_gap_closure(report)))
     if shot_use := format_shot_use(report):

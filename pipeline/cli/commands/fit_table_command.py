@@ -19,30 +19,20 @@ from pipeline.io.learned_profile import name_pooltool_file, write_learned_profil
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 from pipeline.reporting.text.number_format import format_measured
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.activity_display import show_shot_fits
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
 
 
-@app.command("fit-table")
+@cli.app.command("fit-table")
 def fit_table(
     inputs: Annotated[
         list[Path],
         typer.Argument(metavar="DIR|tracks.csv...", help="Run folders or track folders of one table, all their shots."),
     ],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="FILE", help="The profile to write.")
-    ] = Path("profile.json"),
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    out: Annotated[Path, cli.make_output_option("The profile to write.", "FILE")] = Path("profile.json"),
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 
@@ -50,7 +40,7 @@ def fit_table(
     """
     store = open_cache(cache)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with open_executor() as executor, show_shot_fits(console, "learning the table") as show:
+    with open_executor() as executor, show_shot_fits(cli.console, "learning the table") as show:
         fitted = fit_table_of_shots(inputs, store, executor, show)
     left_out = write_learned_profile(fitted.lesson, fitted.table, fitted.shot_count, out, collect_views(inputs))
     page = out.with_suffix(".html")
@@ -63,7 +53,7 @@ def fit_table(
 
 
 def _print_table(fitted: FittedTable, path: Path, left_out: tuple[str, ...]) -> None:
-    screen, lesson = make_output_console(), fitted.lesson
+    screen, lesson = cli.make_output_console(), fitted.lesson
     (best, evidence), *others = lesson.candidates
     lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
     screen.print(

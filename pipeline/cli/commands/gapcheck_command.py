@@ -18,13 +18,13 @@ from rich.table import Table as Grid
 from models.core.errors import OptionError
 from pipeline.engine.helper_executor import open_executor
 from pipeline.extras import name_remedy
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console
+from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
     from pipeline.experiments.gapcheck.real_sets import OpenedSet
 
 
-@app.command("gapcheck")
+@cli.app.command("gapcheck")
 def gapcheck(
     only: Annotated[
         str, typer.Option("--only", help="Check only kinds of case, or sets of --real, whose name contains this word.")
@@ -48,8 +48,8 @@ def gapcheck(
     keep: Annotated[
         Path | None, typer.Option("--keep", help="Folder in which to keep the track folders and their reports.")
     ] = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Check `diagnose` blindly on simulators that withhold an effect, or on real shots with a sealed answer.
 
@@ -70,7 +70,7 @@ def gapcheck(
         if as_json:
             print(json.dumps({"cases": [], "measured": [_set_to_json(one) for one in opened_sets]}, allow_nan=False))
         else:
-            _print_sets(make_output_console(), opened_sets)
+            _print_sets(cli.make_output_console(), opened_sets)
         if any(one.unreadable for one in opened_sets):
             raise typer.Exit(1)
         return
@@ -83,7 +83,7 @@ def gapcheck(
         raise OptionError(f"--only {only!r} fits no kind of case; there are {'; '.join(kind.name for kind in KINDS)}")
     kinds = [kind for kind in selected if not kind.engine or find_spec(kind.engine)]
     if lacking := sorted({kind.engine for kind in selected} - {kind.engine for kind in kinds}):
-        console.print(
+        cli.console.print(
             f"{len(selected) - len(kinds)} kinds are left out: their simulators need {', '.join(lacking)}; "
             f"{name_remedy('check')}",
             markup=False,
@@ -93,17 +93,17 @@ def gapcheck(
         place = Path(scratch) if keep is None else keep
         place.mkdir(parents=True, exist_ok=True)
         cases = [(kind, seed + k) for kind in kinds for k in range(seeds)]
-        for number, (kind, own) in enumerate(track(cases, "worlds", console=console)):
+        for number, (kind, own) in enumerate(track(cases, "worlds", console=cli.console)):
             simulate_case(kind, own, shots, fps, Path(scratch) / f"sealed-{number:04d}.json", place / f"{number:04d}")
         with open_executor() as executor:
             opened = [
                 diagnose_case(kind, own, place / f"{number:04d}", executor)
-                for number, (kind, own) in enumerate(track(cases, "diagnosis", console=console))
+                for number, (kind, own) in enumerate(track(cases, "diagnosis", console=cli.console))
             ]
     if as_json:
         print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": []}, allow_nan=False))
         return
-    screen = make_output_console()
+    screen = cli.make_output_console()
     if opened:
         _print_scores(screen, opened, score_cases(opened))
 
@@ -161,7 +161,7 @@ def _check_real_sets(folders: list[Path], only: str, seed: int, place: Path) -> 
     with open_executor() as executor:
         return [
             diagnose_real_set(one, place / one.name / "gap", seed, executor)
-            for one in track(selected, "diagnosis", console=console)
+            for one in track(selected, "diagnosis", console=cli.console)
         ]
 
 

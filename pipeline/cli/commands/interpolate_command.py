@@ -12,15 +12,7 @@ import typer
 from models.core.errors import OptionError
 from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings_except
 
 if TYPE_CHECKING:
@@ -32,19 +24,14 @@ OVERLAY_SETTINGS = ("slow", "trim_still", "style")
 """Settings of the annotated slow motion, which do not apply here."""
 
 
-@app.command("interpolate")
+@cli.app.command("interpolate")
 @add_settings_except(OVERLAY_SETTINGS)
 def interpolate(
     source: Annotated[
         Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")
     ],
     options: RunOptions,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="The video or .csv file, or a folder for it."
-        ),
-    ],
+    out: Annotated[Path, cli.make_output_option("The video or .csv file, or a folder for it.")],
     factor: Annotated[
         int | None, typer.Option("--factor", min=1, max=MAX_FACTOR, help="Number of steps from frame to frame.")
     ] = None,
@@ -77,9 +64,9 @@ def interpolate(
     frames: Annotated[
         Path | None, typer.Option("--frames", help="New folder for all frames as 000000.png and so on.")
     ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Compute in-between frames, with balls where the fitted motion puts them; original frames are unchanged.
 
@@ -121,7 +108,7 @@ def _interpolate_clip(
     from pipeline.stages.read_stage import open_frame_memory
     from pipeline.terminal.progress_display import StageDisplay
 
-    with StageDisplay(console, str(clip)) as display:
+    with StageDisplay(cli.console, str(clip)) as display:
         store = open_cache(cache)
         result = interpolate_clip(
             clip, video, frames, wanted,
@@ -129,7 +116,7 @@ def _interpolate_clip(
             display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
         )  # fmt: skip
     for note in result.notes:
-        console.print(f"Note: {note}", markup=False, soft_wrap=True)
+        cli.console.print(f"Note: {note}", markup=False, soft_wrap=True)
     if as_json:
         trust = summarize_trust(result.trust)
         facts = {
@@ -140,7 +127,7 @@ def _interpolate_clip(
         }
         print(json.dumps({"file": str(video), "frames": str(frames) if frames else None, **facts}, allow_nan=False))
         return
-    make_output_console().print(format_trust_line(result.trust))
+    cli.make_output_console().print(format_trust_line(result.trust))
     print(
         f"{result.frame_count} frames, {result.original_count} of them original, {result.rate:.3f} per second: {video}"
     )

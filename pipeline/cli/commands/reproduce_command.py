@@ -15,15 +15,7 @@ from models.core.errors import OptionError
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.process_setup import available_cores
 from pipeline.engine.result_cache import open_cache
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
     from pipeline.experiments.thesis.experiment_plan import ExperimentPlan
@@ -47,12 +39,10 @@ class ThesisScene(StrEnum):
     POOL = "pool"
 
 
-@app.command("reproduce")
+@cli.app.command("reproduce")
 def reproduce(
     scene: Annotated[ThesisScene | None, typer.Argument(help="One scene. Default: all of them.")] = None,
-    out: Annotated[
-        Path, typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results.")
-    ] = Path("out/reproduce"),
+    out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out/reproduce"),
     quick: Annotated[
         bool,
         typer.Option(
@@ -78,9 +68,9 @@ def reproduce(
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, help="Number of processes. Default: one per core.")
     ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Repeat the experiments of the thesis with all methods: a table, plots, a page; a second call resumes."""
     from pipeline.experiments.thesis.experiment_plan import SCENES, Depth, ExperimentPlan
@@ -105,16 +95,16 @@ def reproduce(
 def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list[Trial]:
     from pipeline.experiments.thesis.experiment_plan import explain_omissions, list_tasks
     from pipeline.experiments.thesis.thesis_page import write_results
-    from pipeline.experiments.thesis.trial_processes import run_trials
+    from pipeline.experiments.thesis.trials import run_trials
 
     planned = list_tasks(plan)
     if not planned:
         raise OptionError(" ".join(explain_omissions(plan)))
     for sentence in explain_omissions(plan):
-        console.print(sentence, markup=False, soft_wrap=True)
+        cli.console.print(sentence, markup=False, soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
-    with Progress(*PROGRESS_COLUMNS, console=console, disable=not console.is_terminal) as bars:
+    with Progress(*PROGRESS_COLUMNS, console=cli.console, disable=not cli.console.is_terminal) as bars:
         bar = bars.add_task("trials", total=len(planned), note="")
         for trial in run_trials(plan, planned, cache, jobs):
             trials.append(trial)
@@ -132,7 +122,7 @@ def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> 
     from pipeline.experiments.thesis.thesis_page import TITLES
     from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
 
-    screen = make_output_console()
+    screen = cli.make_output_console()
     summary = summarize_settings(trials)
     for scene in dict.fromkeys(cell.scene for cell in summary):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")

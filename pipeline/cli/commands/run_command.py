@@ -15,7 +15,7 @@ from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import ResultCache, open_cache
-from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.number_format import format_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
@@ -28,27 +28,18 @@ from pipeline.reporting.text.text_formatting import (
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.activity_display import COMPILING_NOTE
-from pipeline.terminal.command_line import (
-    CacheOption,
-    ClipArgument,
-    DebugOption,
-    JsonOption,
-    OutOption,
-    app,
-    console,
-    make_output_console,
-)
 from pipeline.terminal.progress_display import StageDisplay
 from pipeline.terminal.setting_options import add_settings
 
 
-@app.command("run")
+@cli.app.command("run")
 @add_settings
 def run(
-    clip: ClipArgument,
+    clip: cli.ClipArgument,
     options: RunOptions,
-    out: OutOption = None,
+    out: cli.OutOption = None,
     live: Annotated[
         bool,
         typer.Option(
@@ -63,9 +54,9 @@ def run(
             help="Table profile that this run starts from, as with --profile, and improves; a missing file is started.",
         ),
     ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Turn a clip into annotated slow motion, tracks, contacts and a fitted model."""
     folder = out if out is not None else default_run_folder(clip)
@@ -79,7 +70,7 @@ def run(
     with (
         DeferredExecutor(load_detectors) as executor,
         KernelPreparation() as kernels,
-        StageDisplay(console, str(clip)) as display,
+        StageDisplay(cli.console, str(clip)) as display,
         _announce_compilation(),
     ):
 
@@ -104,7 +95,7 @@ def run(
 
 def _announce_compilation() -> AbstractContextManager[None]:
     """Print a sentence when the physics is compiled, which the first run on a machine does."""
-    return notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
+    return notify_first_compilation(lambda: cli.console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
 
 
 def _run_live(
@@ -116,9 +107,9 @@ def _run_live(
 
     with open_viewer([], web=not has_display()) as viewer:
         if viewer.page_url:
-            console.print(f"Look at {viewer.page_url} (end with Ctrl-C)", markup=False, soft_wrap=True)
+            cli.console.print(f"Look at {viewer.page_url} (end with Ctrl-C)", markup=False, soft_wrap=True)
         recording = LiveRecording(viewer.recording_url, clip.name)
-        with StageDisplay(console, str(clip)) as display, _announce_compilation():
+        with StageDisplay(cli.console, str(clip)) as display, _announce_compilation():
             finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
         recording.close()
         _print_run(finished, options, update_profile, as_json)
@@ -146,7 +137,7 @@ def _print_run(
 def _print_notes(notes: Iterable[str]) -> None:
     """Print notes."""
     for note in notes:
-        console.print(f"Note: {note}", markup=False, soft_wrap=True)
+        cli.console.print(f"Note: {note}", markup=False, soft_wrap=True)
 
 
 def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
@@ -161,7 +152,7 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
 def _print_answer(finished: FinishedRun) -> None:
     """Print the notes, the events and the trust level."""
     _print_notes(finished.notes)
-    screen = make_output_console()
+    screen = cli.make_output_console()
     if len(finished.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)
         for k in range(len(finished.events)):

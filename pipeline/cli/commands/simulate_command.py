@@ -18,19 +18,14 @@ from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.reporting.text.text_formatting import format_event
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, make_output_console, parse_output_path
+from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 
 
-@app.command("simulate")
+@cli.app.command("simulate")
 def simulate_shot(
     shot: Annotated[Path, typer.Argument(metavar="SHOT.json", help="Table, balls, effects and laws of the shot.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results. Default: out/<shot>."
-        ),
-    ] = None,
+    out: Annotated[Path | None, cli.make_output_option("Folder of the results. Default: out/<shot>.")] = None,
     profile: Annotated[
         Path | None,
         typer.Option(
@@ -40,8 +35,8 @@ def simulate_shot(
             " and laws of the shot.",
         ),
     ] = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
     wanted = read_shot_setup(shot)
@@ -84,7 +79,7 @@ def _print_events(events: Events, folder: Path) -> None:
     for k in range(len(events)):
         grid.add_row(f"{events.t[k]:.6f} s", format_event(events, k))
     if len(events):
-        make_output_console().print(grid)
+        cli.make_output_console().print(grid)
     else:
         print("Nothing moves in this shot.")
     print(f"Look at {folder / 'plan.png'} and {folder / 'trajectory.csv'}")

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from models.core.errors import ModelError, OptionError
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.extras import name_remedy
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, parse_output_path
+from pipeline.terminal import command_line as cli
 
 REQUIRED_PACKAGES = ("onnx", "onnxscript")
 """Packages of the extra `train`."""
@@ -35,7 +35,7 @@ DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DI
 """Default number of training samples per step."""
 
 
-@app.command("train-detector")
+@cli.app.command("train-detector")
 def train_detector(
     part: Annotated[
         NetworkPart,
@@ -49,7 +49,7 @@ def train_detector(
         typer.Option(
             "-o",
             "--out",
-            parser=parse_output_path,
+            parser=cli.parse_output_path,
             metavar="FILE.onnx",
             help="File of the trained network.",
             show_default="PART.onnx",
@@ -70,17 +70,14 @@ def train_detector(
     start: Annotated[
         Path | None,
         typer.Option(
-            "--from",
-            parser=parse_output_path,
-            metavar="FILE.onnx",
-            help="Ball network of trueroll to start from.",
+            "--from", parser=cli.parse_output_path, metavar="FILE.onnx", help="Ball network of trueroll to start from."
         ),
     ] = None,
     seer: Annotated[
         Path | None,
         typer.Option(
             "--seen-by",
-            parser=parse_output_path,
+            parser=cli.parse_output_path,
             metavar="FILE.onnx",
             help="For --part streaks: ball network that detects the streaks. Default: the shipped one.",
         ),
@@ -88,8 +85,8 @@ def train_detector(
     seed: Annotated[
         int, typer.Option(min=0, help="Random seed of the initial weights and of the order of samples.")
     ] = 0,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX."""
     missing = [name for name in REQUIRED_PACKAGES if find_spec(name) is None]
@@ -119,12 +116,14 @@ def train_detector(
     options = TrainOptions(steps, hours, batch or DEFAULT_BATCH[part], files, threads, seed, start)
     checkpoint = work / CHECKPOINTS[part.value]
     if checkpoint.exists() and (done_before := read_step_count(checkpoint)):
-        console.print(f"{work} holds a training, which continues from step {done_before}")
-    elif not console.is_terminal:
-        console.print(f"Rendering images into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True)
+        cli.console.print(f"{work} holds a training, which continues from step {done_before}")
+    elif not cli.console.is_terminal:
+        cli.console.print(
+            f"Rendering images into {work}, then training for {hours:g} h or {steps} steps", soft_wrap=True
+        )
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bars:
+    with Progress(*columns, console=cli.console, transient=True) as bars:
         bar = bars.add_task("rendering the first training images", total=1.0)
         last_printed = time.monotonic()
 
@@ -136,9 +135,9 @@ def train_detector(
                 else f"step {step}; evaluating on held-out images"
             )
             bars.update(bar, completed=done, description=at)
-            if not console.is_terminal and time.monotonic() - last_printed > PRINT_INTERVAL_S:
+            if not cli.console.is_terminal and time.monotonic() - last_printed > PRINT_INTERVAL_S:
                 last_printed = time.monotonic()
-                console.print(f"{done:.0%}: {at}")
+                cli.console.print(f"{done:.0%}: {at}")
 
         try:
             if part is NetworkPart.STREAKS:
@@ -148,7 +147,7 @@ def train_detector(
                     work, options, out, watch
                 )
         except KeyboardInterrupt:
-            console.print(f"{work} keeps the images and the training so far; the same command continues")
+            cli.console.print(f"{work} keeps the images and the training so far; the same command continues")
             raise
     if as_json:
         print(json.dumps({"file": str(out), **figures}))

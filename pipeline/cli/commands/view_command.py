@@ -10,19 +10,19 @@ import typer
 from pipeline.chain import default_run_folder, run_clip
 from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
-from pipeline.terminal.command_line import CacheOption, DebugOption, app, console
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.progress_display import StageDisplay
 
 
-@app.command("view")
+@cli.app.command("view")
 def view(
     target: Annotated[
         Path,
         typer.Argument(metavar="CLIP|DIR", help="Folder of a run or of a batch, an .rrd file, or a clip to run first."),
     ],
     web: Annotated[bool, typer.Option("--web", help="Use the browser instead of the native viewer.")] = False,
-    cache: CacheOption = None,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Show the recording of a run, or of every run of a batch, in the rerun viewer."""
     from pipeline.reporting.recording.rerun_viewer import find_recordings, show_recordings
@@ -30,6 +30,6 @@ def view(
     shown = target
     if not target.is_dir() and target.suffix != ".rrd":
         shown = default_run_folder(target)
-        with StageDisplay(console, str(target)) as display:
+        with StageDisplay(cli.console, str(target)) as display:
             run_clip(target, shown, RunOptions(), open_cache(cache), display)
     raise typer.Exit(show_recordings(find_recordings(shown), web=web))

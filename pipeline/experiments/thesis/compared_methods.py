@@ -2,22 +2,138 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Container
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from models.neural.common.method_interface import MotionMethod
+import numpy as np
+
+from models.core.recording import record_points
+from models.core.tracks import Tracks
+from models.core.typing import FloatArray, IntArray
+from models.estimation.pendulum.pendulum_fit import fit_pendulum
+from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
+from models.estimation.springs.latent_inference import infer_springs
+from models.neural.common.method_interface import MotionMethod, TrainingBudget, validate_samples
 from models.neural.common.spline_methods import CURVES
-from pipeline.experiments.thesis.physics_methods import ArmsFit, BoxesFit, SpringsFit
-from pipeline.experiments.thesis.pool_method import BilliardsFit
+from pipeline.experiments.thesis.assessed_motion import AssessedMotion
+from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
 from pipeline.experiments.thesis.scenes.constraint_training_data import (
     SWING_COUNT,
     THROW_COUNT,
     simulate_training_swings,
     simulate_training_throws,
 )
-from pipeline.experiments.thesis.scenes.pool_scene import parse_shot_number
+from pipeline.experiments.thesis.scenes.double_pendulum_scene import convert_to_angles, convert_to_points
+from pipeline.experiments.thesis.scenes.pool_scene import parse_shot_number, read_complete_segment
+from pipeline.io.observed_shot import read_observed_shot
+
+NO_LOSS = np.empty(0)
+BOXES_NUMBERS = 6
+"""Number of parameters: friction, restitution, drag, gravity, radius and density of the ball."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpringsFit:
+    """Masses, springs, dampers and gravity behind the points, without further input.
+
+    See `models.estimation.springs.latent_inference`.
+    """
+
+    name: str = "physics fit"
+
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
+        """Run the whole search, whatever the budget: a part of it is no fit."""
+        began = time.process_time()
+        latent = infer_springs(record_points(*validate_samples(times, states)))
+        seconds = time.process_time() - began
+        return AssessedMotion(
+            lambda t: latent.states_at(t)[:, 0], NO_LOSS, len(latent.names), seconds, latent.rejections
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ArmsFit:
+    """Two rigid arms with friction behind the points of a recorded double pendulum."""
+
+    name: str = "physics fit"
+
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
+        """Fit the arms; seed and budget have no effect."""
+        began = time.process_time()
+        t, x = validate_samples(times, states)
+        pendulum = fit_pendulum(t, convert_to_angles(x))
+        seconds = time.process_time() - began
+        return AssessedMotion(
+            lambda t: convert_to_points(pendulum.states_at(t)[:, :2]), NO_LOSS, len(pendulum.parameters), seconds, ()
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BoxesFit:
+    """Colliding rigid bodies behind the points of the boxes, given the body of each point."""
+
+    name: str = "physics fit"
+
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
+        """Fit the bodies; seed and budget have no effect."""
+        began = time.process_time()
+        t, x = validate_samples(times, states)
+        rigid_bodies = fit_rigid_bodies(t, x, body_indices())
+        seconds = time.process_time() - began
+        return AssessedMotion(rigid_bodies.positions_at, NO_LOSS, BOXES_NUMBERS, seconds, rigid_bodies.warnings)
+
+
+@dataclass(frozen=True, slots=True)
+class BilliardsFit:
+    """The fit of a shot, given the table, the camera and the measurement errors of the run."""
+
+    run: Path
+    shot: int
+    name: str = "physics fit"
+
+    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
+        """Fit the shot; seed and budget have no effect. Positions in metres are those of the run at these times."""
+        from models.estimation.reconstruction.explain_shot import explain
+        from models.estimation.reconstruction.shot_views import view_shot  # slow to import
+
+        t, _ = validate_samples(times, states)
+        segment = read_complete_segment(self.run, self.shot)
+        tracks, scene, _ = read_observed_shot(self.run, self.shot)
+        began = time.process_time()
+        visible = select_tracks(tracks, find_nearest_rows(tracks.t, t + segment.t[0]), segment.ids)
+        fit = view_shot(explain(visible, scene))
+        seconds = time.process_time() - began
+        radius = scene.table.ball_radius
+
+        def motion(t: FloatArray) -> FloatArray:
+            frames = tracks.frame[find_nearest_rows(tracks.t, t + segment.t[0])]
+            xy = fit.trajectory.at(t + segment.t[0]).xy
+            order = [fit.trajectory.ids.index(name) for name in segment.ids]
+            return scene.camera.to_pixels(xy[:, order], radius, frames[:, None])
+
+        doubts = fit.trust.reasons if fit.trust.level == "red" else ()
+        return AssessedMotion(motion, np.empty(0), len(fit.parameters), seconds, tuple(doubts))
+
+
+def find_nearest_rows(t: FloatArray, wanted: FloatArray) -> IntArray:
+    """Find the row of t (T,) that is nearest to each of the times `wanted` (M,)."""
+    return np.asarray(np.abs(t[:, None] - wanted).argmin(axis=0), np.int64)
+
+
+def select_tracks(tracks: Tracks, rows: IntArray, ids: tuple[str, ...]) -> Tracks:
+    """Select frames and balls of tracks."""
+    balls = np.array([tracks.ids.index(name) for name in ids])
+    part = np.ix_(rows, balls)
+    return replace(
+        tracks, frame=tracks.frame[rows], t=tracks.t[rows], ids=ids, kinds=tuple(tracks.kinds[k] for k in balls),
+        xy=tracks.xy[part], px=tracks.px[part], sigma=tracks.sigma[part], sigma_along=tracks.sigma_along[part],
+        streak=tracks.streak[part], radius_px=tracks.radius_px[part], colour=tracks.colour[balls],
+        image_jacobian=None if tracks.image_jacobian is None else tracks.image_jacobian[part],
+    )  # fmt: skip
+
 
 PHYSICS: dict[str, MotionMethod] = {"double-pendulum": SpringsFit(), "real": ArmsFit(), "boxes": BoxesFit()}
 """The fit of the physics itself, by scene."""

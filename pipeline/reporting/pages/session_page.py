@@ -10,7 +10,6 @@ import plotly.graph_objects as go
 
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
-from pipeline.reporting.figures.session_figures import build_tip_figure, build_trend_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_value
 from pipeline.reporting.text.session_sentences import (
@@ -33,11 +32,7 @@ _FIGURE_HEIGHT = 300
 
 
 def write_session_page(
-    columns: Columns,
-    summaries: Mapping[str, Sequence[SeriesSummary]],
-    notes: Sequence[str],
-    title: str,
-    path: Path,
+    columns: Columns, summaries: Mapping[str, Sequence[SeriesSummary]], notes: Sequence[str], title: str, path: Path
 ) -> None:
     """Write the page of a session.
 
@@ -102,3 +97,85 @@ def _describe_shot(columns: Columns, row: int, names: Sequence[str]) -> dict[str
             format_shot_cell(name, float(columns[name][row]), float(columns[f"{name}_sigma"][row])) for name in names
         ],
     }
+
+
+GROUP_COLOURS = ("#0f5c42", "#b45309", "#1d4ed8", "#9d174d", "#4d7c0f", "#6d28d9", "#0e7490", "#7f1d1d")
+"""Colours of the groups, dark enough on white."""
+TIP_OFFSET = 0.4
+"""Offset of the cue tip over the radius per R omega / v: a sphere that is struck at b turns with 5/2 b v / R^2."""
+MAX_TIP_OFFSET = 0.5
+"""Offset, in radii, beyond which a tip slips off."""
+
+
+def build_trend_figure(
+    columns: Columns, name: str, summary: SeriesSummary, groups: Sequence[str], label: str
+) -> go.Figure:
+    """Build the figure of one number over the shots of a session, with its trend.
+
+    Args:
+        columns: Table of the session.
+        name: Name of the number.
+        summary: Its summary over all shots.
+        groups: Names of the groups, in the order of their colours.
+        label: Title of the axis.
+
+    Returns:
+        The figure; bars are one standard deviation.
+    """
+    figure, x = go.Figure(), np.asarray(columns["number"], np.float64)
+    values, sigmas = np.asarray(columns[name], np.float64), np.asarray(columns[f"{name}_sigma"], np.float64)
+    owners = np.array(columns["group"])
+    for k, group in enumerate(groups):
+        rows = (owners == group) & np.isfinite(values)
+        figure.add_scatter(
+            x=x[rows], y=values[rows], error_y={"array": sigmas[rows], "thickness": 1, "width": 2}, mode="markers",
+            name=group, legendgroup=group, showlegend=len(groups) > 1, marker={"color": _colour(k), "size": 7},
+            hovertemplate="shot %{x}: %{y:.3g}<extra>" + group + "</extra>",
+        )  # fmt: skip
+    if np.isfinite(summary.slope):
+        shown = x[np.isfinite(values)]
+        line = np.array([shown.min(), shown.max()])
+        middle = float(np.median(shown))
+        for slope, dash, width in (
+            (summary.slope, "solid", 2),
+            (summary.slope_low, "dot", 1),
+            (summary.slope_high, "dot", 1),
+        ):
+            figure.add_scatter(
+                x=line, y=summary.median + slope * (line - middle), mode="lines", showlegend=False, hoverinfo="skip",
+                line={"color": "#4d5852", "dash": dash, "width": width},
+            )  # fmt: skip
+    figure.update_xaxes(title="shot", rangemode="tozero", dtick=max(1, round(len(x) / 10)))
+    figure.update_yaxes(title=label)
+    return figure
+
+
+def build_tip_figure(columns: Columns, groups: Sequence[str]) -> go.Figure:
+    """Build the figure of where the tip met the cue ball, as its spin tells.
+
+    Args:
+        columns: Table of the session.
+        groups: Names of the groups.
+
+    Returns:
+        The figure: the ball as the player sees it, in radii.
+    """
+    figure, owners = go.Figure(), np.array(columns["group"])
+    side, top = (np.asarray(columns[name], np.float64) for name in ("side_spin_share", "top_spin_share"))
+    for radius, dash in ((1.0, "solid"), (MAX_TIP_OFFSET, "dot")):
+        figure.add_shape(
+            type="circle", x0=-radius, y0=-radius, x1=radius, y1=radius, line={"color": "#4d5852", "dash": dash}
+        )
+    for k, group in enumerate(groups):
+        rows = (owners == group) & np.isfinite(side) & np.isfinite(top)
+        figure.add_scatter(
+            x=TIP_OFFSET * side[rows], y=TIP_OFFSET * top[rows], mode="markers", name=group, showlegend=len(groups) > 1,
+            marker={"color": _colour(k), "size": 9}, hovertemplate="right %{x:.2f} R, up %{y:.2f} R<extra></extra>",
+        )  # fmt: skip
+    figure.update_xaxes(title="to the right (radii)", range=[-1.1, 1.1])
+    figure.update_yaxes(title="above the centre (radii)", range=[-1.1, 1.1], scaleanchor="x")
+    return figure
+
+
+def _colour(k: int) -> str:
+    return GROUP_COLOURS[k % len(GROUP_COLOURS)]

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from models.core.shot_numbers import ShotNumber, ShotNumbers
-from pipeline.reporting.text.number_format import (
-    format_probability,
-    format_with_sigma,
-)
+from pipeline.reporting.text.number_format import format_probability, format_with_sigma
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",

@@ -10,9 +10,9 @@ from support.rendered_balls import PX_PER_M, RADIUS, Ball, build_test_scene, ren
 from detectors.measurement.cloth_background import learn_cloth_background
 from detectors.measurement.working_view import build_view
 from detectors.network.candidate_rules import CLEAR_SCORE, FAINT_SCORE, REPORTED_SCORE
+from detectors.network.network_detector import PostProcessingResult, PostProcessor
 from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
 from detectors.network.peak_decoding import APPEARANCES, CandidateDetections
-from detectors.network.postprocessing import PostProcessingResult, PostProcessor
 
 SIZE_PX = RADIUS * PX_PER_M
 WHITE, BLUE, PALE = (235.0, 235.0, 225.0), (30.0, 60.0, 200.0), (52.0, 135.0, 185.0)

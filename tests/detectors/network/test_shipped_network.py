@@ -28,7 +28,7 @@ from detectors.detect import detect_in_image
 from detectors.detect_options import DetectOptions
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, BallModel, open_ball_model, read_model_metadata
 from detectors.network.network_detector import NetworkDetector, build_network_detector
-from detectors.table_free_detection import detect_without_table
+from detectors.still_images import detect_without_table
 from models.core.scene import Camera
 
 COLOURS = ((230, 230, 220), (200, 30, 40), (240, 190, 30), (25, 25, 30), (120, 40, 130), (30, 110, 60), (170, 80, 30))

@@ -25,7 +25,7 @@ from detectors.training.ball_export import (
     build_parity_inputs,
     export_ball_network,
 )
-from detectors.training.ball_training import to_network_input, train_ball_network
+from detectors.training.ball_training import load_exported_weights, to_network_input, train_ball_network
 from detectors.training.data.augmentation import apply_similarity, apply_square_symmetry, augment_image
 from detectors.training.data.training_shards import (
     IMAGES_PER_SHARD,
@@ -35,7 +35,6 @@ from detectors.training.data.training_shards import (
 )
 from detectors.training.networks.ball_loss import build_targets, compute_ball_loss, encode_streaks
 from detectors.training.networks.ball_network import BallNetwork
-from detectors.training.networks.warm_start import load_exported_weights
 from detectors.training.onnx_export import max_disagreement
 from detectors.training.training_loop import TrainOptions
 from video.rendering.random_scene import HOLD_OUT_ELEVATION, generate_scene

@@ -27,8 +27,7 @@ from detectors.training.offset_evaluation import (
     evaluate_offset_network,
     fit_sigma_factor,
 )
-from detectors.training.offset_export import ExportedOffsetNetwork, export_offset_network
-from detectors.training.offset_training import train_offset_network
+from detectors.training.offset_training import ExportedOffsetNetwork, export_offset_network, train_offset_network
 from detectors.training.training_loop import TrainOptions
 from video.rendering.training_images import generate_training_images
 

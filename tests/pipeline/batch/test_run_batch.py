@@ -30,17 +30,16 @@ from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import ClipError, OptionError
 from pipeline.batch import clip_processes, clip_runner, folder_watch
-from pipeline.batch.batch_display import BatchDisplay
-from pipeline.batch.batch_summary import format_csv, render_summary_page, write_summary
 from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import require_usable_answer, start_local_client
 from pipeline.batch.dask_worker import hash_code
+from pipeline.batch.run_batch import format_csv, render_summary_page, write_summary
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
+from pipeline.cli.commands.batch_command import BatchDisplay
 from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import CacheMissing, ResultCache
+from pipeline.engine.result_cache import CacheKey, CacheMissing, ResultCache
 from pipeline.run_options import RunOptions, list_setting_values
 from video.io.clip import open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest

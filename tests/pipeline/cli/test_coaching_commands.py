@@ -17,7 +17,7 @@ from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.scene_entries.shot_numbers_json import describe_shot_numbers
+from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}

@@ -25,7 +25,7 @@ from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
 from pipeline.chain import write_source
-from pipeline.cli.commands.table.put_back_command import MAX_DECIMALS_MM
+from pipeline.cli.commands.put_back_command import MAX_DECIMALS_MM
 from pipeline.io.csv_tables import write_events
 from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
 from pipeline.reporting.text.number_format import format_measured

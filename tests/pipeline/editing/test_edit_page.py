@@ -16,7 +16,7 @@ from support.edit_servers import serve_synthetic_run, wait_for_result
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.shot_explanation import MarkOutcome
 from pipeline.editing.edit_server import EditServer
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections
+from pipeline.io.corrections_file import CorrectionsFile, read_corrections, write_corrections
 
 WIDTHS = (1280, 390)
 desk_only = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)

@@ -12,7 +12,7 @@ from support.edit_servers import ask, serve_synthetic_run, wait_for_result
 
 from models.core.corrections import Corrections
 from pipeline.editing.edit_server import EditServer
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, corrections_path, read_corrections, write_corrections
+from pipeline.io.corrections_file import CorrectionsFile, corrections_path, read_corrections, write_corrections
 
 RED = {"frame": 3, "x_px": 170.0, "y_px": 50.0, "id": "red"}
 RENAME = {"tracks": [{"kind": "rename", "ball": RED, "name": "object"}]}

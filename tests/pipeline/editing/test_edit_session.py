@@ -9,7 +9,7 @@ from support.edit_servers import SHOWN_TABLES, ask, serve_synthetic_run, wait_fo
 
 from models.core.corrections import Corrections
 from pipeline.chain import STAGE_FILES, write_source
-from pipeline.io.by_hand.corrections_file import CorrectionsFile, read_corrections, write_corrections
+from pipeline.io.corrections_file import CorrectionsFile, read_corrections, write_corrections
 from pipeline.run_options import RunOptions, build_options
 
 WRONG = {"corners": "10,10,200,30,220,120,20,118", "table": "pool-8ft", "ball_radius": 0.02, "fps": "25"}

@@ -17,9 +17,9 @@ from pipeline.io.certificate_files import (
     describe_comparison,
     read_certificate,
 )
-from pipeline.reporting.figures.certificate_figures import build_slope_figure
 from pipeline.reporting.pages import certificate_page
 from pipeline.reporting.pages.certificate_page import (
+    build_slope_figure,
     format_certificate,
     format_comparison,
     format_number,

@@ -9,7 +9,7 @@ import pytest
 
 from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.errors import OptionError
-from pipeline.io.by_hand.corrections_file import (
+from pipeline.io.corrections_file import (
     SCHEMA,
     CorrectionsFile,
     corrections_path,

@@ -28,8 +28,8 @@ from diagnosis.verdicts.verdict import (
     Unexplained,
 )
 from models.core.recording import Recording
-from pipeline.batch.batch_summary import render_summary_page
 from pipeline.batch.clip_job import ClipResult
+from pipeline.batch.run_batch import render_summary_page
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase
 from pipeline.experiments.thesis.thesis_page import write_results

@@ -20,11 +20,11 @@ from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.forecast.forecast_values import ForecastErrors
+from pipeline.io.run_views import assess_run_trust
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
 from pipeline.reporting.text import text_formatting
-from pipeline.reporting.text.run_trust import assess_run_trust
 from pipeline.reporting.text.text_formatting import format_event
 from video.io.clip import Clip
 from video.overlay import motion_paths

@@ -13,7 +13,7 @@ from models.core.detections import Detections
 from models.core.typing import FloatArray, ImageArray
 from video.filming_check.clip_sample import FRAME_RANGE, sample_clip
 from video.filming_check.filming_limits import CODES, FilmingLimits, Limit
-from video.filming_check.image_measurements import (
+from video.filming_check.measure_filming import (
     find_glare,
     measure_clipping,
     measure_edge_blur,

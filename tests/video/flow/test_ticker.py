@@ -6,8 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from video.flow.optical_flow import OpticalFlowInterpolator, compute_flow, pixel_grid
-from video.flow.ticker import apply_ticker_shifts, find_ticker_shifts
+from video.flow.optical_flow import (
+    OpticalFlowInterpolator,
+    apply_ticker_shifts,
+    compute_flow,
+    find_ticker_shifts,
+    pixel_grid,
+)
 
 HEIGHT, WIDTH, LINE = 96, 400, slice(56, 76)
 TEXT = "SIDE POCKET LIVE FROM THE HALL THE FRAME STANDS AT FOUR ALL AND IT IS TABLE TWO NEXT"

@@ -8,7 +8,7 @@ from itertools import islice
 
 import pytest
 
-from video.io.prefetch import prefetch_items
+from video.overlay.slow_motion import prefetch_items
 
 
 def test_results_come_in_order_from_another_thread() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from video.io.yuv_planes import convert_to_yuv420
+from video.io.video_writer import convert_to_yuv420
 
 
 def _exact_planes(rgb: NDArray[np.uint8]) -> list[NDArray[np.float64]]:

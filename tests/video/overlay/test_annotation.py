@@ -15,7 +15,7 @@ from video.matting.ball_timeline import build_ball_timeline
 from video.overlay.annotation import FADE_OUT_STEP, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
 from video.overlay.motion_paths import FAINT_OPACITY, ContactMark, sample_motion_path, select_contact_marks
-from video.overlay.replays import MAX_REPLAYS, select_replay_marks
+from video.overlay.slow_motion import MAX_REPLAYS, select_replay_marks
 
 TIMES = np.arange(31) / shot.RATE
 

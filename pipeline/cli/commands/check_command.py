@@ -25,14 +25,7 @@ from pipeline.reporting.text.filming_sentences import (
     format_value,
     rank_faults,
 )
-from pipeline.terminal.command_line import (
-    ClipArgument,
-    DebugOption,
-    JsonOption,
-    app,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
 from video.filming_check.filming_limits import FilmingLimits
 from video.io.video_options import CalibrateOptions
@@ -47,20 +40,16 @@ LEVEL_COLOURS = {
 VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
-@app.command("check")
+@cli.app.command("check")
 def check(
-    clip: ClipArgument,
+    clip: cli.ClipArgument,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="FILE.png",
-            help="Write a still with the table, the balls and what is wrong.",
-        ),
+        Path | None, cli.make_output_option("Write a still with the table, the balls and what is wrong.", "FILE.png")
     ] = None,
     corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
     table: Annotated[str | None, typer.Option(help="Playing surface, such as 2.54x1.27 (m) or pool-9ft.")] = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:  # fmt: skip
     """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1)."""
     if out is not None:
@@ -104,7 +93,7 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
 
 def _print_report(report: FilmingReport) -> None:
     """Print the verdict, all measurements and what to change."""
-    screen = make_output_console()
+    screen = cli.make_output_console()
     grid = Grid("", "", "measured", "good", box=None, pad_edge=False)
     for one in report.measurements:
         grid.add_row(SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))

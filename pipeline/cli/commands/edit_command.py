@@ -11,20 +11,20 @@ import typer
 
 from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions, list_overridden_flags
-from pipeline.terminal.command_line import CacheOption, DebugOption, OutOption, app, console
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 
-@app.command("edit")
+@cli.app.command("edit")
 @add_settings
 def edit(
     target: Annotated[Path, typer.Argument(metavar="DIR|CLIP", help="Folder of a run, or a clip to run first.")],
     options: RunOptions,
-    out: OutOption = None,
+    out: cli.OutOption = None,
     port: Annotated[int, typer.Option("--port", help="Port of the page; 0 takes a free one.", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
-    cache: CacheOption = None,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections.
 
@@ -33,17 +33,17 @@ def edit(
     from pipeline.editing.edit_server import EditServer  # slow to import
     from pipeline.editing.edit_session import EditSession
     from pipeline.editing.edited_clip import continue_run_options, find_edited_clip
-    from pipeline.io.by_hand.corrections_file import corrections_path, read_corrections
+    from pipeline.io.corrections_file import corrections_path, read_corrections
 
     edited = find_edited_clip(target, out)
     if overridden := list_overridden_flags(options, read_corrections(edited.path, edited.digest).corrections):
         path = corrections_path(edited.path)
         note = f"Note: {', '.join(overridden)} is not used, because {path} sets it; correct it on the page"
-        console.print(note, markup=False, soft_wrap=True)
+        cli.console.print(note, markup=False, soft_wrap=True)
     session = EditSession(edited, continue_run_options(edited, options), open_cache(cache))
     try:
         server = EditServer(session, port)
-        console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
+        cli.console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
         if browser:
             webbrowser.open(server.url)
         with suppress(KeyboardInterrupt):  # the way to end it

@@ -29,20 +29,20 @@ from pipeline.io.placement_files import describe_places, write_places
 from pipeline.io.run_folder import read_scene_document
 from pipeline.io.run_record import read_shot_record
 from pipeline.reporting.text.number_format import format_measured
-from pipeline.terminal.command_line import DebugOption, JsonOption, OutBesideOption, app, console, make_output_console
+from pipeline.terminal import command_line as cli
 
 MAX_DECIMALS_MM = 1
 """Decimals of a distance: nobody places a ball to a hundredth of a millimetre."""
 
 
-@app.command("put-back")
+@cli.app.command("put-back")
 def put_back(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
     at: Annotated[
         float | None,
         typer.Option("--at", metavar="T", help="Time of the places, in s. Default: just before the strike."),
     ] = None,
-    out: OutBesideOption = None,
+    out: cli.OutBesideOption = None,
     live: Annotated[
         str | None,
         typer.Option(
@@ -58,8 +58,8 @@ def put_back(
         Path | None, typer.Option("--clip", help="Video of the shot. Default: the one that the run noted.")
     ] = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Show where every ball lay at a time, with its distances to the cushions, to lay the balls there again.
 
@@ -97,10 +97,10 @@ def _follow_live(
     )
     if is_camera:
         images = chain([next(images)], images)  # an error of the camera comes before the page
-        console.print(f"Open {write_live_page(target, folder.name)}; Ctrl-C ends it", markup=False)
+        cli.console.print(f"Open {write_live_page(target, folder.name)}; Ctrl-C ends it", markup=False)
     for state in follow_images(guide, images, target, updates):
         if "balls" not in state and not is_camera:
-            console.print(f"trueroll: {state['note']}", markup=False, soft_wrap=True)
+            cli.console.print(f"trueroll: {state['note']}", markup=False, soft_wrap=True)
             raise typer.Exit(1)
         if document is not None:
             print(json.dumps({**document, "live": state}), flush=True)
@@ -109,7 +109,7 @@ def _follow_live(
 
 
 def _print_places(document: dict[str, Any], target: Path) -> None:
-    screen = make_output_console()
+    screen = cli.make_output_console()
     grid = Grid("ball", "left", "right", "± (x)", "top", "bottom", "± (y)", "", box=None, pad_edge=False)
     for ball in document["balls"]:
         cells = []
@@ -128,7 +128,7 @@ def _print_places(document: dict[str, Any], target: Path) -> None:
 
 
 def _print_state(state: dict[str, Any], target: Path) -> None:
-    screen = make_output_console()
+    screen = cli.make_output_console()
     if "balls" not in state:
         screen.print(escape(state["note"]))
         return

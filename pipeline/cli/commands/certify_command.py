@@ -29,37 +29,26 @@ from pipeline.reporting.pages.certificate_page import (
     write_certificate_page,
 )
 from pipeline.reporting.text.text_formatting import name_folders
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.activity_display import show_shot_fits
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    console,
-    make_output_console,
-    parse_output_path,
-)
 
 PAGE_FILE = "certificate.html"
 
 
-@app.command("certify")
+@cli.app.command("certify")
 def certify(
     inputs: Annotated[
         list[Path],
         typer.Argument(metavar="DIR...", help="Run folders, track folders or a batch's folder, all of one table."),
     ],
-    out: Annotated[
-        Path,
-        typer.Option("-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the certificate."),
-    ] = Path("certificate"),
+    out: Annotated[Path, cli.make_output_option("Folder of the certificate.")] = Path("certificate"),
     compare: Annotated[
         Path | None,
         typer.Option("--compare", metavar="OTHER.json", help="An earlier certificate: which numbers differ from it."),
     ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Certify a table: slope, restitution, speed of the cloth, size and squareness, each with its error.
 
@@ -69,7 +58,7 @@ def certify(
     sources = list_shot_folders(inputs)
     require_writable_folder(out)
     store = open_cache(cache)
-    with open_executor() as executor, show_shot_fits(console, "measuring the table") as show:
+    with open_executor() as executor, show_shot_fits(cli.console, "measuring the table") as show:
         certified = certify_table(sources, store, executor, show)
     document = certified.document
     rows = () if other is None else compare_certificates(other, document)
@@ -86,7 +75,7 @@ def certify(
 
 
 def _print_certificate(document: dict[str, Any], comparison: str, out: Path) -> None:
-    screen = make_output_console()
+    screen = cli.make_output_console()
     screen.print(f"[bold]{escape(format_certificate(document))}[/]")
     warning = format_too_few(document)
     if warning:

@@ -10,31 +10,21 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
-from pipeline.actions.compare_session import (
-    GROUPINGS,
-    ComparedSession,
-    compare_session,
-    write_session,
-)
+from pipeline.actions.compare_session import GROUPINGS, ComparedSession, compare_session, write_session
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS
 from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_trend, name_number
 from pipeline.reporting.text.text_formatting import name_folders
-from pipeline.terminal.command_line import DebugOption, JsonOption, app, console, make_output_console, parse_output_path
+from pipeline.terminal import command_line as cli
 
 
-@app.command("compare")
+@cli.app.command("compare")
 def compare(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Run folders, or folders of run folders, such as a batch.")
     ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Folder of the results, which is none of DIR."
-        ),
-    ] = Path("out/session"),
+    out: Annotated[Path, cli.make_output_option("Folder of the results, which is none of DIR.")] = Path("out/session"),
     group: Annotated[
         str,
         typer.Option(
@@ -43,8 +33,8 @@ def compare(
             " (that is hit first), pocket, side (of the cut).",
         ),
     ] = "folder",
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Compare the shots of a session: level, spread and trend of every number, as a page, CSV and Parquet."""
     if group not in GROUPINGS:
@@ -57,10 +47,10 @@ def compare(
     else:
         _print_session(session, out)
     for repetition in session.repetitions:
-        console.print(f"Note: {repetition}", markup=False, soft_wrap=True)
+        cli.console.print(f"Note: {repetition}", markup=False, soft_wrap=True)
     if session.refusals:
         for refusal in session.refusals:
-            console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
+            cli.console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
         raise typer.Exit(1)
 
 
@@ -72,5 +62,5 @@ def _print_session(session: ComparedSession, out: Path) -> None:
                 escape(name_number(one.name)), str(one.count), format_level(one), format_own_spread(one), one.unit,
                 format_trend(one),
             )  # fmt: skip
-    make_output_console().print(grid)
+    cli.make_output_console().print(grid)
     print(f"Look at {out / 'session.html'}")

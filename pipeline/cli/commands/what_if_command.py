@@ -19,8 +19,8 @@ from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.strict_json import format_strict_json
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.reporting.text.what_if_sentences import format_what_if
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.activity_display import show_activity
-from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, OutBesideOption, app, console
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
@@ -29,7 +29,7 @@ MAX_SPIN = 1.5
 _AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?")
 
 
-@app.command("what-if", context_settings={"ignore_unknown_options": True})
+@cli.app.command("what-if", context_settings={"ignore_unknown_options": True})
 def what_if(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")],
     speed: Annotated[
@@ -81,10 +81,10 @@ def what_if(
     ] = None,
     draws: Annotated[int, typer.Option("--draws", min=50, max=20_000, help="Number of plays.")] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
-    out: OutBesideOption = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    out: cli.OutBesideOption = None,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """Play a shot otherwise: where the balls would go, and how probably it scores."""
     change = _parse_change(speed, angle, side, top)
@@ -94,7 +94,7 @@ def what_if(
     plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
     learned = None if profile is None else parse_learned_table(read_profile_text(profile))
     require_writable_folder(folder)
-    with show_activity(console) as show:
+    with show_activity(cli.console) as show:
         document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), show)
     _print_result(document, folder, as_json)
 

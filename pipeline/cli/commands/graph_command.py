@@ -13,31 +13,19 @@ from rich.table import Table as Grid
 from pipeline.chain import build_run_graph
 from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
-from pipeline.terminal.command_line import (
-    CacheOption,
-    DebugOption,
-    JsonOption,
-    app,
-    make_output_console,
-    parse_output_path,
-)
+from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 
-@app.command("graph")
+@cli.app.command("graph")
 @add_settings
 def graph(
     options: RunOptions,
     clip: Annotated[Path | None, typer.Argument(help="The clip whose stages are listed.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", parser=parse_output_path, metavar="PATH", help="Draw the graph into an .svg or .png file."
-        ),
-    ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    out: Annotated[Path | None, cli.make_output_option("Draw the graph into an .svg or .png file.")] = None,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """List the stages in order: which are cached, and why others are stale."""
     from pipeline.engine.graph_drawing import write_graph_image
@@ -58,13 +46,13 @@ def graph(
         grid = Grid("stage", "needs", box=None, pad_edge=False)
         for v in views:
             grid.add_row(v.stage, ", ".join(v.needs))
-        make_output_console().print(grid)
+        cli.make_output_console().print(grid)
         print(f"Drawn in {out}" if out is not None else "Name a clip to see what is cached: trueroll graph CLIP")
         return
     grid = Grid("stage", "needs", "state", "why", box=None, pad_edge=False)
     style = {"cached": "green", "stale": "yellow", "waiting": "dim"}
     for v in views:
         grid.add_row(v.stage, ", ".join(v.needs), f"[{style[v.state]}]{v.state}[/]", v.why)
-    make_output_console().print(grid)
+    cli.make_output_console().print(grid)
     if out is not None:
         print(f"Drawn in {out}")

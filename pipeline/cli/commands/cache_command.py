@@ -11,10 +11,10 @@ from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from pipeline.engine.result_cache import open_cache
-from pipeline.terminal.command_line import CacheOption, DebugOption, JsonOption, app, make_output_console
+from pipeline.terminal import command_line as cli
 
 
-@app.command("cache")
+@cli.app.command("cache")
 def show_cache(
     prune: Annotated[bool, typer.Option("--prune", help="Remove entries by age, or until the rest fits.")] = False,
     older_than: Annotated[
@@ -24,9 +24,9 @@ def show_cache(
         float | None,
         typer.Option("--max-size", help="Remove the least recently used entries until this size is left, in MB."),
     ] = None,
-    cache: CacheOption = None,
-    as_json: JsonOption = False,
-    debug: DebugOption = False,
+    cache: cli.CacheOption = None,
+    as_json: cli.JsonOption = False,
+    debug: cli.DebugOption = False,
 ) -> None:
     """List the entries of the cache by stage, measure it, or prune it."""
     store = open_cache(cache)
@@ -50,5 +50,5 @@ def show_cache(
         rows = [entry for entry in entries if entry.stage == stage]
         size, seconds = sum(e.size for e in rows) / 1e6, sum(e.seconds for e in rows)
         grid.add_row(stage, str(len(rows)), f"{size:.1f}", f"{seconds:.1f}")
-    make_output_console().print(grid)
+    cli.make_output_console().print(grid)
     print(f"{len(entries)} entries, {sum(entry.size for entry in entries) / 1e6:.1f} MB in {store.root}")

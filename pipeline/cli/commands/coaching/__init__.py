@@ -1,1 +1,0 @@
-"""Commands for players and coaches: a session in numbers, and a shot played otherwise."""

@@ -1,1 +1,0 @@
-"""Commands around the filming of shots."""

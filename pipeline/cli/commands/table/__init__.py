@@ -1,1 +1,0 @@
-"""Commands about the table of many shots: balls put back, certificates."""

@@ -1,1 +1,0 @@
-"""Files of what a person set by hand."""

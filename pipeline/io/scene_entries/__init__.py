@@ -1,1 +1,0 @@
-"""Entries of scene.json that stand for one value; they read no files."""
