@@ -14,6 +14,8 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.table_fit import TableFit, search_laws
+from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
@@ -75,3 +77,10 @@ def film_shot(xy: FloatArray, number: int, noise: float, rng: np.random.Generato
     start, moving = estimate_initial_states(t, measured, np.full(xy.shape[:2], noise))
     whiten = np.broadcast_to(np.eye(2) / noise, (*xy.shape[:2], 2, 2))
     return ShotSegment(number, 0.0, t, measured, whiten, start, moving)
+
+
+def fit_table(segments: tuple[ShotSegment, ...], candidates: tuple[ContactModels, ...]) -> TableFit:
+    """Fit shots with every pair of contact models to the end; returns the fit of greatest evidence."""
+    best = search_laws(segments, TABLE, candidates=candidates, is_sampled=False).best
+    assert best is not None, "a search without a budget ends with a fit"
+    return best

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fitting.foreign_shots import PX_PER_M, TABLE, draw_shot, draw_table, film_shot, simulate_shot
+from benchmarks.fitting.foreign_shots import PX_PER_M, TABLE, draw_shot, draw_table, film_shot, fit_table, simulate_shot
 from benchmarks.support.figures import (
     Figure,
     add_quick_option,
@@ -27,7 +27,7 @@ from benchmarks.support.figures import (
     estimate_share,
     run_quick,
 )
-from models.estimation.whole_shot.table_fit import fit_table, table_priors
+from models.estimation.whole_shot.table_fit import table_priors
 from models.physics.billiards.simulation.parametrised_shot import (
     NEUTRAL_SHOT_PARAMETERS,
     SHOT_PARAMETERS,
@@ -54,7 +54,7 @@ def fit_case(seed: int, law: str, seconds: float) -> tuple[float, bool, float, f
         xy, kinds = simulate_shot(shot, Path(folder), seconds)
     segment = film_shot(xy, 0, NOISE, rng)
     begun = time.process_time()
-    fit = fit_table((segment,), TABLE, CANDIDATE_MODELS)
+    fit = fit_table((segment,), CANDIDATE_MODELS)
     cost = time.process_time() - begun
     bounds = {prior.name: prior.bounds for prior in table_priors(fit.laws)}
     at_bound = [

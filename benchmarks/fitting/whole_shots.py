@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fitting.foreign_shots import PX_PER_M, TABLE, draw_shot, draw_table, film_shot, simulate_shot
+from benchmarks.fitting.foreign_shots import PX_PER_M, draw_shot, draw_table, film_shot, fit_table, simulate_shot
 from benchmarks.support.figures import Figure, add_quick_option, estimate_rms, estimate_share, run_quick
-from models.estimation.whole_shot.table_fit import TableFit, fit_table
+from models.estimation.whole_shot.table_fit import TableFit
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 SECONDS, SHOTS = 2.0, 3
@@ -54,7 +54,7 @@ def fit_case(seed: int, law: str, noise_px: float) -> tuple[TableFit, dict[str, 
     with tempfile.TemporaryDirectory() as folder:
         paths = [simulate_shot(draw_shot(rng, effects, law, SECONDS), Path(folder), SECONDS)[0] for _ in range(SHOTS)]
     segments = tuple(film_shot(xy, k, noise_px / PX_PER_M, rng) for k, xy in enumerate(paths))
-    fitted = fit_table(segments, TABLE, tuple(ContactModels(one, "inelastic") for one in LAWS))
+    fitted = fit_table(segments, tuple(ContactModels(one, "inelastic") for one in LAWS))
     return fitted, normalise_errors(fitted, effects)
 
 

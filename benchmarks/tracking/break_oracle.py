@@ -14,12 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.tracking.break_shots import BALLS, HZ, PX_PER_M, Break, FilmedBreak, R, overhead_scene
+from models.core.capture_clock import CaptureClock
 from models.core.contact_graph import Contact, ContactGraph, ContactKind, Segment
 from models.core.fit_result import Fit
+from models.core.options import FitOptions
+from models.core.scene import Scene
+from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.explain_shot import explain_graph
+from models.estimation.joint_fit.fit_solution import collect_observations
+from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
+from models.estimation.reconstruction.close_passes import list_close_passes
+from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
+from models.estimation.reconstruction.explain_shot import list_gaps, whiten_observed
 from models.estimation.reconstruction.shot_views import view_shot
+from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
 
 SLOWEST_CLOSING = 0.005
 """Slower contacts change nothing visible, m/s of closing speed."""
@@ -59,6 +68,39 @@ def fit_oracle(shown: Break, filmed: FilmedBreak, delay: float) -> tuple[Fit, Tr
     return view_shot(
         explain_graph(build_true_graph(shown, filmed, begin, first), tracks, overhead_scene(False))
     ), tracks
+
+
+def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene) -> Shot:
+    """Explain a recording by a known contact graph: states, times and coefficients are fitted, its contacts stay.
+
+    The tracks' sigmas are used as they are; samples before the first segment of a ball must be left out.
+
+    Args:
+        graph: The contact graph.
+        tracks: Tracks of N balls over T frames, at capture times.
+        scene: Table and camera.
+
+    Returns:
+        The shot.
+    """
+    observations = collect_observations(tracks)
+    solution = add_covariance(refine_graph(graph, observations, scene.table, iterations=60), observations, scene.table)
+    tests = refine_contact_times(solution, observations, scene)
+    times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
+    solution = condition_on_contact_times(solution, times, observations, scene.table)
+    clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
+    hypotheses = collect_hypotheses(solution, observations, scene.table)
+    shot = Shot(
+        scene,
+        tracks,
+        clock,
+        whiten_observed(tracks),
+        solution,
+        hypotheses=hypotheses,
+        gaps=list_gaps(solution, tests),
+        moving_speed=FitOptions().moving_speed,
+    )
+    return replace(shot, passes=list_close_passes(shot))
 
 
 def build_true_tracks(filmed: FilmedBreak, begin: FloatArray) -> Tracks:

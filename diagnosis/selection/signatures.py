@@ -2,8 +2,8 @@
 
 A refit hides most of a missing effect: start states and the simulator's parameters absorb it. The derivative by a
 parameter with those projected out is its signature. It gives the score test (Rao 1948,
-doi:10.1017/S0305004100023987), the smallest detectable strength and, by canonical correlations (Hotelling 1936,
-doi:10.1093/biomet/28.3-4.321), which effects these data cannot separate.
+doi:10.1017/S0305004100023987), the smallest detectable strength and, by correlations, which effects these data cannot
+separate.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from models.core.typing import BoolArray, FloatArray
 from models.numerics.least_squares import invert_semidefinite, solve_damped
 
 INSEPARABLE_CORRELATION = 0.9
-"""Canonical correlation from which two effects cannot be separated."""
+"""Correlation from which two effects cannot be separated."""
 DETECTION_SIGMAS = 3.0
 """Standard deviations from which a single parameter is detected."""
 _TINY = 1e-12
@@ -44,10 +44,6 @@ class Signatures:
         """Return the step of the parameters in `mask` when they are freed."""
         here = self.information[np.ix_(mask, mask)] + np.diag(self.prior[mask])
         return solve_damped(here, self.score[mask], 0.0)
-
-    def surviving_share(self) -> FloatArray:
-        """Return the share (P,) of the amplitude of each signature that the free parameters cannot absorb."""
-        return np.asarray(np.sqrt(np.clip(np.diag(self.information), 0, None) / np.maximum(self.raw, _TINY)))
 
     def detectable_strengths(self, effect: BoolArray) -> FloatArray:
         """Return the smallest detectable strength (P,) of each parameter of an effect; infinite where there is none."""
@@ -102,15 +98,6 @@ def absorb_by_free(
     prior = np.array([1 / one.sigma**2 for one in problem.priors])
     inside = information[np.ix_(free, free)] + np.diag(prior[free])
     return np.asarray(information[free].T @ solve_damped(inside, gradients, 0.0))
-
-
-def canonical_correlation(effect_signatures: Signatures, one: BoolArray, other: BoolArray) -> float:
-    """Return the largest correlation of the signatures of two effects, over all their strengths."""
-    a, b = whitening_directions(effect_signatures, one), whitening_directions(effect_signatures, other)
-    if a.size == 0 or b.size == 0:
-        return 0.0
-    across = a.T @ effect_signatures.information[np.ix_(one, other)] @ b
-    return min(float(np.linalg.norm(across, ord=2)), 1.0)
 
 
 def whitening_directions(effect_signatures: Signatures, mask: BoolArray) -> FloatArray:

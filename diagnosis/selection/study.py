@@ -27,7 +27,6 @@ from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estima
 from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
 from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
 from diagnosis.fitting.window_continuation import find_unreachable_shots
-from diagnosis.selection.body_rivals import compare_with_body_strengths
 from diagnosis.selection.cross_shot_evidence import (
     confirm_effects,
     cross_shot_gain,
@@ -35,7 +34,7 @@ from diagnosis.selection.cross_shot_evidence import (
     select_shot_windows,
 )
 from diagnosis.selection.effect_selection import search_effects
-from diagnosis.selection.hypotheses import EffectSearch, Hypothesis, ProgressCallback
+from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis, ProgressCallback
 from diagnosis.selection.hypothesis_trials import restart_disagreeing_shots
 from diagnosis.selection.unknown_effects import (
     MIN_EXPLAINED_SHARE,
@@ -125,7 +124,7 @@ def run_study(
     search = _run_search(problem, (*first, *second), on_progress)
     if isinstance(scene, ContactRichScene):
         restart_disagreeing_shots(search)
-    choice = compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
+    choice = _compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
     best, body_fit = choice.best, choice.body_fit
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
@@ -222,3 +221,52 @@ def _measure_generic_law_share(
     return measure_law_share(
         fit_start_states(problem, segments, best, starts), fit_start_states(problem, segments, probed, starts)
     )
+
+
+@dataclass(frozen=True, slots=True)
+class BodyChoice:
+    """The best hypothesis, with strengths of every body where they differ."""
+
+    best: Hypothesis
+    body_fit: BodyFit | None
+    """None where all bodies may have the same strengths."""
+    refuted: frozenset[str] = frozenset()
+    """Effects that are worse in place of one whose strength differs, each with strengths of every body."""
+
+
+def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch, best: Hypothesis) -> BodyChoice:
+    """Replace an effect whose strength differs between bodies by a rival that explains every body better.
+
+    With strengths that all bodies share, each law leaves the differences between bodies, and the law that leaves less
+    of them is not the right one.
+    """
+    body_fit = fit_body_strengths(problem, best.fitted)
+    if body_fit is None:
+        return BodyChoice(best, None)
+    fits: dict[str, tuple[Hypothesis, BodyFit]] = {}
+    for name in sorted(best.names):
+        mask = problem.mask((name,))
+        if not (mask & body_fit.own).any():
+            continue
+        fits[name] = best, body_fit
+        for other in search.choices:
+            swapped = search.hypotheses.get(best.names - {name} | {other})
+            if other in best.names or swapped is None or swapped.fitted.segments is not best.fitted.segments:
+                continue
+            differing = problem.mask((other,)) | (body_fit.own & ~mask)
+            its_fit = fit_body_strengths(problem, swapped.fitted, differing)
+            if its_fit is not None:
+                fits[other] = swapped, its_fit
+    if not fits:
+        return BodyChoice(best, body_fit)
+    noise = min(own.lack_of_fit for _, own in fits.values())
+    evidence = {
+        name: -0.5 * own.cost / noise - 0.5 * own.parameter_count * float(np.log(one.fitted.value_count))
+        for name, (one, own) in fits.items()
+    }
+    first = max(evidence, key=evidence.__getitem__)
+    refuted = frozenset(name for name in fits if evidence[first] - evidence[name] > REFUTED_RIVAL_LOG_EVIDENCE)
+    chosen = fits[first][0]
+    if chosen is not best:
+        body_fit = fit_body_strengths(problem, chosen.fitted)
+    return BodyChoice(chosen, body_fit, refuted - chosen.names)

@@ -166,11 +166,6 @@ class Corrections:
         if self.ball_radius is not None and not 0 < self.ball_radius < math.inf:
             raise ValueError(f"ball_radius is more than 0 m; got {self.ball_radius}")
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing was set by hand."""
-        return self == Corrections()
-
     def extract_span(self, first: int, stop: int) -> Corrections:
         """Return the corrections of frames `first` to `stop` - 1 of a recording, with frames from `first` on."""
 

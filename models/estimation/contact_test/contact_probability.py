@@ -1,4 +1,4 @@
-"""Probability that two bodies touched, from the evidence of all possible motions.
+"""Probability that two bodies touched, and the time of a certain contact, from the evidence of all possible motions.
 
 Apart from touching or not, a ball may have rolled or slid where its path begins, and errors of successive samples may
 be correlated more or less: the evidences of all these hypotheses add up.
@@ -182,3 +182,21 @@ def _nearest_variance(contact: PossibleContact, fitted: HypothesisFit) -> float:
     gradient = fitted.paths.closing_gradient / min(rate, -1e-6)
     variance = float(gradient @ fitted.covariance @ gradient)
     return min(variance, 0.25)
+
+
+def estimate_contact_time(contact: PossibleContact, t: float) -> ContactTestResult:
+    """Estimate when bodies touched that certainly did, near t (s); errors are independent.
+
+    Args:
+        contact: The balls and, if any, the cushion.
+        t: s.
+
+    Returns:
+        The result with the time of contact.
+
+    Raises:
+        ValueError: If there are too few samples.
+    """
+    require_samples(contact)
+    is_inlier = select_inliers(contact, t)
+    return combine_hypotheses([fit_contact(option, t, is_inlier, 0.0) for option in list_motion_hypotheses(contact)])

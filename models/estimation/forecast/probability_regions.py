@@ -37,13 +37,6 @@ def level_by_neighbours(xy: FloatArray, draws: FloatArray, noise: FloatArray | N
     return float(np.mean(own[1:] < far[0]))
 
 
-def levels_by_neighbours(places: FloatArray, draws: FloatArray) -> FloatArray:
-    """Return the levels (K,) of places (K, 2) among draws (M, 2), M >= 2."""
-    far, own = _neighbour_distances(draws, np.vstack([places, draws]))
-    ranked = np.sort(own[len(places) :])
-    return np.asarray(np.searchsorted(ranked, far[: len(places)]) / len(draws), np.float64)
-
-
 def ensemble_outlyingness(members: FloatArray) -> FloatArray:
     """Rank ensemble members by the mean level of their places at every other moment; little moves in between.
 

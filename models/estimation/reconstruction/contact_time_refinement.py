@@ -18,7 +18,7 @@ from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME
 from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
-from models.estimation.contact_test.contact_time import estimate_contact_time
+from models.estimation.contact_test.contact_probability import estimate_contact_time
 from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma
 from models.estimation.joint_fit.contact_cascades import evaluate_state
 from models.estimation.joint_fit.fit_solution import evaluate_residuals

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.capture_clock import CaptureClock
 from models.core.contact_graph import ContactGraph
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.joint_solution import JointSolution, Observations
@@ -100,40 +99,6 @@ def explain(
     return replace(shot, passes=list_close_passes(shot))
 
 
-def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene, options: FitOptions = FitOptions()) -> Shot:
-    """Explain a recording by a known contact graph: states, times and coefficients are fitted, its contacts stay.
-
-    The tracks' sigmas are used as they are; samples before the first segment of a ball must be left out.
-
-    Args:
-        graph: The contact graph.
-        tracks: Tracks of N balls over T frames, at capture times.
-        scene: Table and camera.
-        options: Limits.
-
-    Returns:
-        The shot.
-    """
-    observations = collect_observations(tracks)
-    solution = add_covariance(refine_graph(graph, observations, scene.table, iterations=60), observations, scene.table)
-    tests = refine_contact_times(solution, observations, scene)
-    times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
-    solution = condition_on_contact_times(solution, times, observations, scene.table)
-    clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
-    hypotheses = collect_hypotheses(solution, observations, scene.table)
-    shot = Shot(
-        scene,
-        tracks,
-        clock,
-        _whiten_observed(tracks),
-        solution,
-        hypotheses=hypotheses,
-        gaps=_list_gaps(solution, tests),
-        moving_speed=options.moving_speed,
-    )
-    return replace(shot, passes=list_close_passes(shot))
-
-
 def _explain_tracks(
     blank: Shot, tracks: Tracks, options: FitOptions, progress: Progress, marks: tuple[ResolvedMark, ...]
 ) -> Shot:
@@ -143,7 +108,7 @@ def _explain_tracks(
     noise = replace(noise, timing=np.hypot(noise.timing, blank.clock.sigma))
     is_rare = find_rarely_detected(tracks)
     selected = apply_noise(_remove_unreliable_samples(tracks, noise, is_rare), noise)
-    whitening = _whiten_observed(selected)
+    whitening = whiten_observed(selected)
     observations = collect_observations(selected)
     if len(observations.t) == 0:
         return replace(blank, notes=(*blank.notes, Note("no_ball")))
@@ -194,14 +159,14 @@ def _explain_tracks(
     outcomes = contradict_unheld_marks(solution, marks, outcomes)
     shot = replace(
         blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
-        hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts), gaps=_list_gaps(solution, tests),
+        hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts), gaps=list_gaps(solution, tests),
     )  # fmt: skip
     shot = replace(shot, hypotheses=collect_hypotheses(solution, shot.observations, table))
     progress(1.0)
     return shot
 
 
-def _list_gaps(solution: JointSolution, tests: Mapping[int, ContactTestResult]) -> FloatArray:
+def list_gaps(solution: JointSolution, tests: Mapping[int, ContactTestResult]) -> FloatArray:
     """List the gaps (C, 2) and their sigmas of contacts by their contact tests; NaN where there is none."""
     gaps = np.full((len(solution.graph.contacts), 2), np.nan)
     for number, one in tests.items():
@@ -209,7 +174,7 @@ def _list_gaps(solution: JointSolution, tests: Mapping[int, ContactTestResult]) 
     return gaps
 
 
-def _whiten_observed(tracks: Tracks) -> FloatArray:
+def whiten_observed(tracks: Tracks) -> FloatArray:
     """Return the whitening matrices (T, N, 2, 2) of the observed positions; NaN elsewhere."""
     return np.where(tracks.is_observed[..., None, None], tracks.whitening, np.nan)
 

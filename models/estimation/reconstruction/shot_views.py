@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.capture_clock import CaptureClock
-from models.core.events import Events
+from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
-from models.core.shot import Shot
-from models.core.shot_explanation import ShotExplanation
+from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, ShotExplanation
 from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.event_marks import weigh_marks
 from models.estimation.hand_marks.resolved_marks import resolve_marks
@@ -27,16 +28,19 @@ from models.estimation.joint_fit.trust_level import (
     evaluate_segment_chi2,
     find_accepted_segments,
 )
-from models.estimation.reconstruction.break_views import (
-    build_break_pieces,
-    list_break_contacts,
-)
 from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.event_list import collect_events, list_events
 from models.estimation.reconstruction.pocket_events import find_pocketed_balls
-from models.estimation.reconstruction.shot_moments import add_close_passes, convert_times
-from models.estimation.reconstruction.trajectory_assembly import build_measured_pieces, build_pieces, pack_trajectory
+from models.estimation.reconstruction.trajectory_assembly import (
+    TrajectoryPiece,
+    build_measured_pieces,
+    build_pieces,
+    pack_trajectory,
+    shift_polynomial,
+)
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
+from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
+from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 
 _MAX_LISTED = 3
@@ -77,7 +81,7 @@ def view_captured(shot: Shot) -> Fit:
     if not len(shot.tracks.t):
         return fit
     tracks = shot.capture_tracks
-    events, explanation = add_close_passes(fit.events, fit.explanation, shot.passes, tracks)
+    events, explanation = _add_close_passes(fit.events, fit.explanation, shot.passes, tracks)
     if shot.solution is not None and shot.corrections.contacts:
         marks, _ = resolve_marks(shot.corrections.contacts, tracks)
         events, explanation = weigh_marks(events, explanation, marks, shot.outcomes[: len(marks)], tracks)
@@ -93,7 +97,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     pocketed = find_pocketed_balls(solution, tracks, table)
-    rows = list_events(solution, tracks, table, pocketed, list_break_contacts(shot.breaks, tracks.ids))
+    rows = list_events(solution, tracks, table, pocketed, _list_break_contacts(shot.breaks, tracks.ids))
     weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2, shot.hypotheses)
     weighed = [
         replace(row, gap=float(shot.gaps[row.contact, 0]), gap_sigma=float(shot.gaps[row.contact, 1]))
@@ -110,7 +114,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     clip_span = (float(tracks.t[0]), float(tracks.t[-1]))
     trajectory = pack_trajectory(
         build_pieces(solution, observations, is_accepted, len(original.ids), clip_span, table.ball_radius, ends)
-        + build_break_pieces(shot.breaks)
+        + _build_break_pieces(shot.breaks)
         + unfitted_pieces,
         original.ids,
     )
@@ -150,7 +154,7 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t),
         frame=tracks.frame_at(t),
     )
-    explanation = convert_times(fit.explanation, clock)
+    explanation = _convert_times(fit.explanation, clock)
     outcomes = tuple(
         replace(one, t=float(clock.presentation_time_at(np.array([one.t]))[0])) for one in fit.mark_outcomes
     )
@@ -261,3 +265,96 @@ def _view_measured_motion(shot: Shot) -> Fit:
         events, trajectory, (), float("nan"), float("nan"), tracks.xy - state.xy, moving, never, trust,
         mark_outcomes=shot.outcomes,
     )  # fmt: skip
+
+
+def _convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExplanation:
+    """Convert the capture times of moments to presentation times."""
+    t = np.array([moment.t for moment in explanation.moments])
+    rate = clock.presentation_rate_at(t)
+    shown = clock.presentation_time_at(t)
+    moments = tuple(
+        replace(moment, t=float(shown[k]), t_sigma=float(moment.t_sigma * rate[k]))
+        for k, moment in enumerate(explanation.moments)
+    )
+    return replace(explanation, moments=moments)
+
+
+def _add_close_passes(
+    events: Events, explanation: ShotExplanation, passes: tuple[ClosePass, ...], tracks: Tracks
+) -> tuple[Events, ShotExplanation]:
+    """Add possible contacts of close passes to the moments, and to the events if they are probable enough."""
+    moments, rows = list(explanation.moments), []
+    for one, two, result in ((each.one, each.other, each.result) for each in passes):
+        hypotheses, p = weigh_close_pass(tracks.ids[two], result)
+        xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
+        moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
+        if p >= MIN_LISTED_PROBABILITY:
+            rows.append((one, two, result, p, xy))
+    explanation = replace(explanation, moments=tuple(sorted(moments, key=lambda entry: entry.t)))
+    return (_insert_contacts(events, rows, tracks) if rows else events), explanation
+
+
+def _insert_contacts(
+    events: Events, rows: list[tuple[int, int, ContactTestResult, float, np.ndarray]], tracks: Tracks
+) -> Events:
+    """Insert contacts of balls into events."""
+    rows = sorted(rows, key=lambda row: row[2].t)
+    results = [row[2] for row in rows]
+    t = np.array([result.t for result in results])
+    added = Events(
+        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), tracks.frame_at(t),
+        tuple(tracks.ids[row[0]] for row in rows), tuple(tracks.ids[row[1]] for row in rows),
+        np.array([row[4] for row in rows]), np.array([row[3] for row in rows]),
+        np.array([result.gap for result in results]), np.array([result.gap_sigma for result in results]),
+        np.array([result.closing for result in results]),
+    )  # fmt: skip
+    merged = merge_events(events, added)
+    return replace(merged, frame=tracks.frame_at(merged.t))
+
+
+def _list_break_contacts(breaks: tuple[SimulatedBreak, ...], ids: tuple[str, ...]) -> list[EventRow]:
+    """List the contacts in breaks as events."""
+    return [
+        EventRow(
+            "ball",
+            contact.t,
+            contact.t_sigma,
+            ids[contact.a],
+            ids[contact.b],
+            contact.xy,
+            "",
+            probability=contact.probability,
+            speed=contact.speed,
+        )
+        for posterior in breaks for contact in posterior.contacts
+    ]  # fmt: skip
+
+
+def _build_break_pieces(breaks: tuple[SimulatedBreak, ...]) -> list[TrajectoryPiece]:
+    """Build the trajectories of balls in breaks from the best simulations."""
+    pieces = []
+    for posterior in breaks:
+        for ball_exit in posterior.exits:
+            number = posterior.balls.index(ball_exit.ball)
+            pieces += _build_ball_pieces(posterior.motion, number, ball_exit, posterior.start)
+    return pieces
+
+
+def _build_ball_pieces(
+    motion: Trajectory, number: int, ball_exit: BreakExit, break_start: float
+) -> list[TrajectoryPiece]:
+    """Build the trajectory of one ball of a break that starts at `break_start`, s: first to last contact."""
+    pieces = []
+    covariance = ball_exit.covariance[:4, :4]
+    for k in np.flatnonzero(motion.ball == number):
+        start, end = (
+            max(float(motion.start[k]) + break_start, ball_exit.start),
+            min(float(motion.end[k]) + break_start, ball_exit.end),
+        )
+        if end - start < 1e-9:
+            continue
+        offset = start - break_start - float(motion.start[k])
+        position = shift_polynomial(motion.position[k], offset)
+        spin = np.array([motion.spin[k, 0] + offset * motion.spin[k, 1], motion.spin[k, 1]])
+        pieces.append(TrajectoryPiece(ball_exit.ball, start, end, position, spin, motion.phase[k], covariance))
+    return pieces

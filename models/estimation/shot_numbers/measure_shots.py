@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from models.core.capture_clock import CaptureClock
 from models.core.events import Events
 from models.core.fit_result import Fit, WholeShotSolution
-from models.core.joint_solution import JointSolution, Observations
-from models.core.scene import Table
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.scene import POCKETS, Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.forecast.solution_state import (
     collect_captured_observations,
     estimate_lack_of_fit,
     inflate_covariance,
 )
 from models.estimation.shot_numbers.contact_numbers import classify_spin, measure_contact, simulate_contact
-from models.estimation.shot_numbers.path_numbers import count_cushions, measure_length
-from models.estimation.shot_numbers.pocket_numbers import measure_pocket
-from models.estimation.shot_numbers.posterior_view import PosteriorView
+from models.estimation.shot_numbers.posterior_view import LinearState, PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses
 from models.estimation.shot_numbers.slip_profile import profile_slip
 from models.estimation.shot_numbers.strike_numbers import (
@@ -30,12 +30,22 @@ from models.estimation.shot_numbers.strike_numbers import (
     replace_strike,
 )
 from models.estimation.shot_numbers.struck_samples import rewind_samples
+from models.physics.billiards.cloth.closed_form_motion import duration_until_rest, evaluate_kinematics
+from models.physics.billiards.cushion_geometry import MouthLine, find_mouth_line
 from models.physics.billiards.parameter_vector import SLIDING_MU
 
 MIN_PROBABILITY = 0.5
 """Probability from which an event counts as having happened."""
 SAME_STRIKE = 0.1
 """s between a strike and the start of a whole shot, at most."""
+_NODES = 24
+"""Gauss-Legendre nodes of a segment: exact to micrometres on a path of two smooth parts."""
+MAX_MISS_RADII = 6.0
+"""Ball radii: a ball that passes farther from the middle of a mouth, three balls, was not sent there."""
+_SAMPLES = 400
+"""Times at which a segment is searched for the moment at which it passes a mouth: 1 cm of a fast ball."""
+_LONGEST_SEARCH = 12.0
+"""s of a segment that is searched: balls roll no longer."""
 
 
 def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Table) -> tuple[ShotNumbers, ...]:
@@ -103,13 +113,13 @@ def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tra
     potted = _list_potted(fit.events, begin, end)
     if table.pockets:
         for ball, segment, pocket in _list_pocket_paths(course, ids, potted):
-            passage = measure_pocket(view, segment, ids[ball], table, pocket)
+            passage = _measure_pocket(view, segment, ids[ball], table, pocket)
             numbers += _require_explained(passage, view, fit, (segment,))
     for ball, segments in course.segments.items():
         until = min(course.end, _last_time(tracks, ball, clock))
-        length = measure_length(view, segments, until, ids[ball])
+        length = _measure_length(view, segments, until, ids[ball])
         numbers += _require_explained([length], view, fit, segments)
-        numbers.append(count_cushions(fit.events, ids[ball], begin, end))
+        numbers.append(_count_cushions(fit.events, ids[ball], begin, end))
     return ShotNumbers(begin, cue, first, spin, chances, tuple(potted), tuple(potted.values()), tuple(numbers))
 
 
@@ -183,3 +193,91 @@ def _list_pocket_paths(
     if meeting is not None and ids[meeting.other] not in potted:
         paths.append((meeting.other, meeting.other_after, None))
     return paths
+
+
+def _measure_length(view: PosteriorView, segments: tuple[int, ...], until: float, ball: str) -> ShotNumber:
+    """Measure the length of the path of a ball on its moving segments, in the order of time, until a time in s."""
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    length, gradient = 0.0, np.zeros(len(view.covariance))
+    graph, first_contact = view.solution.graph, layout_parameters(view.solution.graph).contact
+    for k in segments:
+        begin = graph.start_time(k)
+        rest = begin + float(duration_until_rest(graph.segments[k].state[None], view.solution.friction)[0])
+        end = min(view.end_time(k), until, rest)
+        if end <= begin:
+            continue
+        for node, weight in zip(nodes, weights, strict=True):
+            state = view.state_at(k, begin + (end - begin) * (node + 1) / 2)
+            speed = max(float(np.hypot(*state.value[2:4])), 1e-9)
+            share = weight * (end - begin) / 2
+            length += share * speed
+            gradient += share * (state.value[2:4] / speed) @ state.jacobian[2:4]
+        for side, contact in ((-1.0, graph.segments[k].start), (1.0, graph.segments[k].end)):
+            if contact is not None and (side < 0 or end == view.end_time(k)):
+                state = view.state_at_start(k) if side < 0 else view.state_at_end(k)
+                gradient[first_contact + contact] += side * float(np.hypot(*state.value[2:4]))
+    return ShotNumber("length", float(length), view.sigma_of(gradient), "m", True, ball)
+
+
+def _count_cushions(events: Events, ball: str, begin: float, end: float) -> ShotNumber:
+    """Count the cushions that a ball touches between two presentation times, each weighted by its probability."""
+    p = np.array(
+        [
+            events.probability[k]
+            for k in range(len(events))
+            if events.kind[k] == "cushion" and events.a[k] == ball and begin <= events.t[k] < end
+        ]
+    )
+    return ShotNumber("cushions", float(p.sum()), float(np.sqrt((p * (1 - p)).sum())), "", True, ball)
+
+
+def _measure_pocket(view: PosteriorView, segment: int, ball: str, table: Table, pocket: str | None) -> list[ShotNumber]:
+    """Measure offset and speed of a ball where it passes the mouth of a pocket; nothing if it leads to no pocket.
+
+    A path that ends at a cushion beside the mouth is continued straight. Without a name, the pocket is the one that the
+    path comes nearest to. The offset from the centre line is in mm, > 0 to the right of the player.
+    """
+    names = POCKETS if pocket is None else (pocket,)
+    passages = []
+    for name in names:
+        mouth = find_mouth_line(table, name)
+        state = _find_passage(view, segment, mouth)
+        if state is None:
+            continue
+        passages.append((name, *view.evaluate(partial(_measure_at_mouth, mouth=mouth), state)))
+    if not passages:
+        return []
+    name, (offset, speed), (offset_sigma, speed_sigma) = min(passages, key=lambda one: abs(float(one[1][0])))
+    if pocket is None and abs(offset) > MAX_MISS_RADII * table.ball_radius:
+        return []
+    return [
+        ShotNumber("pocket_offset", 1e3 * float(offset), 1e3 * float(offset_sigma), "mm", True, ball, name),
+        ShotNumber("pocket_speed", float(speed), float(speed_sigma), "m/s", True, ball, name),
+    ]
+
+
+def _find_passage(view: PosteriorView, segment: int, mouth: MouthLine) -> LinearState | None:
+    """Find the state of a segment where it passes the line of a mouth, or at its end; None if it goes elsewhere."""
+    graph = view.solution.graph
+    begin = graph.start_time(segment)
+    last = min(view.end_time(segment), begin + _LONGEST_SEARCH) - begin
+    tau = np.linspace(0.0, last, _SAMPLES)
+    path = evaluate_kinematics(
+        np.repeat(graph.segments[segment].state[None], _SAMPLES, axis=0), tau, view.solution.friction
+    )
+    depth = (path[:, :2] - mouth.middle) @ mouth.outward
+    crossing = np.flatnonzero((depth[:-1] < 0) & (depth[1:] >= 0))
+    if len(crossing):
+        return view.state_at(segment, begin + float(tau[crossing[0]]))
+    end = view.state_at(segment, begin + float(tau[-1]))
+    heading = float(end.value[2:4] @ mouth.outward)
+    is_coming = heading > 0.1 * float(np.hypot(*end.value[2:4])) and depth[-1] < 0 and np.hypot(*end.value[2:4]) > 0
+    return end if is_coming else None
+
+
+def _measure_at_mouth(state: FloatArray, mouth: MouthLine) -> FloatArray:
+    """Return where the straight continuation of a state passes a mouth, m right of its middle, and the speed."""
+    place, velocity = state[:2] - mouth.middle, state[2:4]
+    ahead = -float(place @ mouth.outward) / float(velocity @ mouth.outward)
+    right = np.array([-mouth.outward[1], mouth.outward[0]])
+    return np.array([(place + ahead * velocity) @ right, np.hypot(*velocity)])

@@ -131,12 +131,6 @@ def start_chain(
     )
 
 
-def change_link_sigma(observed: ChainObservations, chain: ChainEstimate, link_sigma: FloatArray) -> ChainEstimate:
-    """Return the same iterate with other link sigmas (S,)."""
-    cost = _chain_cost(observed, chain.states, chain.shared, link_sigma, chain.prediction)
-    return replace(chain, link_sigma=link_sigma, cost=cost, converged=False)
-
-
 def minimize_chain(
     model: ChainModel, observed: ChainObservations, chain: ChainEstimate, iterations: int
 ) -> ChainEstimate:

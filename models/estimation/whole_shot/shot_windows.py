@@ -129,23 +129,6 @@ class ShotWindows:
         object.__setattr__(narrow, "latest_runs", self.latest_runs)
         return narrow
 
-    def simulate_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot:
-        """Simulate the shot of a window.
-
-        Args:
-            window: Index of the window.
-            start: (S,) start state.
-            shared: (P,) unknown parameters.
-
-        Returns:
-            The simulated shot.
-
-        Raises:
-            ArithmeticError: The balls touch endlessly.
-        """
-        moving, values = self.segments[window].moving, self.fill_values(shared)
-        return simulate_start(start, moving, self.table, values, self.laws, self.simulated_seconds[window])
-
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Predict the observed positions and the start of the next window, with Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)

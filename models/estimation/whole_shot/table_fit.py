@@ -27,8 +27,6 @@ from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.parametrised_shot import (
     MOVING_BALL_SIZE,
-    NEUTRAL_SHOT_PARAMETERS,
-    SHOT_PARAMETERS,
     SIDE_SPIN,
     ContactModels,
     pack_start,
@@ -50,7 +48,7 @@ FACTOR_SIGMA = 0.01
 _SIGNIFICANT_SIGMAS = 4.0
 """Standard deviations that count as significant."""
 _DEFAULT_SEED = 2010
-"""Random seed where a caller passes no generator: the same shots give the same fit."""
+"""Random seed: the same shots give the same fit."""
 _EXPLAINED_CHI2 = 1.3
 """chi2 per degree of freedom up to which the contact models explain a shot."""
 _GOOD_CHI2 = 1.1
@@ -148,35 +146,10 @@ def _table_prior(name: str) -> Prior:
     return replace(prior, sigma=prior.value, relative=False, bounds=(0.0, prior.bounds[1]))
 
 
-def fit_table(
-    segments: tuple[ShotSegment, ...], table: Table, candidates: tuple[ContactModels, ...] = CANDIDATE_LAWS,
-    options: ShootingOptions | None = None, rng: np.random.Generator | None = None,
-) -> TableFit:  # fmt: skip
-    """Fit whole shots with every candidate pair of contact models and select that of greatest evidence.
-
-    Args:
-        segments: Segments of all shots.
-        table: Dimensions of the table.
-        candidates: Pairs of contact models.
-        options: Iteration limits.
-        rng: Random generator; with a fixed seed where not given.
-
-    Returns:
-        The fit of greatest evidence.
-
-    Raises:
-        ValueError: There is no segment or no candidate.
-    """
-    if not segments or not candidates:
-        raise ValueError(f"a fit needs shots and contact models; got {len(segments)} and {len(candidates)}")
-    models = {laws: ShotWindows(segments, table, table_priors(laws), laws) for laws in candidates}
-    fits = _fit_all(models, ShootingOptions() if options is None else options, _make_generator(rng), {})
-    return _summarize_best(models, fits)
-
-
 def search_laws(
     segments: tuple[ShotSegment, ...], table: Table, table_prior: TablePrior | None = None,
-    budget: EvaluationBudget | None = None,
+    budget: EvaluationBudget | None = None, candidates: tuple[ContactModels, ...] = CANDIDATE_LAWS,
+    is_sampled: bool = True,
 ) -> LawSearch:  # fmt: skip
     """Search for contact models that explain whole shots.
 
@@ -186,6 +159,8 @@ def search_laws(
         table_prior: Contact models and parameters of an earlier fit, with further effects; None: all candidates.
         budget: Evaluations of the search, which then gives a model up at the first contact that it does not explain.
             None: every model is fitted to the end.
+        candidates: Pairs of contact models; those of `table_prior` where it is given.
+        is_sampled: Whether a fit that explains the shots has posterior samples.
 
     Returns:
         The best fit, and where each model stops to explain the shots.
@@ -196,54 +171,48 @@ def search_laws(
     if not segments:
         raise ValueError("a fit needs shots; got none")
     if table_prior is None:
-        priors = {laws: table_priors(laws) for laws in CANDIDATE_LAWS}
+        priors = {laws: table_priors(laws) for laws in candidates}
     else:
         priors = {table_prior.laws: table_prior.merge_priors(table_priors(table_prior.laws))}
     models = {laws: ShotWindows(segments, table, own, laws, budget=budget) for laws, own in priors.items()}
     views: dict[ContactModels, UnexplainedView] = {}
     fits: list[tuple[ContactModels, ShootingFit]] = []
     with suppress(BudgetSpent):
-        _fit_all(models, ShootingOptions(), _make_generator(None), views, fits, to_the_end=budget is None)
+        _fit_all(models, np.random.default_rng(_DEFAULT_SEED), views, fits, to_the_end=budget is None)
     finished = {*views, *(laws for laws, _ in fits)}
     return LawSearch(
-        _summarize_best(models, fits, is_sampled=True) if fits else None,
+        _summarize_best(models, fits, is_sampled) if fits else None,
         tuple(sorted(views.items(), key=lambda one: -one[1].explained_until)),
         tuple(laws for laws in models if laws not in finished),
     )
 
 
-def _make_generator(rng: np.random.Generator | None) -> np.random.Generator:
-    return np.random.default_rng(_DEFAULT_SEED) if rng is None else rng
-
-
 def _fit_all(
     models: dict[ContactModels, ShotWindows],
-    options: ShootingOptions,
     rng: np.random.Generator,
     views: dict[ContactModels, UnexplainedView],
-    fits: list[tuple[ContactModels, ShootingFit]] | None = None,
-    to_the_end: bool = True,
-) -> list[tuple[ContactModels, ShootingFit]]:
+    fits: list[tuple[ContactModels, ShootingFit]],
+    to_the_end: bool,
+) -> None:
     """Fit every model; `fits` and `views` receive the results as they come.
 
     Unless `to_the_end`, nothing is fitted where no model explains the shots.
     """
-    results = [] if fits is None else fits
+    options = ShootingOptions()
     if len(models) > 1 or not to_the_end:
-        results += _fit_first_explaining(models, options, rng, views)
-    first = [laws for laws, _ in results]
+        fits += _fit_first_explaining(models, options, rng, views)
+    first = [laws for laws, _ in fits]
     if not first and not to_the_end:
-        return results
+        return
     for laws in (one for one in models if one not in first):
-        results.append((laws, _fit_laws(models[laws], results, options, rng)))
-    best = _rank_by_evidence(results)[0][0]
+        fits.append((laws, _fit_laws(models[laws], fits, options, rng)))
+    best = _rank_by_evidence(fits)[0][0]
     if first and best != first[0]:  # spins that suit other contact models may have misled its fit
-        results += _fit_first_explaining({best: models[best]}, options, rng, {})
-    return results
+        fits += _fit_first_explaining({best: models[best]}, options, rng, {})
 
 
 def _summarize_best(
-    models: dict[ContactModels, ShotWindows], fits: list[tuple[ContactModels, ShootingFit]], is_sampled: bool = False
+    models: dict[ContactModels, ShotWindows], fits: list[tuple[ContactModels, ShootingFit]], is_sampled: bool
 ) -> TableFit:
     """Summarize the fit of greatest evidence, with posterior samples if it explains the shots."""
     ranked = _rank_by_evidence(fits)
@@ -285,7 +254,7 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
             fitted = _continue_from(own, model.unknowns, replace(best, starts=starts), _RIVAL_OPTIONS)
             if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
                 modes.append((rival, own, fitted))
-    rng, widening = _make_generator(None), float(np.sqrt(best.inflation))
+    rng, widening = np.random.default_rng(_DEFAULT_SEED), float(np.sqrt(best.inflation))
     highest = max(fit.log_evidence for *_, fit in modes)
     posteriors, evidence = [], []
     for rival, own, fit in modes:
@@ -491,18 +460,3 @@ def _split_covariance(covariance: FloatArray, moving: BoolArray) -> FloatArray:
     for k, (first, after) in enumerate(pairwise(at)):
         covariances[k, : after - first, : after - first] = covariance[first:after, first:after]
     return covariances
-
-
-def fill_parameters(table_fit: TableFit) -> FloatArray:
-    """Collect all parameters of a fit.
-
-    Args:
-        table_fit: Fit of a table.
-
-    Returns:
-        (Q,) values as in `parametrised_shot`, absent effects at their neutral values.
-    """
-    values = NEUTRAL_SHOT_PARAMETERS.copy()
-    for parameter in table_fit.parameters:
-        values[SHOT_PARAMETERS.index(parameter.name)] = parameter.value
-    return values

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
-from models.numerics.integrators import DOP853, Tableau
+from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
 
 RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
 
@@ -72,16 +72,13 @@ def evaluate_pendulum_rate(state: RealOrComplex, numbers: RealOrComplex) -> Real
     ])  # fmt: skip
 
 
-def advance_pendulum(
-    state: RealOrComplex, numbers: RealOrComplex, spans: FloatArray, method: Tableau = DOP853
-) -> RealOrComplex:
+def advance_pendulum(state: RealOrComplex, numbers: RealOrComplex, spans: FloatArray) -> RealOrComplex:
     """Integrate states over time.
 
     Args:
         state: (4, K, ...) two angles (rad), two angular velocities (rad/s); real or complex.
         numbers: (10, ...) values of `PENDULUM_PARAMETERS`.
         spans: (K, ...) s.
-        method: Runge-Kutta method.
 
     Returns:
         (4, K, ...) states at the end.
@@ -91,13 +88,13 @@ def advance_pendulum(
     dt = spans / count
     for _ in range(count):
         stages: list[RealOrComplex] = []
-        for shares in method.a:
+        for shares in DOP853_STAGES:
             place = state
             for share, stage in zip(shares, stages, strict=False):
                 if share:
                     place = place + (dt * share) * stage
             stages.append(evaluate_pendulum_rate(place, numbers))
-        state = state + dt * sum(share * stage for share, stage in zip(method.b, stages, strict=True) if share)
+        state = state + dt * sum(share * stage for share, stage in zip(DOP853_WEIGHTS, stages, strict=True) if share)
     return state
 
 
@@ -122,19 +119,3 @@ def differentiate_pendulum(
     ends = advance_pendulum(turned[:4], turned[4:], spans[:, None])  # (4, K, direction)
     slopes = np.moveaxis(ends.imag, 0, 1) / COMPLEX_STEP
     return ends[:, :, 0].real.T, slopes[:, :, :4], slopes[:, :, 4:]
-
-
-def pendulum_energy(state: FloatArray, numbers: FloatArray) -> FloatArray:
-    """Compute the energy over A.
-
-    Args:
-        state: (4, ...) states.
-        numbers: (10,) values of `PENDULUM_PARAMETERS`.
-
-    Returns:
-        (...) 1/s^2.
-    """
-    first, second, w1, w2 = state
-    coupling, inertia, weight1, weight2 = numbers[:4]
-    moving = 0.5 * w1**2 + 0.5 * inertia * w2**2 + coupling * w1 * w2 * np.cos(first - second)
-    return np.asarray(moving - weight1 * np.cos(first) - weight2 * np.cos(second), np.float64)

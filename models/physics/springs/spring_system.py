@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.numerics.integrators import DOP853, Tableau
+from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
 from models.physics.springs.spring_kernels import fill_accelerations
 from models.physics.springs.spring_tangents import integrate_with_tangents
 
@@ -146,7 +146,7 @@ def evaluate_acceleration(graph: SpringSystem, x: FloatArray, v: FloatArray) -> 
 
 
 def evaluate_spring_rate(graph: SpringSystem, state: FloatArray) -> FloatArray:
-    """Evaluate the time derivative of a state, for `models.numerics.integrators`.
+    """Evaluate the time derivative of a state.
 
     Args:
         graph: The system.
@@ -157,47 +157,6 @@ def evaluate_spring_rate(graph: SpringSystem, state: FloatArray) -> FloatArray:
     """
     v = np.where(graph.fixed[:, None], 0.0, state[1])
     return np.stack([v, evaluate_acceleration(graph, state[0], v)])
-
-
-def differentiate_spring_rate(graph: SpringSystem, state: FloatArray) -> FloatArray:
-    """Evaluate the Jacobian (2 N D, 2 N D) of `evaluate_spring_rate` by complex steps."""
-    columns, step = [], 1e-30
-    numbers = np.where(np.isinf(graph.stiffness), 0.0, graph.stiffness)
-    parameters = [
-        value.astype(np.complex128) for value in (graph.mass, numbers, graph.damping, graph.rest, graph.gravity)
-    ]
-    surfaces = graph.radius.astype(np.complex128), graph.contact.astype(np.complex128)
-    for k in range(state.size):
-        shifted = state.astype(np.complex128)
-        shifted.ravel()[k] += 1j * step
-        shifted[1, graph.fixed] = 0.0
-        pushed = np.empty_like(shifted[0])
-        fill_accelerations(
-            shifted[0],
-            shifted[1],
-            graph.fixed,
-            *parameters,
-            *surfaces,
-            graph.pairs,
-            graph.rods,
-            graph.colliding_pairs,
-            pushed,
-        )
-        columns.append(np.stack([shifted[1], pushed]).imag.ravel() / step)
-    return np.array(columns).T
-
-
-def spring_energy(graph: SpringSystem, x: FloatArray, v: FloatArray) -> float:
-    """Return the kinetic, elastic and gravitational energy of particles at x with velocities v (N, D)."""
-    free = ~graph.fixed
-    moving = 0.5 * graph.mass[free] @ (v[free] ** 2).sum(axis=1)
-    falling = -(graph.mass[free] @ (x[free] @ graph.gravity))
-    length = np.linalg.norm(x[graph.pairs[:, 1]] - x[graph.pairs[:, 0]], axis=1)
-    elongation = np.where(np.isinf(graph.stiffness), 0.0, length - graph.rest)
-    stored = 0.5 * np.where(np.isinf(graph.stiffness), 0.0, graph.stiffness) @ elongation**2
-    i, j = graph.colliding_pairs.T
-    overlap = np.maximum(graph.radius[i] + graph.radius[j] - np.linalg.norm(x[j] - x[i], axis=1), 0.0)
-    return float(moving + falling + stored + 0.5 * graph.contact[0] * (overlap**2).sum())
 
 
 def fastest_rate_bound(graph: SpringSystem, speed: float = 0.0) -> float:
@@ -246,12 +205,7 @@ def count_steps(graph: SpringSystem, spans: FloatArray, speed: float = 0.0) -> I
 
 
 def integrate_springs(
-    graph: SpringSystem,
-    starts: FloatArray,
-    spans: FloatArray,
-    inputs: IntArray,
-    steps: IntArray,
-    tableau: Tableau = DOP853,
+    graph: SpringSystem, starts: FloatArray, spans: FloatArray, inputs: IntArray, steps: IntArray
 ) -> SpringMotion:
     """Integrate states over time, with derivatives that are those of the steps, exact to rounding.
 
@@ -261,7 +215,6 @@ def integrate_springs(
         spans: (K,) s.
         inputs: (M,) inputs to differentiate by: the 2 N D numbers of a start, then those of `SpringSystem.parameters`.
         steps: (K,) numbers of steps.
-        tableau: Runge-Kutta method.
 
     Returns:
         Ends and derivatives.
@@ -269,8 +222,8 @@ def integrate_springs(
     count = len(starts)
     ends, slopes = np.empty_like(starts), np.empty((count, starts[0].size, len(inputs)))
     integrate_with_tangents(
-        np.ascontiguousarray(starts), spans, steps, tableau.a, tableau.b, graph.fixed, graph.parameters, graph.pairs,
-        graph.rods, graph.colliding_pairs, inputs, ends, slopes,
+        np.ascontiguousarray(starts), spans, steps, DOP853_STAGES, DOP853_WEIGHTS, graph.fixed, graph.parameters,
+        graph.pairs, graph.rods, graph.colliding_pairs, inputs, ends, slopes,
     )  # fmt: skip
     return SpringMotion(ends, slopes)
 

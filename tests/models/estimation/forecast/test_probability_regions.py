@@ -9,7 +9,6 @@ from models.estimation.forecast.probability_regions import (
     ensemble_outlyingness,
     level_by_neighbours,
     level_of_normal,
-    levels_by_neighbours,
 )
 
 
@@ -52,13 +51,6 @@ def test_measurement_noise_widens_the_region() -> None:
     assert all(level_by_neighbours(there, draws) == 1.0 for there in around)
     levels = [level_by_neighbours(there, draws, noise=1e-6 * np.eye(2)) for there in around]
     assert np.mean(levels) == pytest.approx(1 - np.exp(-0.5), abs=0.05)
-
-
-def test_many_places_have_the_levels_that_they_have_one_by_one() -> None:
-    rng = np.random.default_rng(3)
-    draws, places = rng.normal(size=(100, 2)), rng.normal(size=(20, 2))
-    one_by_one = [level_by_neighbours(place, draws) for place in places]
-    np.testing.assert_allclose(levels_by_neighbours(places, draws), one_by_one, atol=1e-12)
 
 
 def test_the_member_that_goes_its_own_way_is_the_most_outlying() -> None:

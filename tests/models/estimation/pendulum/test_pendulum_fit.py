@@ -14,7 +14,6 @@ from models.physics.pendulum.double_pendulum import (
     advance_pendulum,
     differentiate_pendulum,
     evaluate_pendulum_rate,
-    pendulum_energy,
 )
 
 ARMS = np.array([0.45, 0.5, 60.0, 28.0, 0.04, 0.01, 0.0, 0.0, 0.002, 0.002])
@@ -30,6 +29,14 @@ def integrate_pendulum(numbers: FloatArray, t: FloatArray) -> FloatArray:
         lambda _, y: evaluate_pendulum_rate(y, numbers), (0, t[-1]), WILD, "DOP853", t, rtol=1e-10, atol=1e-10
     )
     return np.asarray(path.y.T)
+
+
+def pendulum_energy(state: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return the energies (T,) over A, 1/s^2, of states (4, T)."""
+    first, second, w1, w2 = state
+    coupling, inertia, weight1, weight2 = numbers[:4]
+    moving = 0.5 * w1**2 + 0.5 * inertia * w2**2 + coupling * w1 * w2 * np.cos(first - second)
+    return np.asarray(moving - weight1 * np.cos(first) - weight2 * np.cos(second), np.float64)
 
 
 def test_arms_without_friction_conserve_energy() -> None:

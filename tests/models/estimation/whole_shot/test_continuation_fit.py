@@ -41,7 +41,9 @@ def test_a_shot_is_explained_with_the_spin_that_no_frame_shows(seed: int) -> Non
 def test_the_fitted_part_grows_past_the_next_contact_and_then_to_the_end() -> None:
     model, truth = shot_from_observations(1)
     now = ShotGuess((pack_start(truth, model.segments[0].moving),), prior_values(model))
-    times = model.simulate_run(0, now.starts[0], now.shared).contacts[:, 1]
+    run = model.simulate_possible_run(0, now.starts[0], now.shared)
+    assert run is not None
+    times = run.contacts[:, 1]
     view = next_view_time(model, now, 0.0)
     assert times[0] < view < 4.0
     assert next_view_time(model, now, float(times[-1])) == model.segments[0].t[-1]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from support.filmed_shots import DELAY, RADIUS, film
 
+from benchmarks.tracking.break_oracle import explain_graph
 from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.estimation.reconstruction.explain_shot import explain, explain_graph
+from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 
 START, V = np.array([[1.2, 0.6]]), np.array([[1.6, 0.5]])

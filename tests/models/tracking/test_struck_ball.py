@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.tracking.cue_ball import find_struck_ball
+from models.tracking.ball_classes import find_struck_ball
 
 R = 0.0286
 FRAMES = np.arange(30)
