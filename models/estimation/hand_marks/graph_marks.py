@@ -272,7 +272,7 @@ def _insert_ball_contact(solution: JointSolution, mark: ResolvedMark, fit: Marke
     times = [graph.contacts[number].t for number in changes if number is not None]
     t = float(np.mean(times)) if times else mark.t
     contacts = predict_cascade(graph, solution.friction, mark.a, mark.b, t, interval, radius)[:1]
-    return insert_cascade(graph, solution.friction, fit.observations, owner, contacts, mark.tolerance)
+    return insert_cascade(graph, fit.observations, owner, contacts, mark.tolerance)
 
 
 def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:

@@ -104,7 +104,6 @@ def _find_next_pair(x: FloatArray, v: FloatArray, reach: float) -> tuple[float, 
 
 def insert_cascade(
     graph: ContactGraph,
-    friction: ClothFriction,
     observations: Observations,
     owner: IntArray,
     contacts: list[CascadeContact],
@@ -116,7 +115,6 @@ def insert_cascade(
 
     Args:
         graph: The contact graph.
-        friction: Friction of the cloth.
         observations: K observations.
         owner: (K,) segment of each observation.
         contacts: Contacts from `predict_cascade`.

@@ -267,20 +267,19 @@ def copy_contiguous(prediction: LinearizedWindow | SimulatedWindow) -> Linearize
     )
 
 
-def find_sensitive_observation(start_jacobian: FloatArray, limit: float = MAX_SENSITIVITY) -> int:
+def find_sensitive_observation(start_jacobian: FloatArray) -> int:
     """Find the first observation that depends too strongly on the start state.
 
     Args:
         start_jacobian: (K, d, S') derivative of the observations with respect to the start state.
-        limit: Largest acceptable spectral norm of one observation's derivative.
 
     Returns:
-        Index of the first observation above the limit; K if there is none.
+        Index of the first observation whose derivative exceeds `MAX_SENSITIVITY`; K if there is none.
     """
     if start_jacobian.size == 0:
         return len(start_jacobian)
     finite = np.isfinite(start_jacobian).all(axis=(1, 2))
     size = np.full(len(start_jacobian), np.inf)
     size[finite] = np.linalg.norm(start_jacobian[finite], axis=(1, 2), ord=2)
-    over = np.flatnonzero(~(size <= limit))
+    over = np.flatnonzero(~(size <= MAX_SENSITIVITY))
     return int(over[0]) if len(over) else len(start_jacobian)

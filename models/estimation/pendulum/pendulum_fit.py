@@ -94,13 +94,12 @@ class PendulumFit:
         return np.asarray((1 - weight) * ahead.real + weight * back.real, np.float64)
 
 
-def fit_pendulum(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) -> PendulumFit:
+def fit_pendulum(t: FloatArray, angles: FloatArray) -> PendulumFit:
     """Fit a double pendulum to two absolute angles.
 
     Args:
         t: (K,) s, increasing.
         angles: (K, 2) rad, 0 hanging, not wrapped.
-        noise: rad, standard deviation of an angle.
 
     Returns:
         The fitted pendulum.
@@ -110,11 +109,11 @@ def fit_pendulum(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) 
     """
     if len(t) < MIN_SAMPLES or angles.shape != (len(t), 2):
         raise ValueError(f"a double pendulum needs {MIN_SAMPLES} samples of two angles; got {angles.shape}")
-    model, observed, states = _build_problem(t, angles, noise)
+    model, observed, states = _build_problem(t, angles)
     span = float(np.median(np.diff(t)))
     bend = float(np.sqrt(np.mean(np.diff(angles, 2, axis=0) ** 2)))
     chain, shared = None, observed.shared
-    for tie in np.geomspace(FIRST_LINK_SIGMA * bend, noise, STAGES):
+    for tie in np.geomspace(FIRST_LINK_SIGMA * bend, ANGLE_NOISE, STAGES):
         ties = np.array([tie, tie, tie / span, tie / span])
         chain = start_chain(model, observed, states, shared, ties)
         chain = minimize_chain(model, observed, chain, ITERATIONS)
@@ -123,12 +122,10 @@ def fit_pendulum(t: FloatArray, angles: FloatArray, noise: float = ANGLE_NOISE) 
     return _summarize_fit(t, model, observed, chain)
 
 
-def _build_problem(
-    t: FloatArray, angles: FloatArray, noise: float
-) -> tuple[PendulumChain, ChainObservations, FloatArray]:
+def _build_problem(t: FloatArray, angles: FloatArray) -> tuple[PendulumChain, ChainObservations, FloatArray]:
     states = np.concatenate([angles, CubicSpline(t, angles).derivative()(t)], axis=1)
     weight = np.zeros_like(states)
-    weight[:, :2] = 1 / noise
+    weight[:, :2] = 1 / ANGLE_NOISE
     likely = TYPICAL_PARAMETERS.copy()
     likely[LOGARITHMIC] = np.log(likely[LOGARITHMIC])
     span = float(np.median(np.diff(t)))

@@ -27,13 +27,13 @@ _SEED = 1987
 
 
 def reconstruct_breaks(
-    solution: JointSolution, observations: Observations, table: Table, rng: np.random.Generator | None = None
+    solution: JointSolution, observations: Observations, table: Table
 ) -> tuple[JointSolution, Observations, tuple[SimulatedBreak, ...]]:
     """Replace break shots by simulations where these explain the samples.
 
     Returns the solution, the observations that the rest of the graph has to explain, and the break shots.
     """
-    generator = np.random.default_rng(_SEED) if rng is None else rng
+    generator = np.random.default_rng(_SEED)
     breaks = []
     for break_shot in find_break_shots(solution, observations, table):
         ensemble = search_break(break_shot, generator)

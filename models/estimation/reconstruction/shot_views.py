@@ -136,7 +136,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
             share,
             chi2_all,
             seconds,
-            _list_warnings(solution, original.ids, [original.ids[ball] for ball in unfitted_balls]),
+            _list_warnings(solution, [original.ids[ball] for ball in unfitted_balls]),
         ),
         explanation,
         shot.outcomes,
@@ -195,7 +195,7 @@ def _pixel_size(tracks: Tracks, radius: float) -> float:
     return float(np.median(radius / tracks.radius_px[has_radius] / smallest_scale))
 
 
-def _list_warnings(solution: JointSolution, ids: tuple[str, ...], unfitted_balls: list[str]) -> list[str]:
+def _list_warnings(solution: JointSolution, unfitted_balls: list[str]) -> list[str]:
     """List sentences about results that a user should not rely on."""
     warnings, graph = [], solution.graph
     if jumps := sum(contact.kind == "jump" for contact in graph.contacts):

@@ -86,7 +86,7 @@ def find_ball_contacts(
     time_tolerance = TIME_TOLERANCE * interval
     for near_pass in find_near_passes(solution, observations, table):
         for contacts in _propose_contacts(solution, table, near_pass, interval):
-            extended = insert_cascade(solution.graph, solution.friction, observations, owner, contacts, time_tolerance)
+            extended = insert_cascade(solution.graph, observations, owner, contacts, time_tolerance)
             trial = (
                 None
                 if extended is None
@@ -107,7 +107,7 @@ def insert_proposals(
     for proposal in proposals:
         if proposal.segments & changed:
             continue
-        extended = insert_cascade(graph, solution.friction, observations, owner, proposal.contacts, time_tolerance)
+        extended = insert_cascade(graph, observations, owner, proposal.contacts, time_tolerance)
         if extended is not None:
             new_segments = range(len(graph.segments), len(extended.segments))
             changed |= proposal.segments | frozenset(new_segments)

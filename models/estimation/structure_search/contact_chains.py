@@ -83,7 +83,6 @@ def _insert_chain(
         return None
     extended = insert_cascade(
         reduced,
-        solution.friction,
         observations,
         assign_observations(reduced, observations),
         contacts,

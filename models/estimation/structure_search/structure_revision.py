@@ -297,7 +297,7 @@ def _evaluate_gain(
         return max(contact.gain, CERTAIN_CHANGE)
     local = observations.select_rows(rows)
     whole = excerpt.remove_contact(0)
-    states = [_guess_joined_state(solution, excerpt, local, k) for k in range(len(contact.before))]
+    states = [_guess_joined_state(excerpt, local, k) for k in range(len(contact.before))]
     whole = ContactGraph(
         tuple(replace(s, static=False, state=state) for s, state in zip(whole.segments, states, strict=True)), ()
     )
@@ -308,7 +308,7 @@ def _evaluate_gain(
     return joined - split.chi2
 
 
-def _guess_joined_state(solution: JointSolution, excerpt: ContactGraph, local: Observations, k: int) -> FloatArray:
+def _guess_joined_state(excerpt: ContactGraph, local: Observations, k: int) -> FloatArray:
     """Guess the state of a segment without the contact at its end, from a polynomial through its samples."""
     segment = excerpt.segments[k]
     rows = local.ball == segment.ball
@@ -340,7 +340,7 @@ def _pair_unexplained_changes(
             continue
         passing = _find_passing_segment(solution, contact, table, interval)
         if passing is not None:
-            return _merge_into_ball_contact(solution, number, passing, table)
+            return _merge_into_ball_contact(solution, number, passing)
     return graph
 
 
@@ -480,9 +480,7 @@ def _find_passing_segment(
     return None if best is None else (best[1], best[2])
 
 
-def _merge_into_ball_contact(
-    solution: JointSolution, number: int, passing: tuple[int, float], table: Table
-) -> ContactGraph:
+def _merge_into_ball_contact(solution: JointSolution, number: int, passing: tuple[int, float]) -> ContactGraph:
     """Replace a velocity change by a contact of two balls."""
     graph, (k, t) = solution.graph, passing
     contact = graph.contacts[number]

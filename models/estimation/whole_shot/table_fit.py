@@ -356,9 +356,7 @@ def _continue_from(
     return fit_windows(model, shared, options, neighbour.starts)
 
 
-def fit_from_single_shots(
-    model: ShotWindows, options: ShootingOptions, rng: np.random.Generator, guess: FloatArray | None = None
-) -> ShootingFit:
+def fit_from_single_shots(model: ShotWindows, options: ShootingOptions, rng: np.random.Generator) -> ShootingFit:
     """Fit all shots together, starting from the fit of each alone.
 
     Which initial guess of a spin is right shows once the table is known. The shots that are explained alone therefore
@@ -368,13 +366,12 @@ def fit_from_single_shots(
         model: Model of all shots.
         options: Iteration limits.
         rng: Random generator.
-        guess: (P,) initial guess of the shared parameters; the means of the priors where not given.
 
     Returns:
         The fit of all shots.
     """
     numbers = list(dict.fromkeys(one.shot for one in model.segments))
-    values = _prior_values(model) if guess is None else guess
+    values = _prior_values(model)
     return _combine_shots(
         model,
         {one: fit_by_continuation(_select_shots(model, [one]), values, rng, options) for one in numbers},

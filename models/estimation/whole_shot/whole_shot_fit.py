@@ -56,7 +56,7 @@ def fit_shot_laws(
     Returns:
         The models, or why there are none.
     """
-    refusal = _find_refusal(fit, tracks)
+    refusal = _find_refusal(fit)
     if refusal:
         return WholeShotFit(refusal=refusal)
     noise = estimate_noise(tracks, 5 * options.moving_speed, table.ball_radius)
@@ -123,7 +123,7 @@ def _build_segment(
     return ShotSegment(0, float(t[0]), t, xy, whiten, start, moving, follows)
 
 
-def _find_refusal(fit: Fit, tracks: Tracks) -> str:
+def _find_refusal(fit: Fit) -> str:
     """Return a sentence with the reason why whole shots are not fitted; empty where they are."""
     moved = int(fit.moving.any(axis=0).sum())
     contacts = sum(kind in ("ball", "cushion") for kind in fit.events.kind)

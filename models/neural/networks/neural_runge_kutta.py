@@ -25,7 +25,6 @@ from models.neural.common.integration_steps import EulerStep, IntegrationStep, R
 from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
 from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
-from models.neural.common.time_encoding import TimeEncoding
 
 THESIS_WIDTHS = (512, 512, 512)
 THESIS_SCHEDULE = TrainingSchedule()
@@ -173,3 +172,32 @@ SMOOTH_NET = NeuralSimulator(
     schedule=TrainingSchedule(adam_steps=500, lbfgs_evaluations=2000), corrects_end_error=True, dtype=torch.float64,
 )  # fmt: skip
 FOURIER_NET = replace(SMOOTH_NET, name="RK net, Fourier features", shortest_period=FOURIER_PERIOD)
+
+
+@dataclass(frozen=True, slots=True)
+class TimeEncoding:
+    """Time scaled to -1 to 1, optionally with Fourier features."""
+
+    span: float
+    """Steps from the first sample to the last."""
+    shortest_period: float = math.inf
+    """Shortest period of a Fourier feature, in steps. At periods of 2 and below, a network can move midpoints without
+    changing its loss."""
+
+    @property
+    def harmonic_count(self) -> int:
+        """Number of harmonics of the whole series."""
+        return int(self.span / self.shortest_period)
+
+    @property
+    def width(self) -> int:
+        """Number of inputs that encode one time."""
+        return 1 + 2 * self.harmonic_count
+
+    def encode(self, t: Tensor) -> Tensor:
+        """Encode times (..., 1) in steps as inputs (..., width)."""
+        plain = 2 * t / self.span - 1
+        if not self.harmonic_count:
+            return plain
+        angle = math.pi * plain * torch.arange(1, self.harmonic_count + 1, dtype=t.dtype)
+        return torch.cat([plain, torch.sin(angle), torch.cos(angle)], dim=-1)

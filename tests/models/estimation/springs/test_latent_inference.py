@@ -12,8 +12,7 @@ from scipy.interpolate import CubicSpline
 from models.core.recording import record_points
 from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import find_nearest_jolt
-from models.estimation.springs.identifiability import format_not_identifiable
-from models.estimation.springs.latent_inference import LatentSprings, infer_springs
+from models.estimation.springs.latent_inference import LatentSprings, format_not_identifiable, infer_springs
 from models.estimation.springs.model_reduction import REST_AT_START
 from models.physics.springs.spring_system import SpringSystem, build_springs, evaluate_spring_rate, simulate_springs
 

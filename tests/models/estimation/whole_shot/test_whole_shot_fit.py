@@ -89,7 +89,7 @@ def test_a_break_shot_is_not_fitted_whole() -> None:
     fit, tracks, _ = simulate_fit(3)
     five, four = (replace(fit, moving=np.ones((len(tracks.t), count), bool)) for count in (5, 4))
     assert "5 balls" in fit_shot_laws(five, tracks, TABLE, FitOptions()).refusal
-    assert whole_shot_fit._find_refusal(four, tracks) == ""
+    assert whole_shot_fit._find_refusal(four) == ""
 
 
 def test_a_clip_without_motion_is_not_fitted() -> None:

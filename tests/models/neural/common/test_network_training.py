@@ -15,7 +15,7 @@ from models.neural.common.method_interface import (
 )
 from models.neural.common.network_training import HOLDOUT_INTERVAL, Motion, TrainingSchedule, train_network
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
-from models.neural.common.time_encoding import TimeEncoding
+from models.neural.networks.neural_runge_kutta import TimeEncoding
 
 
 class Bowl(nn.Module):
