@@ -40,27 +40,18 @@ from benchmarks.table_cases.recorded_shots import (  # noqa: E402
     prepare_folder,
     prepare_shots,
 )
-from benchmarks.table_cases.rival_predictions import (  # noqa: E402
-    extrapolate_by_network,
-    remove_network,
-    use_catalogue,
-)
+from benchmarks.table_cases.rival_predictions import extrapolate_by_network, remove_network, use_catalogue  # noqa: E402
 from benchmarks.table_cases.whole_shot_predictions import WholeShotRow, print_whole_shots, score_whole_shot  # noqa: E402
 from models.core.errors import TrackError  # noqa: E402
 from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
 from models.estimation.forecast.current_state import estimate_states  # noqa: E402
 from models.estimation.forecast.ensemble_prediction import forecast_shot  # noqa: E402
-from models.estimation.table_learning.cushion_contacts import (  # noqa: E402
-    CushionContacts,
-    extract_cushion_contacts,
-    join_contacts,
-)
+from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts  # noqa: E402
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS  # noqa: E402
-from pipeline.engine.cache_key import CacheKey  # noqa: E402
-from pipeline.engine.result_cache import ResultCache  # noqa: E402
+from pipeline.engine.result_cache import CacheKey, ResultCache  # noqa: E402
 from pipeline.engine.source_fingerprint import hash_sources  # noqa: E402
 from pipeline.engine.value_files import load_value, save_value  # noqa: E402
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot  # noqa: E402

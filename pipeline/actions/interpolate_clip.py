@@ -32,8 +32,9 @@ from video.overlay.plain_interpolation import (
     regular_frame_times,
     subdivide_frame_times,
     synthesize_frames,
+    window_left_borders,
+    window_width,
 )
-from video.overlay.vertical_crop import window_left_borders, window_width
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
 TIME_BASE = Fraction(1, 90000)

@@ -19,7 +19,6 @@ from pipeline.engine.atomic_write import replace_file, write_json
 from pipeline.io.image_file import write_image
 from pipeline.reporting.pages.page_template import render_template
 from video.drawing.palette import WHITE, Colour
-from video.drawing.placement_plan import draw_placement_plan
 from video.overlay.placement_overlay import (
     MISPLACED_COLOUR,
     MISSING_COLOUR,
@@ -27,6 +26,7 @@ from video.overlay.placement_overlay import (
     PLACED_COLOUR,
     WANTED_COLOUR,
     PlacedRing,
+    draw_placement_plan,
     draw_places,
 )
 

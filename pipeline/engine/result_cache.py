@@ -16,7 +16,7 @@ import shutil
 import stat
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,54 @@ from filelock import FileLock, Timeout
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder
-from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.source_fingerprint import library_versions
+from pipeline.engine.stage import Stage
+
+
+@dataclass(frozen=True, slots=True)
+class CacheKey:
+    """What an entry depends on. Its digest is the address of the entry."""
+
+    stage: str
+    parts: Mapping[str, Any]
+    """JSON-able: options, inputs (content hashes), source (hash per file), libraries."""
+
+    @property
+    def json_parts(self) -> dict[str, Any]:
+        """The parts as read back from JSON: tuples have become lists."""
+        parts: dict[str, Any] = json.loads(json.dumps(self.parts))
+        return parts
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the stage name and all parts."""
+        text = json.dumps({"stage": self.stage, **self.parts}, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def build_stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[str, str]) -> CacheKey:
+    """Build the cache key of a stage.
+
+    Args:
+        stage: The stage.
+        contents: Content hashes of its inputs (`CacheEntry.content`) by stage name.
+        source: Hashes of the files of code behind it, by path.
+
+    Returns:
+        The key.
+    """
+    from pipeline.engine.value_files import FORMAT  # imports numpy, for which `trueroll --help` need not wait
+
+    parts = {
+        "options": stage.json_options,
+        "facts": dict(stage.facts),
+        "inputs": {name: contents[name] for name in sorted(stage.needs)},
+        "source": dict(source),
+        "libraries": library_versions(),
+        "format": FORMAT,
+    }
+    return CacheKey(stage.name, parts)
+
 
 MANIFEST = "manifest.json"
 MARK = "mark"

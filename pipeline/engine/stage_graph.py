@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from models.core.progress import Progress
-from pipeline.engine.cache_key import CacheKey, build_stage_key
-from pipeline.engine.result_cache import CacheEntry, ResultCache
+from pipeline.engine.result_cache import CacheEntry, CacheKey, ResultCache, build_stage_key
 from pipeline.engine.source_fingerprint import SourceSnapshot, hash_sources
 from pipeline.engine.stage import Stage
 from pipeline.engine.value_files import load_value, save_value

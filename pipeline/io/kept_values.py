@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.engine.value_files import FORMAT, load_value, save_value
 from pipeline.io.shot_folder import SHOT_FOLDER, has_shot

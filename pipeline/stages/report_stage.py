@@ -69,10 +69,7 @@ def _embed_slow_motion(inputs: Inputs, options: PageOptions, folder: Path, progr
 
 def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
     """Write report.html, which links to the slow motion."""
-    from pipeline.reporting.pages.run_report import (  # slow to import
-        ReportFiles,
-        write_report,
-    )
+    from pipeline.reporting.pages.run_report import ReportFiles, write_report  # slow to import
 
     drawn = inputs["poster"]
     start = float(json.loads((drawn / START_FILE).read_text(encoding="utf-8")))

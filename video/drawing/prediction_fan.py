@@ -10,9 +10,9 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
+from video.drawing.circles import SHIFT
 from video.drawing.palette import INK, WHITE, Colour, mix_colours
-from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset
-from video.drawing.table_plan import draw_table_plan
+from video.drawing.table_plan import SUPERSAMPLE, TableInset, draw_table_plan
 
 SHADED_SHARES = ((0.9, 0.28), (0.5, 0.42))
 """Shares of the samples that are shaded together, and the opacity of each shade."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from models.core.scene import Table
+from models.core.scene import Scene, Table
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.palette import INK, KIND_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.table_inset import SHIFT, SUPERSAMPLE, TableInset, build_empty_inset
-from video.drawing.text import draw_text, text_mask
+from video.drawing.circles import SHIFT
+from video.drawing.palette import INK, KIND_COLOURS, WHITE, Colour, ensure_contrast, lab_to_rgb, mix_colours
+from video.drawing.text import draw_text, round_corner_mask, text_mask
+from video.io.pixel_kernels import blend_colours
 
 CLOTH_COLOUR: Colour = (34, 104, 96)
 """Cloth of a table without footage."""
@@ -140,3 +143,151 @@ def _draw_ball_name(image: ImageArray, inset: TableInset, place: FloatArray, nam
     away = inset.ball_radius / SUPERSAMPLE + 3
     left = x + away if x + away + width < image.shape[1] else x - away - width
     draw_text(image, name, int(max(left, 0)), int(np.clip(y - height / 2, 0, image.shape[0] - height)), 15, WHITE)
+
+
+RAIL_SHARE = 0.055
+"""Width of the drawn rails, share of the table length."""
+SUPERSAMPLE = 2
+"""Factor by which the canvas is larger than the final plan: reducing it gives even anti-aliasing."""
+BALL_GROWTH = 1.35
+"""Factor by which balls are drawn larger than true to scale, to remain visible."""
+WOOD: Colour = (58, 44, 36)
+
+
+@dataclass(frozen=True, slots=True)
+class TableInset:
+    """A plan of the table in the orientation that the table has in the frame."""
+
+    canvas: ImageArray
+    """(h, w, 3) the empty table, `SUPERSAMPLE` times the final size."""
+    table_to_canvas: FloatArray
+    """(2, 3) affine map from m to px of `canvas`."""
+    ball_radius: float
+    """px of `canvas`."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Final width and height, px."""
+        return self.canvas.shape[1] // SUPERSAMPLE, self.canvas.shape[0] // SUPERSAMPLE
+
+    def to_fixed_point(self, xy: FloatArray) -> NDArray[np.int32]:
+        """Map points (..., 2) m to fixed-point px of `canvas`."""
+        px = xy @ self.table_to_canvas[:, :2].T + self.table_to_canvas[:, 2]
+        return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
+
+    def draw(
+        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
+    ) -> None:
+        """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
+        canvas = self.canvas.copy()
+        for path, colour in zip(paths, colours, strict=True):
+            self.add_path(canvas, path, colour)
+        self.draw_with_balls(image, x, y, canvas, xy, colours)
+
+    def add_path(self, canvas: ImageArray, path: FloatArray, colour: Colour) -> None:
+        """Draw a path (n, 2) m onto a copy of `canvas`, in place."""
+        if len(path) > 1:
+            line = self.to_fixed_point(path).reshape(-1, 1, 2)
+            cv2.polylines(canvas, [line], False, mix_colours(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
+
+    def draw_with_balls(
+        self, image: ImageArray, x: int, y: int, canvas: ImageArray, xy: FloatArray, colours: Sequence[Colour]
+    ) -> None:
+        """Draw a copy of `canvas` that already holds the paths onto `image` at (x, y), with balls at `xy` (N, 2) m."""
+        canvas = canvas.copy()
+        radius, is_present = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
+        centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()
+        for centre, colour, present in zip(centres, colours, is_present, strict=True):
+            if present:
+                cv2.circle(
+                    canvas, centre, radius + (1 << SHIFT), mix_colours(INK, colour, 0.15), -1, cv2.LINE_AA, SHIFT
+                )
+                cv2.circle(canvas, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
+        width, height = self.size
+        small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+        corner = max(3, height // 24)
+        cover = round_corner_mask(width, height, corner) * np.float32(1 / 255)
+        image[y + corner : y + height - corner, x : x + width] = small[corner:-corner]
+        for rows in (slice(0, corner), slice(height - corner, height)):  # only the rounded corners are transparent
+            blend_colours(image, small[rows], cover[rows], x, y + rows.start, 1.0)
+
+
+def build_table_inset(scene: Scene, longest: int) -> TableInset:
+    """Build the plan of a calibrated table in the orientation that the table has in the frame.
+
+    Args:
+        scene: Table, camera and cloth colour.
+        longest: Longer side of the plan, px.
+
+    Returns:
+        The plan without balls and paths.
+    """
+    return build_empty_inset(scene.table, lab_to_rgb(scene.cloth_lab), _is_upright(scene), longest)
+
+
+def build_empty_inset(table: Table, cloth: Colour, upright: bool, longest: int) -> TableInset:
+    """Build the plan of an empty table.
+
+    Args:
+        table: Table to draw.
+        cloth: Colour of the cloth.
+        upright: True if the x axis runs down, False if it runs to the right.
+        longest: Longer side of the plan, px.
+
+    Returns:
+        The plan without balls and paths.
+    """
+    rail = RAIL_SHARE * table.length
+    scale = longest * SUPERSAMPLE / (table.length + 2 * rail)
+    sides = (table.length, table.width)
+    long_px, short_px = (round((side + 2 * rail) * scale / SUPERSAMPLE) * SUPERSAMPLE for side in sides)
+    if upright:
+        to_plan = np.array([[0.0, -scale, (table.width + rail) * scale], [scale, 0.0, rail * scale]])
+        shape = (long_px, short_px)
+    else:
+        to_plan = np.array([[scale, 0.0, rail * scale], [0.0, scale, rail * scale]])
+        shape = (short_px, long_px)
+    radius = max(BALL_GROWTH * table.ball_radius * scale, 2.2 * SUPERSAMPLE)
+    inset = TableInset(np.full((*shape, 3), WOOD, dtype=np.uint8), to_plan, radius)
+    _draw_table(inset, table, cloth, scale)
+    return inset
+
+
+def _is_upright(scene: Scene) -> bool:
+    """Return whether the longer side of the table is closer to vertical than to horizontal in the frame."""
+    middle = np.array([[0.5, 0.5], [0.51, 0.5]]) * [scene.table.length, scene.table.width]
+    step = np.diff(scene.camera.to_pixels(middle, 0.0), axis=0)[0]
+    return bool(abs(step[1]) > abs(step[0]))
+
+
+def _draw_table(inset: TableInset, table: Table, cloth: Colour, scale: float) -> None:
+    """Draw cushions, cloth, diamonds and pockets."""
+    rail = RAIL_SHARE * table.length
+    nose = 0.35 * rail
+    for grow, colour in ((nose, mix_colours(cloth, INK, 0.35)), (0.0, mix_colours(cloth, INK, 0.08))):
+        corners = np.array([[-grow, -grow], [table.length + grow, table.width + grow]])
+        low, high = (inset.to_fixed_point(corner) for corner in corners)
+        cv2.rectangle(inset.canvas, low.tolist(), high.tolist(), colour, -1, cv2.LINE_AA, SHIFT)
+    pockets = table.pocket_centres
+    for diamond in _diamond_positions(table, 0.67 * rail):
+        if not len(pockets) or np.linalg.norm(pockets - diamond, axis=1).min() > 1.5 * rail:
+            cv2.circle(
+                inset.canvas,
+                inset.to_fixed_point(diamond).tolist(),
+                2 << SHIFT,
+                (214, 206, 190),
+                -1,
+                cv2.LINE_AA,
+                SHIFT,
+            )
+    for pocket in pockets:
+        radius = round(2.1 * table.ball_radius * scale * (1 << SHIFT))
+        cv2.circle(inset.canvas, inset.to_fixed_point(pocket).tolist(), radius, INK, -1, cv2.LINE_AA, SHIFT)
+
+
+def _diamond_positions(table: Table, away: float) -> FloatArray:
+    """Return the rail marks (n, 2) m: eighths of the length and fourths of the width, `away` m outside the noses."""
+    eighths, fourths = np.arange(1, 8) * table.length / 8, np.arange(1, 4) * table.width / 4
+    rows = [np.column_stack([eighths, np.full(7, y)]) for y in (-away, table.width + away)]
+    columns = [np.column_stack([np.full(3, x), fourths]) for x in (-away, table.length + away)]
+    return np.concatenate(rows + columns)

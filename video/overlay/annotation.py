@@ -14,7 +14,7 @@ from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import drawing_scale
 from video.drawing.label_layout import LabelPosition, Rect, overlap_share, place_label, place_panel
 from video.drawing.palette import Colour, ball_colour, ensure_contrast, lab_to_rgb
-from video.drawing.table_inset import TableInset, build_table_inset
+from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import (
@@ -23,10 +23,10 @@ from video.overlay.frame_overlay import (
     Label,
     draw_flash,
     draw_measured_rings,
+    draw_trail,
     mask_without_balls,
 )
 from video.overlay.motion_paths import ContactMark, MotionPath, sample_motion_path, select_contact_marks
-from video.overlay.trails import draw_trail
 
 TRAIL_S = 0.9
 """s of the shot that a trail spans."""

@@ -23,8 +23,7 @@ from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
 from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
-from video.overlay.frame_overlay import FrameBalls, Label, mask_without_balls
-from video.overlay.trails import draw_trail
+from video.overlay.frame_overlay import FrameBalls, Label, draw_trail, mask_without_balls
 
 GHOST_SPACING_RADII = 5.0
 """Ball radii between two ghosts of a ball."""

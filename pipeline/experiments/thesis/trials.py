@@ -24,8 +24,7 @@ from models.core.typing import FloatArray
 from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.early_stopping import EarlyStopping
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.experiments.thesis.assessed_motion import AssessedMotion
 from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network

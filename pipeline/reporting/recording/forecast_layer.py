@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
 from pipeline.reporting.figures.motion_samples import simplify_line
-from pipeline.reporting.recording.recorded_shot import RecordedShot
-from pipeline.reporting.recording.recording_stream import build_time_columns
+from pipeline.reporting.recording.recorded_shot import RecordedShot, build_time_columns
 from video.drawing.palette import mix_colours
 
 MIN_DRAWN_TRAVEL_RADII = 1.0

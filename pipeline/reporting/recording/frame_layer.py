@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from models.core.detections import Detections
 from models.core.tracks import Tracks
 from models.core.typing import ByteArray, FloatArray
-from pipeline.reporting.recording.recorded_shot import RecordedShot
-from pipeline.reporting.recording.recording_stream import build_time_columns
+from pipeline.reporting.recording.recorded_shot import RecordedShot, build_time_columns
 from video.io.clip import Clip
 from video.io.playback_copy import ensure_playable, re_encode_clip
 

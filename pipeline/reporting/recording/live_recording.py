@@ -11,15 +11,14 @@ import rerun as rr
 from models.core.progress import Progress
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
-from pipeline.reporting.recording import text_layer
 from pipeline.reporting.recording.forecast_layer import log_forecast_fans
-from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot
-from pipeline.reporting.recording.recording_stream import open_stream
+from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot, open_stream
 from pipeline.reporting.recording.stage_layers import (
     log_calibrate_stage,
     log_detect_stage,
     log_fit_stage,
     log_read_stage,
+    log_stage_lines,
     log_track_stage,
 )
 from pipeline.reporting.recording.viewer_blueprint import build_blueprint
@@ -65,7 +64,7 @@ class LiveRecording:
     def log_progress(self, stage: str, sentence: str) -> None:
         """Log a line of progress of a stage."""
         if self._stream is not None:
-            text_layer.log_stage_lines(self._stream, self._values["read"], f"progress/{stage}", [("INFO", sentence)])
+            log_stage_lines(self._stream, self._values["read"], f"progress/{stage}", [("INFO", sentence)])
 
     def close(self) -> None:
         """Send everything that is buffered and disconnect."""

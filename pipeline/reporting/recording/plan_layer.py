@@ -8,8 +8,7 @@ import rerun as rr
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from pipeline.reporting.recording.frame_layer import log_path_so_far
-from pipeline.reporting.recording.recorded_shot import RecordedShot
-from pipeline.reporting.recording.recording_stream import build_time_columns
+from pipeline.reporting.recording.recorded_shot import RecordedShot, build_time_columns
 
 POCKET_RADII = 1.6
 """Radius of a drawn pocket, ball radii."""

@@ -11,8 +11,7 @@ from models.core.tracks import Tracks
 from models.estimation.forecast.forecast_values import ForecastFans
 from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.recording.forecast_layer import log_forecast_fans
-from pipeline.reporting.recording.recorded_shot import build_recorded_shot
-from pipeline.reporting.recording.recording_stream import finish_stream, open_stream
+from pipeline.reporting.recording.recorded_shot import build_recorded_shot, finish_stream, open_stream
 from pipeline.reporting.recording.stage_layers import (
     log_calibrate_stage,
     log_detect_stage,

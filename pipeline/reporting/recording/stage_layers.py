@@ -9,16 +9,29 @@ import rerun as rr
 
 from models.core.detections import Detections
 from models.core.events import Events
+from models.core.fit_result import Fit, Parameter
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.reporting.figures.motion_samples import kinetic_energy
-from pipeline.reporting.recording import text_layer
 from pipeline.reporting.recording.frame_layer import log_detections, log_paths, log_tracks, log_video
-from pipeline.reporting.recording.plan_layer import log_fitted_balls, log_plan_paths, log_residuals, log_table
-from pipeline.reporting.recording.recorded_shot import RecordedShot
-from pipeline.reporting.recording.recording_stream import FRAME, VIDEO_TIME, build_time_columns, frame_shown_at
-from pipeline.reporting.text.text_formatting import format_event, format_event_time, is_undecided
+from pipeline.reporting.recording.plan_layer import (
+    log_fitted_balls,
+    log_plan_paths,
+    log_residuals,
+    log_table,
+    residual_magnification,
+)
+from pipeline.reporting.recording.recorded_shot import (
+    FRAME,
+    VIDEO_TIME,
+    RecordedShot,
+    build_time_columns,
+    frame_shown_at,
+)
+from pipeline.reporting.text.number_format import format_measured, format_unit
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import ball_colour, lighten_for_text
 from video.io.clip import Clip
 
@@ -26,26 +39,26 @@ from video.io.clip import Clip
 def log_read_stage(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
     """Log the clip; `folder` is the place of a temporary copy that the viewer can play."""
     log_video(stream, clip, folder)
-    text_layer.log_stage_lines(stream, clip, "read", text_layer.describe_clip(clip))
+    log_stage_lines(stream, clip, "read", describe_clip(clip))
 
 
 def log_calibrate_stage(stream: rr.RecordingStream, clip: Clip, scene: Scene) -> None:
     """Log the table."""
     log_table(stream, scene.table)
-    text_layer.log_stage_lines(stream, clip, "calibrate", text_layer.describe_scene(scene))
+    log_stage_lines(stream, clip, "calibrate", describe_scene(scene))
 
 
 def log_detect_stage(stream: rr.RecordingStream, clip: Clip, detections: Detections) -> None:
     """Log the detections of all frames."""
     log_detections(stream, clip, detections)
-    text_layer.log_stage_lines(stream, clip, "detect", text_layer.describe_detections(detections))
+    log_stage_lines(stream, clip, "detect", describe_detections(detections))
 
 
 def log_track_stage(stream: rr.RecordingStream, clip: Clip, tracks: Tracks) -> None:
     """Log the tracks of all balls."""
     colours = [lighten_for_text(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
     log_tracks(stream, clip, tracks, np.array(colours, dtype=np.uint8).reshape(-1, 3))
-    text_layer.log_stage_lines(stream, clip, "track", text_layer.describe_tracks(tracks))
+    log_stage_lines(stream, clip, "track", describe_tracks(tracks))
 
 
 def log_fit_stage(stream: rr.RecordingStream, shot: RecordedShot) -> None:
@@ -56,9 +69,9 @@ def log_fit_stage(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     log_residuals(stream, shot)
     log_plots(stream, shot)
     log_events(stream, shot)
-    text_layer.log_parameters(stream, shot.fit)
-    text_layer.log_about(stream, shot)
-    text_layer.log_stage_lines(stream, shot.clip, "fit", text_layer.describe_fit(shot.clip, shot.fit))
+    log_parameters(stream, shot.fit)
+    log_about(stream, shot)
+    log_stage_lines(stream, shot.clip, "fit", describe_fit(shot.clip, shot.fit))
 
 
 CAPTION_SECONDS = 0.8
@@ -166,3 +179,89 @@ def _log_line(
         stream.send_columns(
             entity, build_time_columns(t[finite], shot.clip.t), rr.Scalars.columns(scalars=values[finite])
         )
+
+
+LogLine = tuple[str, str]
+"""Level of rerun's text log, and a sentence."""
+
+
+def log_stage_lines(stream: rr.RecordingStream, clip: Clip, stage: str, lines: list[LogLine]) -> None:
+    """Log lines of a stage in `log/chain` at the first frame."""
+    levels, texts = zip(*lines, strict=True) if lines else ((), ())
+    columns = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
+    if lines:
+        stream.send_columns(f"log/chain/{stage}", build_time_columns(np.full(len(lines), clip.t[0]), clip.t), columns)
+
+
+def describe_clip(clip: Clip) -> list[LogLine]:
+    """Describe frame count, frame rate, size and faults of a clip."""
+    counted = f"{clip.frame_count} frames, {len(clip.distinct_frames)} distinct, {float(clip.fps):.3f} fps"
+    return [("INFO", f"{counted}, {clip.width} x {clip.height}"), *(("WARN", note) for note in clip.notes)]
+
+
+def describe_scene(scene: Scene) -> list[LogLine]:
+    """Describe how the table was located and which assumptions were made."""
+    return [("WARN" if note in scene.warnings else "INFO", note) for note in scene.notes]
+
+
+def describe_detections(detections: Detections) -> list[LogLine]:
+    """Describe number and position noise of the detections."""
+    if not len(detections):
+        return [("WARN", "no ball was detected")]
+    sigma = float(np.median(detections.sigma))
+    frames = len(np.unique(detections.frame))
+    return [("INFO", f"{len(detections)} detections in {frames} frames, median position sigma {sigma:.2f} px")]
+
+
+def describe_tracks(tracks: Tracks) -> list[LogLine]:
+    """Describe the share of frames in which each ball was observed."""
+    shares = tracks.is_observed.mean(axis=0)
+    return [
+        ("INFO", f"{ball} observed in {100 * share:.0f} % of the frames")
+        for ball, share in zip(tracks.ids, shares, strict=True)
+    ]
+
+
+def describe_fit(clip: Clip, fit: Fit) -> list[LogLine]:
+    """Describe noise, misfit and trust level of a fit."""
+    trust = fit.trust
+    level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]
+    quality = f"noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
+    sentence = format_whole_shot(fit)
+    laws = [("INFO", sentence)] if sentence else []
+    return [("INFO", quality), *laws, *((level, f"trust {trust.level}: {reason}") for reason in trust.reasons)]
+
+
+def log_parameters(stream: rr.RecordingStream, fit: Fit) -> None:
+    """Log `parameters/NAME`: value, sigma, unit and whether the prior alone determined it."""
+    for p in (*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())):
+        facts = rr.AnyValues(value=p.value, sigma=p.sigma, unit=p.unit, prior_only=p.prior_only)
+        stream.log(f"parameters/{p.name}", facts, static=True)
+
+
+def log_about(stream: rr.RecordingStream, shot: RecordedShot) -> None:
+    """Log `about`: trust level, parameters and a legend of the plan."""
+    text = rr.TextDocument(format_about(shot), media_type=rr.MediaType.MARKDOWN)
+    stream.log("about", text, static=True)
+
+
+def format_about(shot: RecordedShot) -> str:
+    """Format trust level, parameters and the legend of the plan as Markdown."""
+    trust = shot.fit.trust
+    lines = [f"# Trust: {trust.level}", *(f"- {reason}" for reason in trust.reasons), "", "## Fitted"]
+    lines += ["| parameter | value | sigma | unit | textbook range |", "|---|---|---|---|---|"]
+    lines += [_format_parameter_row(p) for p in shot.fit.parameters]
+    lines += ["", f"Noise {1000 * shot.fit.noise:.2f} mm, chi2 per degree of freedom {shot.fit.chi2_per_dof:.2f}."]
+    lines += [
+        "",
+        "## Legend of the plan",
+        f"- pink arrows: measured minus fitted, {residual_magnification(shot):g} times as long",
+    ]
+    lines += ["- faint line: whole path; bright line: path up to the current time; thin bundle: forecast"]
+    return "\n".join([*lines, "", "## Table", *(f"- {note}" for note in shot.scene.notes)])
+
+
+def _format_parameter_row(p: Parameter) -> str:
+    value, sigma = format_measured(p.value, p.sigma)
+    source = " (prior)" if p.prior_only else ""
+    return f"| {p.name} | {value} | {sigma}{source} | {format_unit(p.unit)} | {format_textbook_range(p.name)} |"

@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
 from models.core.scene import Table
-from pipeline.reporting.recording.recording_stream import VIDEO_TIME
+from pipeline.reporting.recording.recorded_shot import VIDEO_TIME
 from video.io.clip import Clip
 
 MARGIN_RADII = 4.0

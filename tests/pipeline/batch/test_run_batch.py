@@ -39,8 +39,7 @@ from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
 from pipeline.cli.commands.batch_command import BatchDisplay
 from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import CacheMissing, ResultCache
+from pipeline.engine.result_cache import CacheKey, CacheMissing, ResultCache
 from pipeline.run_options import RunOptions, list_setting_values
 from video.io.clip import open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.engine.cache_key import CacheKey
-from pipeline.engine.result_cache import CacheEntry, ResultCache
+from pipeline.engine.result_cache import CacheEntry, CacheKey, ResultCache
 
 ROOT = Path(__file__).resolve().parents[3]
 HANG_S = 300.0
@@ -24,7 +23,7 @@ HANG_S = 300.0
 WORKER = """
 import sys, time
 from pathlib import Path
-from pipeline.engine.cache_key import CacheKey
+from pipeline.engine.result_cache import CacheKey
 from pipeline.engine.result_cache import ResultCache
 
 root, log, seconds = Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3])

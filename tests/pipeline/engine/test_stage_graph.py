@@ -141,7 +141,7 @@ def test_another_version_of_a_library_reruns_all(
     code: Path, cache: ResultCache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build_chain().run(cache, RunLog())
-    monkeypatch.setattr("pipeline.engine.cache_key.library_versions", lambda: {"numpy": "99"})
+    monkeypatch.setattr("pipeline.engine.result_cache.library_versions", lambda: {"numpy": "99"})
     assert list_reasons(build_chain(), cache)["read"] == "a library has another version"
     assert run_stages(build_chain(), cache) == list(NAMES)
 

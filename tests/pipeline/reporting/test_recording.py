@@ -16,9 +16,8 @@ from pipeline.reporting.figures.motion_samples import kinetic_energy, simplify_l
 from pipeline.reporting.recording import live_recording
 from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
 from pipeline.reporting.recording.plan_layer import residual_magnification
-from pipeline.reporting.recording.recorded_shot import build_recorded_shot
+from pipeline.reporting.recording.recorded_shot import build_recorded_shot, finish_stream
 from pipeline.reporting.recording.recording_file import write_recording
-from pipeline.reporting.recording.recording_stream import finish_stream
 from pipeline.reporting.recording.stage_layers import format_mark
 
 

@@ -8,8 +8,15 @@ import pytest
 from models.core.scene import Table
 from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
-from video.drawing.table_inset import SHIFT, SUPERSAMPLE, build_empty_inset
-from video.drawing.table_plan import CLOTH_COLOUR, PLAN_WIDTH, assign_ball_colours, draw_table_plan
+from video.drawing.table_plan import (
+    CLOTH_COLOUR,
+    PLAN_WIDTH,
+    SHIFT,
+    SUPERSAMPLE,
+    assign_ball_colours,
+    build_empty_inset,
+    draw_table_plan,
+)
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
 

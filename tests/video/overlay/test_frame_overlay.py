@@ -20,7 +20,7 @@ from video.drawing.palette import (
     lab_to_rgb,
     lighten_for_text,
 )
-from video.drawing.table_inset import build_table_inset
+from video.drawing.table_plan import build_table_inset
 from video.drawing.text import blend_mask, blend_sparse_masks, draw_text, text_mask
 from video.overlay.frame_overlay import (
     ClockPanel,
@@ -28,10 +28,10 @@ from video.overlay.frame_overlay import (
     Label,
     draw_flash,
     draw_measured_rings,
+    draw_trail,
     format_time_error,
     mask_without_balls,
 )
-from video.overlay.trails import draw_trail
 
 
 def black(height: int = 120, width: int = 200) -> ImageArray:

@@ -8,7 +8,7 @@ import numpy as np
 from support import staged_shot as shot
 
 from video.matting.ball_timeline import build_ball_timeline
-from video.overlay.vertical_crop import window_left_borders, window_width
+from video.overlay.plain_interpolation import window_left_borders, window_width
 
 TIMES = np.arange(31) / shot.RATE
 
