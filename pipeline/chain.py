@@ -22,7 +22,7 @@ from models.core.shot import Shot
 from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
@@ -508,8 +508,7 @@ def write_source(
     with suppress(OSError):
         if (folder / SOURCE_FILE).read_text(encoding="utf-8") == text:
             return
-    with replace_file(folder / SOURCE_FILE) as path:
-        path.write_text(text, encoding="utf-8")
+    write_text(folder / SOURCE_FILE, text)
 
 
 def default_run_folder(clip: Path) -> Path:

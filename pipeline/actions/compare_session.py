@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.run_folder import find_repeated_clips, read_scene_document
 from pipeline.io.shot_numbers_json import parse_shot_numbers
@@ -167,8 +167,7 @@ def write_session(session: ComparedSession, title: str, folder: Path) -> dict[st
     }
     with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
         write_session_tables(session.columns, table, parquet)
-    with replace_file(folder / "session.json") as path:
-        path.write_text(format_strict_json(document), encoding="utf-8")
+    write_text(folder / "session.json", format_strict_json(document))
     with replace_file(folder / "session.html") as path:
         write_session_page(session.columns, session.summaries, (*session.repetitions, *session.refusals), title, path)
     return document

@@ -15,7 +15,7 @@ from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
 from pipeline.actions.put_back import PLACED_M, PlacementGuide, PlacementState, WantedPlaces
-from pipeline.engine.atomic_write import replace_file, write_json
+from pipeline.engine.atomic_write import write_json, write_text
 from pipeline.io.image_file import write_image
 from pipeline.reporting.pages.page_template import render_template
 from video.drawing.palette import WHITE, Colour
@@ -191,8 +191,7 @@ def write_live_page(folder: Path, name: str) -> Path:
     Returns:
         Path of the page.
     """
-    with replace_file(folder / LIVE_PAGE) as path:
-        path.write_text(render_template("live.html", name=name, image=LIVE_IMAGE), encoding="utf-8")
+    write_text(folder / LIVE_PAGE, render_template("live.html", name=name, image=LIVE_IMAGE))
     return folder / LIVE_PAGE
 
 

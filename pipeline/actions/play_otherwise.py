@@ -23,7 +23,7 @@ from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_s
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
 from pipeline.actions.compare_session import read_session
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
 from pipeline.io.shot_laws import load_laws
@@ -133,8 +133,7 @@ def play_otherwise(
         write_changed_paths(ensemble, changed, path)
     with replace_file(folder / "what_if.png") as path:
         Image.fromarray(_draw_plays(ensemble, changed, tracks)).save(path, format="PNG")
-    with replace_file(folder / "what_if.json") as path:
-        path.write_text(format_strict_json(document), encoding="utf-8")
+    write_text(folder / "what_if.json", format_strict_json(document))
     return document
 
 

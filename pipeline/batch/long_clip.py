@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_change_check, run_clip, write_source
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
@@ -174,8 +174,7 @@ def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path, options:
         }
         for one in ran
     ]  # fmt: skip
-    with replace_file(folder / "scene.json") as path:
-        path.write_text(json.dumps(scene, indent=1, allow_nan=False), encoding="utf-8")
+    write_text(folder / "scene.json", json.dumps(scene, indent=1, allow_nan=False))
     write_source(clip, folder, options)
 
 

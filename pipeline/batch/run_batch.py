@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from pipeline.batch.batch_workers import ClipRunner, JobStream
 from pipeline.batch.clip_discovery import assign_folders
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.pages.page_template import render_template
 from pipeline.reporting.text.text_formatting import escape_text
@@ -120,13 +120,11 @@ def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) 
     """
     ordered = sorted(rows, key=lambda row: row.clip)
     out.mkdir(parents=True, exist_ok=True)
-    with replace_file(out / "summary.csv") as fresh:
-        fresh.write_text(format_csv(ordered), encoding="utf-8")
+    write_text(out / "summary.csv", format_csv(ordered))
     if whole:
         with replace_file(out / "summary.parquet") as fresh:
             pq.write_table(build_table(ordered), fresh)
-        with replace_file(out / "summary.html") as fresh:
-            fresh.write_text(render_summary_page(ordered, out), encoding="utf-8")
+        write_text(out / "summary.html", render_summary_page(ordered, out))
 
 
 def format_csv(rows: Sequence[ClipResult]) -> str:

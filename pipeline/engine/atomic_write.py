@@ -66,6 +66,17 @@ def require_writable_folder(folder: Path) -> None:
         raise OptionError(f"The results need a folder that can be written; {place} cannot, name another with -o")
 
 
+def write_text(target: Path, text: str) -> None:
+    """Write a text, in one step.
+
+    Args:
+        target: Final path of the file; an existing file is replaced.
+        text: Its content, written as UTF-8.
+    """
+    with replace_file(target) as path:
+        path.write_text(text, encoding="utf-8")
+
+
 def write_json(document: Any, target: Path) -> None:
     """Write a document as strict JSON, in one step.
 
@@ -73,8 +84,7 @@ def write_json(document: Any, target: Path) -> None:
         document: JSON values; all numbers are finite.
         target: Final path of the file; an existing file is replaced.
     """
-    with replace_file(target) as path:
-        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
 def remove_leftovers(folder: Path, name: str | None = None) -> None:

@@ -25,7 +25,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from models.core.errors import OptionError, TruerollError
-from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder
+from pipeline.engine.atomic_write import remove_leftovers, replace_file, replace_folder, write_text
 from pipeline.engine.source_fingerprint import library_versions
 from pipeline.engine.stage import Stage
 
@@ -189,8 +189,7 @@ class ResultCache:
     def remember(self, key: CacheKey, clip: str) -> None:
         """Store the parts of the latest key of a stage for a clip."""
         self._require_mark()
-        with replace_file(self._latest_file(key.stage, clip)) as fresh:
-            fresh.write_text(json.dumps(key.parts, sort_keys=True), encoding="utf-8")
+        write_text(self._latest_file(key.stage, clip), json.dumps(key.parts, sort_keys=True))
 
     def recall(self, stage: str, clip: str) -> dict[str, Any] | None:
         """Return the parts that `remember` stored; None if there are none."""

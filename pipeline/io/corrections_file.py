@@ -11,7 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 
 SCHEMA = "trueroll.corrections/1"
 SUFFIX = ".corrections.json"
@@ -87,8 +87,7 @@ def write_corrections(clip: Path, content: CorrectionsFile) -> None:
     """
     path = corrections_path(clip)
     try:
-        with replace_file(path) as part:
-            part.write_text(format_corrections_file(content), encoding="utf-8")
+        write_text(path, format_corrections_file(content))
     except OSError as error:
         raise OptionError(f"Corrections are saved beside the clip; {path}: {error.strerror}") from error
 

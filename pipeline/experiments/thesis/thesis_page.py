@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
 from pipeline.experiments.thesis.experiment_plan import (
     SCENES,
@@ -90,10 +90,8 @@ def write_results(plan: ExperimentPlan, trials: Sequence[Trial], planned: int, f
     """
     results = summarize_settings(trials)
     figures = {scene: _plot_scene(scene, results, trials, plan) for scene in SCENES}
-    with replace_file(folder / "trials.csv") as path:
-        path.write_text(format_csv(trials), encoding="utf-8")
-    with replace_file(folder / "reproduce.html") as path:
-        path.write_text(_render_page(plan, trials, planned, results, figures), encoding="utf-8")
+    write_text(folder / "trials.csv", format_csv(trials))
+    write_text(folder / "reproduce.html", _render_page(plan, trials, planned, results, figures))
 
 
 def format_csv(trials: Sequence[Trial]) -> str:

@@ -16,7 +16,7 @@ from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.rebound_summary import rebound_rolling_balls
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.io.table_profile import parse_learned_table
 
 SPEED, DEGREES = 1.5, 35.0
@@ -77,8 +77,7 @@ def write_cushion_page(learned: LearnedTable, table: Table, path: Path) -> None:
         path: File to write.
     """
     html = build_cushion_figure(learned, table).to_html(include_plotlyjs=True, config={"displayModeBar": False})
-    with replace_file(path) as part:
-        part.write_text(html, encoding="utf-8")
+    write_text(path, html)
 
 
 def _evaluate_rebounds(

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_measured, format_value
@@ -75,8 +75,7 @@ def write_certificate_page(
         law=certified.cushion_law,
         plotly=read_plotly_source(),
     )  # fmt: skip
-    with replace_file(path) as target:
-        target.write_text(html, encoding="utf-8")
+    write_text(path, html)
 
 
 def _format_row(name: str, entry: dict[str, Any]) -> tuple[str, str, str, str, str]:

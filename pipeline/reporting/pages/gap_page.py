@@ -17,7 +17,7 @@ from diagnosis.fitting.display_names import (
 )
 from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
 from models.core.scene import Table
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.io.gap_files import PROFILE_FILE, has_fitted_model
 from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
@@ -105,8 +105,7 @@ def write_gap_page(
         profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
         plotly=read_plotly_source(),
     )
-    with replace_file(path) as target:
-        target.write_text(html, encoding="utf-8")
+    write_text(path, html)
 
 
 def _list_places(report: DiagnosisReport, origins: Mapping[int, str]) -> list[dict[str, str]]:

@@ -18,7 +18,7 @@ from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.forecast.forecast_values import ForecastErrors
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import write_text
 from pipeline.reporting.figures.run_figures import PARAMETER_ROW_PX as PARAMETER_PX
 from pipeline.reporting.figures.run_figures import (
     build_energy_figure,
@@ -168,8 +168,7 @@ def write_report(
         versions={name: version(name) for name in PACKAGES},
         digest=clip.digest,
     )
-    with replace_file(path) as fresh:
-        fresh.write_text(html, encoding="utf-8")
+    write_text(path, html)
 
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
