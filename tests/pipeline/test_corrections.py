@@ -12,7 +12,7 @@ from support.sample_clips import SAMPLES
 
 from models.core.corrections import BallMark, BallPlace, ContactCorrection, Corrections, TrackEdit
 from pipeline.batch.clip_job import ClipJob
-from pipeline.batch.clip_runner import run_job
+from pipeline.batch.clip_run import run_job
 from pipeline.chain import build_shot_graph, honour_corrections
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, corrections_path, write_corrections

@@ -191,9 +191,7 @@ class BatchDisplay:
             TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
             TimeElapsedColumn(),
         )  # fmt: skip
-        self._bars = Progress(
-            *columns, console=cli.console, disable=not cli.console.is_terminal, refresh_per_second=REFRESH_HZ
-        )
+        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, refresh_per_second=REFRESH_HZ)
         self._all = self._bars.add_task("clips", total=expected, note="")
         self._clips: dict[str, TaskID] = {}
         self._count = [0, 0]

@@ -6,7 +6,7 @@ import math
 
 from models.core.fit_result import Fit, WholeShotMisfit
 
-NOT_ASKED = "Which published contact models explain the whole shot was not asked for; run --laws fits them."
+NOT_ASKED = "Nobody asked which published contact models explain the whole shot; trueroll run --laws finds out."
 """Reason of a run without them."""
 
 
