@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 Columns = Literal["tracks", "events", "trajectory"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Run:
     """A finished run of a clip: its values, and the folder of its files."""
 
@@ -52,7 +52,10 @@ class Run:
     shot: Shot
     """The saved shot, of which everything else is a view or an export."""
     laws: WholeShotFit | None = None
-    """What published contact models make of it; None if `laws=True` did not ask for them."""
+    """What published contact models make of it; None if neither `laws=True` nor `trueroll what-if` asked for them."""
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.folder)!r}: trust {self.trust.level}, {len(self.events)} events)"
 
     @property
     def scene(self) -> Scene:

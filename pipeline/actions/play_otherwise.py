@@ -110,8 +110,8 @@ def play_otherwise(
     if solution is None:
         raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
     if learned is None:
-        on_activity("finding the contact models that explain the whole shot, once for each shot")
-        fit = replace(fit, laws=load_laws(source, shot, cache))
+        words = "finding the contact models that explain the whole shot, once for each shot, up to a minute"
+        fit = replace(fit, laws=load_laws(source, shot, cache, lambda: on_activity(words)))
     on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
     t = np.arange(0.0, SECONDS + 1e-9, STEP_S)

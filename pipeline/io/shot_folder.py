@@ -24,7 +24,6 @@ from models.core.errors import OptionError
 from models.core.shot import Shot
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.value_files import AnyArray, decode_value, encode_value
-from pipeline.io.run_folder import SOURCE_FILE
 
 SHOT_FOLDER, SHOT_FILE, LOCK_FILE = "shot", "shot.json", "lock"
 FORMAT = 1
@@ -121,6 +120,8 @@ def read_shot(folder: Path) -> Shot:
         except _UNREADABLE as error:
             failure: BaseException = error
     if not path.is_file():
-        why = ", because an earlier version of trueroll wrote it" if (folder / SOURCE_FILE).is_file() else ""
-        raise OptionError(f"{folder} holds no saved shot{why}; run the clip again: trueroll run CLIP -o {folder}")
+        raise OptionError(
+            f"{folder} holds no saved shot, which every run writes since this version; run the clip again:"
+            f" trueroll run CLIP -o {folder}"
+        )
     raise OptionError(f"{path} cannot be read ({failure}); run the clip again: trueroll run CLIP -o {folder}")

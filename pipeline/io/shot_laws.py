@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,23 +21,24 @@ from pipeline.io.kept_values import find_kept_value, keep_value
 _CODE = fit_shot_laws.__module__
 
 
-def load_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit:
+def load_laws(source: Path, shot: Shot, cache: ResultCache, on_fit: Callable[[], None] = lambda: None) -> WholeShotFit:
     """Find what published contact models make of a shot: kept by `run --laws` or by an answer, else fitted now.
 
     Args:
         source: Its run folder or track folder.
         shot: The shot.
         cache: Holds the models of track folders.
+        on_fit: Called before a fit, which takes up to a minute.
 
     Returns:
         The models, or why there are none.
     """
-    complete = find_laws(source, shot, cache)
-    if complete is not None:
-        return complete
 
-    facts = _list_facts(shot, False)
-    return keep_value(source, cache, "laws", facts, WholeShotFit, _CODE, lambda: fit_laws(shot, FitOptions()))
+    def fit() -> WholeShotFit:
+        on_fit()
+        return fit_laws(shot, FitOptions(laws=True))
+
+    return keep_value(source, cache, "laws", _list_facts(shot), WholeShotFit, _CODE, fit)
 
 
 def fit_laws(shot: Shot, options: FitOptions, prior: TablePrior | None = None) -> WholeShotFit:
@@ -68,7 +70,7 @@ def _show_time(shot: Shot, t: float) -> float:
 
 
 def find_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit | None:
-    """Find the contact models that `trueroll run --laws` kept.
+    """Find the contact models that `trueroll run --laws` or an answer kept.
 
     Args:
         source: Its run folder.
@@ -78,7 +80,7 @@ def find_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit | No
     Returns:
         The models, or why there are none; None if nobody asked.
     """
-    return find_kept_value(source, cache, "laws", _list_facts(shot, True), WholeShotFit, _CODE)
+    return find_kept_value(source, cache, "laws", _list_facts(shot), WholeShotFit, _CODE)
 
 
 def keep_laws(folder: Path, shot: Shot, laws: WholeShotFit, cache: ResultCache) -> None:
@@ -90,9 +92,9 @@ def keep_laws(folder: Path, shot: Shot, laws: WholeShotFit, cache: ResultCache) 
         laws: The models.
         cache: Holds them where the folder cannot be written.
     """
-    keep_value(folder, cache, "laws", _list_facts(shot, True), WholeShotFit, _CODE, lambda: laws)
+    keep_value(folder, cache, "laws", _list_facts(shot), WholeShotFit, _CODE, lambda: laws)
 
 
-def _list_facts(shot: Shot, is_complete: bool) -> dict[str, object]:
-    """List what contact models depend on: the shot, and whether their search had no budget."""
-    return {"shot": hash_value(shot), "complete": is_complete}
+def _list_facts(shot: Shot) -> dict[str, object]:
+    """List what contact models depend on."""
+    return {"shot": hash_value(shot)}
