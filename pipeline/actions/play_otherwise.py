@@ -22,7 +22,6 @@ from models.estimation.what_if.changed_shot import ChangedShot, play_changed_sho
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
-from pipeline.actions.compare_session import read_session
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
@@ -65,6 +64,8 @@ def estimate_session_spread(sources: list[Path]) -> PlayerSpread:
     Raises:
         OptionError: There are too few shots, or they are no repetitions.
     """
+    from pipeline.actions.compare_session import read_session  # slow to import
+
     shots, _ = read_session(sources)
     try:
         speed, angle = estimate_player_spread([shot for _, _, shot in shots])

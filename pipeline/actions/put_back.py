@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from detectors.measurement.cloth_background import learn_cloth_background
-from detectors.measurement.working_view import WorkingView, build_view
-from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
-from detectors.network.network_detector import NetworkDetector
-from detectors.still_images import classify_detections
 from models.core.detections import Detections
 from models.core.errors import OptionError, TableNotFound
 from models.core.scene import Camera, Scene, Table
@@ -34,6 +30,10 @@ from video.calibration.camera_motion import (
 from video.calibration.place_sigma import estimate_place_sigma
 from video.calibration.table_finder import locate_table
 from video.io.clip import open_clip, read_frames
+
+if TYPE_CHECKING:
+    from detectors.measurement.working_view import WorkingView
+    from detectors.network.network_detector import NetworkDetector
 
 PLACED_M = 2e-3
 """m, distance up to which a ball counts as put back. Centres in single images are accurate to about 1 mm
@@ -153,6 +153,8 @@ class PlacementGuide:
         Raises:
             OptionError: The folder has no calibration.
         """
+        from detectors.measurement.working_view import build_view  # slow to import, and needed by --live alone
+
         if wanted.camera is None:
             raise OptionError("--live needs the calibration of the camera; this folder has none: run the clip again")
         camera = wanted.camera
@@ -182,6 +184,8 @@ class PlacementGuide:
             OptionError: The image is of another shape.
             TableNotFound: The camera moved, and the table is not found again.
         """
+        from detectors.still_images import classify_detections  # slow to import
+
         image = self._fit_size(image)
         camera, shift, note = self._check_camera(image)
         places, table = self.wanted.places, self.wanted.table
@@ -198,6 +202,11 @@ class PlacementGuide:
 
     def _detect(self, image: ImageArray, camera: Camera) -> Detections:
         """Detect the balls of a present image."""
+        from detectors.measurement.cloth_background import learn_cloth_background  # slow to import
+        from detectors.measurement.working_view import build_view
+        from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
+        from detectors.network.network_detector import NetworkDetector
+
         is_still = camera is self.camera
         if self.detector is None or not is_still or self.image_count % CLOTH_IMAGES == 0:
             view = self.view if is_still else build_view(Scene(self.wanted.table, camera, self.cloth_lab, ()))

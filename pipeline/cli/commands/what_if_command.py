@@ -17,7 +17,6 @@ from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.strict_json import format_strict_json
-from pipeline.io.table_profile import parse_learned_table, read_profile_text
 from pipeline.reporting.text.what_if_sentences import format_what_if
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.activity_display import show_activity
@@ -92,7 +91,11 @@ def what_if(
     chosen, origin = _choose_spread(spread, session)
     place = _parse_pocket(pocket)
     plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
-    learned = None if profile is None else parse_learned_table(read_profile_text(profile))
+    learned = None
+    if profile is not None:
+        from pipeline.io.table_profile import parse_learned_table, read_profile_text  # slow to import
+
+        learned = parse_learned_table(read_profile_text(profile))
     require_writable_folder(folder)
     with show_activity(cli.console) as show:
         document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), show)
