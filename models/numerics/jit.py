@@ -61,6 +61,9 @@ class _KernelReference(NamedTuple):
     symbol: str
 
 
+_NAME_DIGITS = 12
+"""Hexadecimal digits that tell closures apart: two of a thousand agree once in 10^9 programs."""
+
 _references: WeakKeyDictionary[Any, tuple[_KernelReference, ...]] = WeakKeyDictionary()
 """By library of compiled code: the functions that must be loaded before code into which it is linked."""
 
@@ -190,6 +193,10 @@ def compile_kernel(function: Callable[..., Any]) -> Any:
         The compiled function. It is cached on disk if its module belongs to `CACHED_PACKAGES` and the cache folder is
         writable; otherwise every process compiles it again.
     """
+    if enclosed := _describe_enclosed(function):
+        # numba numbers its symbols per process: two closures of one name, compiled by two processes and loaded by a
+        # third, would be linked as one
+        function.__qualname__ += f"_{sha256(repr(enclosed).encode()).hexdigest()[:_NAME_DIGITS]}"
     kernel = numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
     find_code = kernel.get_call_template
     kernel.get_call_template = lambda args, names: find_code(

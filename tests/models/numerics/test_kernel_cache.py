@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import pytest
 
@@ -203,3 +204,18 @@ def shift_often(x):  # type: ignore[no-untyped-def]
 def test_a_function_is_compiled_once_whatever_constants_it_is_called_with() -> None:
     assert shift_often(1) == 10
     assert len(shift.signatures) == 1
+
+
+def test_closures_that_enclose_different_values_have_names_of_their_own() -> None:
+    """Numba numbers symbols per process: code of two processes that shares a name would be linked as one."""
+
+    def close_over(number: float) -> Any:
+        def add(x):  # type: ignore[no-untyped-def]
+            return x + number
+
+        return compile_kernel(add)
+
+    one, two, again = close_over(1.0), close_over(2.0), close_over(1.0)
+    assert one.py_func.__qualname__ == again.py_func.__qualname__ != two.py_func.__qualname__
+    assert (one(1.0), two(1.0)) == (2.0, 3.0)
+    assert one.overloads.popitem()[1].fndesc.mangled_name != two.overloads.popitem()[1].fndesc.mangled_name
