@@ -13,6 +13,7 @@ import numpy as np
 from models.core.capture_clock import CaptureClock
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.joint_solution import JointSolution, Observations
+from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
@@ -197,6 +198,11 @@ class Shot:
         contacts = 0 if self.solution is None else len(self.solution.graph.contacts)
         if len(self.hypotheses) != contacts or self.gaps.shape != (contacts, 2):
             raise ValueError(f"Shot.hypotheses and gaps must have one entry for each of {contacts} contacts")
+
+    @property
+    def naming(self) -> Naming:
+        """What balls, rails and pockets are called."""
+        return build_naming(self.scene.table, self.scene.camera, self.tracks.ids, self.tracks.looks)
 
     @property
     def capture_tracks(self) -> Tracks:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.ball_look import BallLook, describe_unseen_balls
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
 
@@ -50,11 +51,17 @@ class Tracks:
     """(T, N, 2, 2) Jacobian of table position by pixel, divided by its root mean square per axis. In an oblique view,
     errors that are isotropic in the image are anisotropic on the table. `sigma` and `sigma_along` are errors in px
     times that root mean square in m/px. None: errors are isotropic on the table."""
+    looks: tuple[BallLook, ...] = ()
+    """(N,) how the balls look, and what a person calls them; by id and class where nothing else is given."""
 
     def __post_init__(self) -> None:
         frames, balls = len(self.frame), len(self.ids)
         if len(set(self.ids)) != balls or len(self.kinds) != balls:
             raise ValueError("Tracks needs one unique id and one kind per ball")
+        if not self.looks:
+            object.__setattr__(self, "looks", describe_unseen_balls(self.ids, self.kinds))
+        if len(self.looks) != balls:
+            raise ValueError(f"Tracks needs one look per ball; got {len(self.looks)} for {balls}")
         for name, shape in (
             ("t", (frames,)), ("xy", (frames, balls, 2)), ("px", (frames, balls, 2)), ("streak", (frames, balls, 2)),
             ("sigma", (frames, balls)), ("sigma_along", (frames, balls)), ("radius_px", (frames, balls)),
@@ -78,6 +85,7 @@ class Tracks:
             sigma_along=self.sigma_along[part], streak=self.streak[part], radius_px=self.radius_px[part],
             colour=self.colour[balls],
             image_jacobian=None if self.image_jacobian is None else self.image_jacobian[part],
+            looks=tuple(self.looks[k] for k in balls),
         )  # fmt: skip
 
     def frame_at(self, t: FloatArray) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,20 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TruerollError
-from models.core.scene import Camera
+from models.core.naming import Naming
+from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
+from pipeline.reporting.text.call_sentences import CallWords, format_call
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
-ARGUMENT_COUNTS = {"contact": 2, "first": 1, "cushion-first": 1, "pocket": 2, "line": 2}
-"""Number of arguments by question."""
+QUESTIONS = ("contact", "first", "cushion-first", "pocket", "line")
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, or line x=0.635 A"
 LINE_POINTS = 33
 """Points of a drawn line; lens distortion may bend it."""
@@ -38,7 +41,7 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
 
     Args:
         record: Observations and fitted motion of a shot.
-        words: The question, split at spaces.
+        words: The question, split at spaces; balls and pockets by their ids or by their names in the clip.
         edge: Whether a line is crossed by the edge of the ball instead of its centre.
 
     Returns:
@@ -47,24 +50,95 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     Raises:
         OptionError: The question is malformed, or names an unknown ball, pocket or line.
     """
-    kind, *rest = words
-    if kind not in ARGUMENT_COUNTS or len(rest) != ARGUMENT_COUNTS[kind]:
+    kind, *rest = " ".join(words).split()
+    if kind not in QUESTIONS or not rest:
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":
         raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
+    naming = record.naming
     try:
-        if kind == "contact":
-            return call_answers.answer_contact(record, *rest)
+        if kind == "line":
+            axis, at = _parse_line(rest[0])
+            return call_answers.answer_line(record, _require_ball(naming, rest[1:]), axis, at, edge)
         if kind == "first":
-            return call_answers.answer_first_contact(record, *rest)
+            return call_answers.answer_first_contact(record, _require_ball(naming, rest))
         if kind == "cushion-first":
-            return call_answers.answer_cushion_first(record, *rest)
+            return call_answers.answer_cushion_first(record, _require_ball(naming, rest))
         if kind == "pocket":
-            return call_answers.answer_pocket(record, *rest)
-        axis, at = _parse_line(rest[0])
-        return call_answers.answer_line(record, rest[1], axis, at, edge)
+            if not record.table.pockets:
+                raise OptionError("this table has no pockets")
+            return call_answers.answer_pocket(
+                record, *_split_words(naming, rest, naming.find_pocket, _list_pockets(naming))
+            )
+        return call_answers.answer_contact(record, *_split_words(naming, rest, naming.find_ball, ""))
     except ValueError as error:
         raise OptionError(str(error)) from error
+
+
+def _require_ball(naming: Naming, words: Sequence[str]) -> str:
+    """Return the id of the ball that words name."""
+    ball = naming.find_ball(" ".join(words))
+    if ball is None:
+        raise OptionError(f"a ball is one of {naming.list_balls()}; got {' '.join(words)!r}")
+    return ball
+
+
+def _split_words(
+    naming: Naming, words: Sequence[str], find_second: Callable[[str], str | None], second: str
+) -> tuple[str, str]:
+    """Split words into a ball and a second thing, which may both have names of several words."""
+    found = {
+        (ball, other)
+        for k in range(1, len(words))
+        if (ball := naming.find_ball(" ".join(words[:k]))) and (other := find_second(" ".join(words[k:])))
+    }
+    if len(found) == 1:
+        return found.pop()
+    problem = "these words can be split in several ways" if found else f"got {' '.join(words)!r}"
+    raise OptionError(f"{second and f'{second}; '}a ball is one of {naming.list_balls()}; {problem}")
+
+
+def _list_pockets(naming: Naming) -> str:
+    """List the pockets by both names."""
+    return "a pocket is one of " + ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
+
+
+def build_call_answer(
+    record: ShotRecord, call: CallAnswer, words: Sequence[str], pictures: Sequence[Path], why_not: str
+) -> Answer:
+    """Build the answer of a call from its codes and values.
+
+    Args:
+        record: Observations and fitted motion of a shot.
+        call: The answer.
+        words: The question as it was asked.
+        pictures: Pictures of the moment.
+        why_not: Why there are none; else empty.
+    """
+    text = format_call(call, record.naming)
+    numbers = {
+        "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
+        "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
+        "margin_mm_sigma": 1e3 * call.margin_sigma,
+    }  # fmt: skip
+    document = {
+        "question": " ".join(words), "asked": text.question, "verdict": call.verdict, "answer": text.verdict,
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "reason": text.reason or None, "sentence": text.sentence, "margin": text.margin or None,
+        "moved": list(call.moved),
+        "alternatives": [
+            {"answer": name, "name": record.naming.name_ball(name), "probability": p} for name, p in call.alternatives
+        ],
+        "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
+    }  # fmt: skip
+    quantities = (
+        Quantity("time", call.t, call.t_sigma, "s"),
+        Quantity("margin", 1e3 * call.margin, 1e3 * call.margin_sigma, "mm"),
+    )
+    return Answer(
+        text.question, (text.sentence,), text.verdict, call.stated_probability,
+        tuple(one for one in quantities if math.isfinite(one.value)), document=document, figures=tuple(pictures),
+    )  # fmt: skip
 
 
 def _parse_line(text: str) -> tuple[str, float]:
@@ -108,31 +182,25 @@ def write_call_images(
         return [], f"{source} cannot be read: {error}"
     target.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
-    line = _sample_line(record, *_parse_line(words[1])) if words[0] == "line" else None
+    line = _sample_line(record, *_parse_line(call.subject[1])) if call.kind == "line" else None
     scenery = [
         _build_close_up_frame(record, record.camera, call, int(frame), image, line)
         for frame, image in sorted(frames.items())
     ]
     nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
     paths = [target / f"{name}.png", target / f"{name}_strip.png"]
-    caption = f"{call.verdict}  {100 * call.probability:.1f} %"
-    for path, image in zip(
-        paths,
-        (draw_close_up(nearest, caption, _format_close_up_lines(call)), draw_frame_strip(scenery, call.t)),
-        strict=True,
-    ):
+    text = format_call(call, record.naming)
+    close = draw_close_up(nearest, f"{text.verdict}  ({text.probability})", _format_close_up_lines(call, text))
+    for path, image in zip(paths, (close, draw_frame_strip(scenery, call.t)), strict=True):
         with replace_file(path) as part:
             Image.fromarray(image).save(part, format="PNG")
     return paths, ""
 
 
-def _format_close_up_lines(call: CallAnswer) -> list[str]:
+def _format_close_up_lines(call: CallAnswer, text: CallWords) -> list[str]:
     """Format the lines of text of a close-up."""
     when = f"{call.t:.4f} s" + (f" ± {1e3 * call.t_sigma:.1f} ms" if np.isfinite(call.t_sigma) else "")
-    lines = [f"{when}, frame {call.frame:.2f}"]
-    if np.isfinite(call.margin):
-        lines.append(f"margin {1e3 * call.margin:+.2f} ± {1e3 * call.margin_sigma:.2f} mm")
-    return lines
+    return [text.question, *filter(None, [text.margin]), f"{when}, frame {call.frame:.1f}"]
 
 
 def find_run_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
@@ -204,7 +272,8 @@ def _build_outlines(
         place = record.position_at(record.ball_index(name), t)
         if np.isfinite(place).all():
             centre = camera.to_pixels(place, record.table.ball_radius) + drift
-            outlines.append(NamedOutline(name, centre, float(camera.radius_px(place, record.table.ball_radius))))
+            shown = record.naming.name_ball(name)
+            outlines.append(NamedOutline(shown, centre, float(camera.radius_px(place, record.table.ball_radius))))
     return tuple(outlines)
 
 

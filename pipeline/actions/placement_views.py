@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from models.core.errors import OptionError, TableNotFound
+from models.core.naming import Naming
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
@@ -48,7 +49,8 @@ def draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
         f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest cushions;"
         f" the gap at the nose is {1e3 * table.ball_radius:.1f} mm less"
     )
-    return draw_placement_plan(table, places.ids, places.xy, measure_cushion_distances(table, places.xy), title)
+    distances = measure_cushion_distances(table, places.xy)
+    return draw_placement_plan(table, wanted.naming, places.ids, places.xy, distances, title)
 
 
 def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
@@ -62,11 +64,11 @@ def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
     """
     if wanted.image is None or wanted.camera is None:
         return None
-    distances = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy)
+    distances, view = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy), wanted.naming.view
     rings = []
     for name, xy, own in zip(wanted.places.ids, wanted.places.xy, distances, strict=True):
-        numbers = ", ".join(f"{CUSHIONS[k]} {own[k]:.0f}" for k in find_nearest_cushions(own))
-        rings.append(PlacedRing(xy, WANTED_COLOUR, f"{name}: {numbers}"))
+        numbers = ", ".join(f"{view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
+        rings.append(PlacedRing(xy, WANTED_COLOUR, f"{wanted.naming.name_ball(name)}: {numbers}"))
     header: list[tuple[str, Colour]] = [
         (f"{wanted.places.t:.3f} s", WHITE), ("mm from the centre to the nearest cushions", NOTE_COLOUR)
     ]  # fmt: skip
@@ -74,7 +76,7 @@ def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
         wanted.table.corners[[0, 1, 0, 3]] / 2 + wanted.table.corners[[3, 2, 1, 2]] / 2
     )  # in the order of CUSHIONS
     marks = wanted.camera.to_pixels(middles, NOSE_HEIGHT_RADII * wanted.table.ball_radius)
-    names = list(zip(CUSHIONS, marks, strict=True))
+    names = list(zip(map(view.name_rail, CUSHIONS), marks, strict=True))
     return draw_places(wanted.image, wanted.camera, rings, wanted.table.ball_radius, header, names)
 
 
@@ -90,7 +92,8 @@ def draw_live_image(wanted: WantedPlaces, state: PlacementState) -> ImageArray:
     """
     moves = state.list_missing_moves(wanted.places)
     rings = []
-    for name, xy, move, present in zip(wanted.places.ids, wanted.places.xy, moves, state.present, strict=True):
+    names = map(wanted.naming.name_ball, wanted.places.ids)
+    for name, xy, move, present in zip(names, wanted.places.xy, moves, state.present, strict=True):
         distance = float(np.hypot(*move))
         if np.isnan(distance):
             rings.append(PlacedRing(xy, MISSING_COLOUR, f"{name} here"))
@@ -138,7 +141,7 @@ def describe_state(wanted: WantedPlaces, state: PlacementState) -> dict[str, Any
                 "id": name, "kind": kind, "missing_mm": round(distance, 2) if is_found else None,
                 "dx_mm": round(1e3 * float(move[0]), 2) if is_found else None,
                 "dy_mm": round(1e3 * float(move[1]), 2) if is_found else None,
-                "placed": is_found and distance <= 1e3 * PLACED_M, "move": format_move(move),
+                "placed": is_found and distance <= 1e3 * PLACED_M, "move": format_move(move, wanted.naming),
             }
         )  # fmt: skip
     return {
@@ -152,12 +155,12 @@ def describe_state(wanted: WantedPlaces, state: PlacementState) -> dict[str, Any
     }
 
 
-def format_move(move: FloatArray) -> str:
-    """Format a move (2,) m towards the cushions of the plan, such as `12.0 mm to the right, 3.5 mm to the top`."""
+def format_move(move: FloatArray, naming: Naming) -> str:
+    """Format a move (2,) m, such as `12.0 mm to the right, 3.5 mm to the far rail`."""
     if np.isnan(move).any():
         return "not found"
     parts = [
-        f"{_format_mm(abs(float(step)))} mm to the {names[int(step > 0)]}"
+        f"{_format_mm(abs(float(step)))} mm towards the {naming.name_rail(names[int(step > 0)])}"
         for step, names in zip(move, (("left", "right"), ("top", "bottom")), strict=True)
         if abs(step) >= 5e-5
     ]

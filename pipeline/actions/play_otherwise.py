@@ -12,9 +12,9 @@ from PIL import Image
 
 from models.core.errors import OptionError, TrackError
 from models.core.fit_result import Fit
+from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.tracks import Tracks
-from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
@@ -105,7 +105,7 @@ def play_otherwise(
     """
     on_activity("reading the shot")
     shot = load_shot(source, None, cache)
-    tracks, scene = shot.tracks, shot.scene
+    tracks, scene, naming = shot.tracks, shot.scene, shot.naming
     _require_possible_goal(plan.goal, tracks, scene)
     fit, solution = view_shot(shot), shot.solution
     if solution is None:
@@ -133,7 +133,7 @@ def play_otherwise(
     with replace_file(folder / "what_if.csv") as path:
         write_changed_paths(ensemble, changed, path)
     with replace_file(folder / "what_if.png") as path:
-        Image.fromarray(_draw_plays(ensemble, changed, tracks)).save(path, format="PNG")
+        Image.fromarray(_draw_plays(ensemble, changed, tracks, naming)).save(path, format="PNG")
     write_text(folder / "what_if.json", format_strict_json(document))
     return document
 
@@ -158,14 +158,15 @@ def _did_score(fit: Fit, ensemble: StruckEnsemble, plan: StrokePlan) -> bool:
     return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, plan.goal)
 
 
-def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks) -> np.ndarray:
+def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, naming: Naming) -> np.ndarray:
     fans = []
     for k, name in enumerate(ensemble.ids):
         plays = changed.members[:, :, k]
         real = tracks.xy[tracks.t >= ensemble.t - 1e-9, tracks.ids.index(name)]
-        fans.append(PredictionFan(name, real, plays, ensemble_outlyingness(plays), np.empty((0, 2))))
+        fans.append(PredictionFan(name, real, plays, np.empty((0, 2))))
     title = (
-        f"Thick lines: the shot played otherwise, until the balls rest or {SECONDS:g} s after the strike;"
-        f" shaded: 50 and 90 % of {len(changed.members)} plays.\nThin lines: the real shot, until the clip ends."
+        f"Thick lines: the shot played otherwise, until the balls rest or {SECONDS:g} s after the strike; the stronger"
+        f" the shade, the more of {len(changed.members)} plays pass there.\n"
+        "Thin lines: the real shot, until the clip ends."
     )
-    return draw_changed_shot(ensemble.table, fans, title)
+    return draw_changed_shot(ensemble.table, naming, fans, title)

@@ -11,6 +11,7 @@ import numpy as np
 
 from models.core.detections import Detections
 from models.core.errors import OptionError, TableNotFound
+from models.core.naming import Naming
 from models.core.scene import Camera, Scene, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import BallPlaces, locate_balls, select_moment_before_strike
@@ -54,6 +55,7 @@ class WantedPlaces:
     place_sigma: FloatArray
     """(N, 2) m, of x and y relative to the noses, calibration included."""
     table: Table
+    naming: Naming
     camera: Camera | None
     """The camera at that time; None for a folder without calibration."""
     frame: float
@@ -97,7 +99,7 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
             frame = int(record.frame[nearest])
             shown = dict(read_frames(select_run_subclip(folder, open_clip(source)), indices=np.array([frame])))
             image, why_not = shown[frame], ""
-    return WantedPlaces(places, sigma, record.table, camera, record.frame_at(t), image, why_not)
+    return WantedPlaces(places, sigma, record.table, record.naming, camera, record.frame_at(t), image, why_not)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,6 @@ from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
 from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_event
-from video.drawing.palette import ball_colour
 from video.io.clip import Clip
 
 SAME_EVENT_S = 0.1
@@ -109,7 +108,7 @@ def list_calls(run: ClipRun) -> dict[str, str]:
     if not len(fit.trajectory.start):
         return {}
     record = make_shot_record(run.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
-    return {row.question: row.call for row in answer_calls(record)}
+    return {row.question: row.verdict for row in answer_calls(record)}
 
 
 def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
@@ -251,14 +250,14 @@ def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
             scene.camera.to_pixels(fitted[:, k], scene.table.ball_radius, tracks.frame),
         )
         radius = float(np.nanmedian(tracks.radius_px[:, k])) if observed.any() else 6.0
-        colour = ball_colour(tracks.kinds[k], tracks.colour[k])
+        look = tracks.looks[k]
         path = [
             [int(tracks.frame[row]) + offset, round(float(px[row, 0]), 2), round(float(px[row, 1]), 2),
              int(observed[row])]
             for row in np.flatnonzero(shown & np.isfinite(px[:, 0]))
         ]  # fmt: skip
-        rows.append({"id": name, "kind": tracks.kinds[k], "radius": round(radius, 2),
-                     "colour": "#{:02x}{:02x}{:02x}".format(*colour), "path": path})  # fmt: skip
+        rows.append({"id": name, "name": look.name, "kind": tracks.kinds[k], "radius": round(radius, 2),
+                     "colour": "#{:02x}{:02x}{:02x}".format(*look.colour), "path": path})  # fmt: skip
     return rows
 
 

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from models.core.ball_look import describe_unseen_balls
 from models.core.errors import OptionError
 from models.core.events import EVENT_KINDS, Events
+from models.core.naming import build_naming
 from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
@@ -68,13 +70,14 @@ def read_shot_record(folder: Path, shot: int = 0, cloth: ClothPriors | None = No
     sigma = np.nan_to_num(tracks.get("sigma", np.full(len(observed), DEFAULT_SIGMA)), nan=DEFAULT_SIGMA)
     blank = np.full(len(observed), np.nan)
     frame, at = np.unique(tracks["frame"], return_index=True)
-    parsed = _parse_events(events)
+    parsed, camera, own_kinds = _parse_events(events), parse_camera(scene), tuple(kinds[name] for name in ids)
+    naming = build_naming(table, camera, ids, describe_unseen_balls(ids, own_kinds))
     return ShotRecord(
-        ids, tuple(kinds[name] for name in ids), frame.astype(np.int64), tracks["t"][at],
+        ids, own_kinds, frame.astype(np.int64), tracks["t"][at],
         ball[order], tracks["t"][order], np.stack([tracks["x"], tracks["y"]], axis=1)[order],
         np.stack([tracks.get("x_px", blank), tracks.get("y_px", blank)], axis=1)[order],
         np.maximum(sigma, 1e-6)[order], parsed, *_resample_motion(motion, ids, table.ball_radius), table,
-        parse_camera(scene), parse_explanation(scene, parsed),
+        camera, parse_explanation(scene, parsed), naming,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -32,11 +33,12 @@ def track_stage(options: TrackOptions, corrections: Corrections = NO_CORRECTIONS
 def _build_tracks(
     corrections: Corrections, detections: str, inputs: Inputs, options: TrackOptions, folder: Path, progress: Progress
 ) -> Tracks:
-    """Link the detections of all distinct frames to tracks."""
-    from models.tracking.build_tracks import build_tracks  # slow to import
+    """Link the detections of all distinct frames to tracks, and look what each ball is."""
+    from detectors.measurement.ball_paint import look_at_balls  # slow to import
+    from models.tracking.build_tracks import build_tracks
 
-    clip = inputs["read"]
-    return build_tracks(
-        inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], inputs["calibrate"], options, progress,
-        corrections,
-    )  # fmt: skip
+    clip, scene = inputs["read"], inputs["calibrate"]
+    tracks = build_tracks(
+        inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], scene, options, progress, corrections
+    )
+    return replace(tracks, looks=look_at_balls(clip, scene, tracks))

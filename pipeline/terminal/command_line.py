@@ -7,8 +7,13 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Grid
 
+from models.core.answer import Answer
 from models.core.errors import OptionError
+from models.core.naming import join_names
+from pipeline.io.strict_json import format_strict_json
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -29,6 +34,30 @@ def make_output_console() -> Console:
     """
     output = Console(highlight=False)
     return output if output.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
+
+
+def print_answer(answer: Answer, as_json: bool) -> None:
+    """Print an answer: its document as JSON, or its sentences, its table and where to look.
+
+    Args:
+        answer: The answer.
+        as_json: Whether to print JSON.
+    """
+    if as_json:
+        print(format_strict_json(dict(answer.document)))
+        return
+    screen = make_output_console()
+    for sentence in answer.sentences:
+        screen.print(escape(sentence))
+    if answer.rows:
+        grid = Grid(*(escape(heading) for heading in answer.rows[0]), box=None, pad_edge=False)
+        for row in answer.rows[1:]:
+            grid.add_row(*(escape(cell) for cell in row))
+        screen.print(grid)
+    for note in answer.notes:
+        screen.print(escape(note))
+    if answer.figures:
+        print(f"Look at {join_names(str(path) for path in answer.figures)}")
 
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from models.core.ball_look import WHITE as WHITE
+from models.core.ball_look import Colour as Colour
 from models.core.typing import FloatArray
 
-Colour = tuple[int, int, int]
-"""sRGB, 0 to 255."""
-
-WHITE: Colour = (255, 255, 255)
 INK: Colour = (12, 16, 22)
 """Background of panels and labels."""
 MUTED_GREY: Colour = (168, 178, 190)
@@ -20,15 +18,6 @@ FLASH: Colour = (255, 214, 102)
 TRUST_COLOURS: dict[str, Colour] = {"green": (64, 200, 110), "amber": (255, 176, 32), "red": (240, 68, 68)}
 """Colours of the trust levels."""
 
-KIND_COLOURS: dict[str, Colour] = {
-    "cue": (246, 244, 232), "white": (246, 244, 232), "eight": (44, 44, 50), "black": (44, 44, 50),
-    "red": (232, 48, 48), "yellow": (255, 206, 40), "green": (22, 146, 82), "brown": (150, 88, 44),
-    "blue": (44, 104, 232), "pink": (255, 142, 178),
-}  # fmt: skip
-"""Colours of balls whose class names a colour; other balls keep their measured colour."""
-
-MIN_CHROMA = 45.0
-"""C* to which the chroma of a measured colour is raised, so that trails stay distinguishable in dull footage."""
 LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
 """Weights of red, green and blue in brightness (ITU-R BT.601)."""
 BRIGHT_LUMA = 150.0
@@ -38,8 +27,6 @@ MIN_LUMA_CONTRAST = 60.0
 MIN_LUMA_ON_DARK, MAX_LUMA_ON_WHITE = 105.0, 148.0
 """Brightness limits, of 255, between which a grey line has a contrast of 3 to 1 both on a dark background and on
 white (WCAG 2.1, 1.4.11)."""
-MAX_GREY_CHROMA = 10.0
-"""C* below which a measured colour is grey and keeps its chroma."""
 
 
 def lab_to_rgb(lab: FloatArray) -> Colour:
@@ -54,28 +41,6 @@ def lab_to_rgb(lab: FloatArray) -> Colour:
     rgb = cv2.cvtColor(np.asarray(lab, dtype=np.float32).reshape(1, 1, 3), cv2.COLOR_LAB2RGB).reshape(3)
     red, green, blue = (round(float(value) * 255) for value in np.clip(rgb, 0, 1))
     return red, green, blue
-
-
-def ball_colour(kind: str, lab: FloatArray) -> Colour:
-    """Return the colour in which a ball is drawn.
-
-    Args:
-        kind: Class of the ball; a class that names a colour decides alone.
-        lab: Measured L*a*b* colour of the ball (3,); NaN if unknown.
-
-    Returns:
-        The colour of the class, else the measured colour with a chroma of at least `MIN_CHROMA`, else grey.
-    """
-    if kind in KIND_COLOURS:
-        return KIND_COLOURS[kind]
-    if not np.isfinite(lab).all():
-        return MUTED_GREY
-    chroma = float(np.hypot(lab[1], lab[2]))
-    raised = np.array(lab, dtype=np.float64)
-    raised[0] = np.clip(raised[0], 35.0, 85.0)
-    if MAX_GREY_CHROMA < chroma < MIN_CHROMA:
-        raised[1:] *= MIN_CHROMA / chroma
-    return lab_to_rgb(raised)
 
 
 def ensure_contrast(colour: Colour, background: Colour) -> Colour:

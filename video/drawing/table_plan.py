@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -9,10 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.scene import Scene, Table
+from models.core.ball_look import WHITE, BallLook, Colour
+from models.core.naming import Naming
+from models.core.scene import CUSHIONS, Scene, Table
+from models.core.table_view import TableView, find_table_view
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import SHIFT
-from video.drawing.palette import INK, KIND_COLOURS, WHITE, Colour, ensure_contrast, lab_to_rgb, mix_colours
+from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
 from video.drawing.text import draw_text, round_corner_mask, text_mask
 from video.io.pixel_kernels import blend_colours
 
@@ -20,82 +24,102 @@ CLOTH_COLOUR: Colour = (34, 104, 96)
 """Cloth of a table without footage."""
 PLAN_WIDTH = 1280
 """px, width of the drawing."""
-SPARE_COLOURS: tuple[Colour, ...] = (
-    (246, 244, 232), (255, 206, 40), (232, 72, 60), (96, 160, 255), (255, 142, 178), (255, 150, 60), (150, 220, 110),
-    (190, 140, 255),
-)  # fmt: skip
-"""Colours, in order, of balls whose names contain no colour."""
 FOOTER_TEXT_PX, FOOTER_LINE_PX = 17, 24
 """px, font size and height of a line below the table."""
+LETTER_WIDTH = 0.55
+"""Mean width of a letter over the font size."""
 START_FADE = 0.55
 """Share of the cloth colour in a ball that is drawn at its start."""
+BAND_SHARE = 0.5
+"""Half width of the band of a striped ball, ball radii."""
+RAIL_TEXT_PX = 14
+"""px, font size of the names of the rails."""
 
 
-def assign_ball_colours(ids: Sequence[str]) -> list[Colour]:
-    """Assign a colour to each ball: the colour in its name (`red`, `cue`, `red-2`), else one of `SPARE_COLOURS`."""
-    named = [KIND_COLOURS.get(name) or KIND_COLOURS.get(name.split("-")[0]) for name in ids]
-    spare = [colour for colour in SPARE_COLOURS if colour not in named] or list(SPARE_COLOURS)
-    unnamed = [k for k, colour in enumerate(named) if colour is None]
-    for order, k in enumerate(unnamed):
-        named[k] = spare[order % len(spare)]
-    return [ensure_contrast(colour, CLOTH_COLOUR) for colour in named if colour is not None]
+def draw_ball_disc(canvas: ImageArray, centre: Sequence[int], radius: int, look: BallLook, faded: float = 0.0) -> None:
+    """Draw a ball as the clip shows it: a disc of its paint, or a white one with a band of it.
+
+    Args:
+        canvas: Image (h, w, 3), drawn upon.
+        centre: x, y in fixed-point px.
+        radius: Radius in fixed-point px.
+        look: How the ball looks.
+        faded: Share of the cloth that shines through.
+    """
+    paint, white, edge = (mix_colours(colour, CLOTH_COLOUR, faded) for colour in (look.colour, WHITE, INK))
+    cv2.circle(canvas, centre, radius + (SUPERSAMPLE << SHIFT), edge, -1, cv2.LINE_AA, SHIFT)
+    cv2.circle(canvas, centre, radius, paint, -1, cv2.LINE_AA, SHIFT)
+    if look.is_striped:
+        half = np.degrees(np.arccos(BAND_SHARE))
+        for pole in (-90, 90):  # caps above and below the band
+            arc = cv2.ellipse2Poly((0, 0), (radius, radius), 0, round(pole - half), round(pole + half), 4)
+            cv2.fillPoly(canvas, [arc + np.asarray(centre, np.int32)], white, cv2.LINE_AA, SHIFT)
 
 
 def draw_table_plan(
     table: Table,
+    naming: Naming,
     ids: Sequence[str],
     paths: Sequence[FloatArray],
     contact_points: FloatArray,
     title: str,
     draw_background: Callable[[TableInset, Sequence[Colour]], None] | None = None,
 ) -> ImageArray:
-    """Draw the paths of the balls on an empty table.
+    """Draw the paths of the balls on an empty table that lies as in the clip.
 
     A ball is drawn faint at its start and solid at its end.
 
     Args:
         table: Table to draw.
-        ids: Names of the balls.
+        naming: Names and looks of the balls, and how the table lies in the picture.
+        ids: Ids of the balls.
         paths: Path of each ball (n, 2), m; NaN makes a gap.
         contact_points: Positions of the contacts (m, 2), m.
         title: Text below the table, one or several lines; empty for none.
-        draw_background: Function that draws on the empty table first, in the colours of the balls.
+        draw_background: Function that draws on the empty table first, in the colours of the balls' lines.
 
     Returns:
-        Image (h, `PLAN_WIDTH`, 3), higher than the table by the text.
+        Image (h, w, 3), its longer side without the text `PLAN_WIDTH`.
     """
-    inset = build_empty_inset(table, CLOTH_COLOUR, False, PLAN_WIDTH)
-    colours = assign_ball_colours(ids)
+    inset = build_empty_inset(table, CLOTH_COLOUR, naming.view, PLAN_WIDTH)
+    looks = [naming.find_look(name) for name in ids]
+    lines = [ensure_contrast(look.colour, CLOTH_COLOUR) for look in looks]
     if draw_background is not None:
-        draw_background(inset, colours)
-    for path, colour in zip(paths, colours, strict=True):
+        draw_background(inset, lines)
+    for path, colour in zip(paths, lines, strict=True):
         _draw_path(inset, path, colour)
     for mark in contact_points[np.isfinite(contact_points).all(axis=1)]:
-        cv2.circle(
-            inset.canvas,
-            inset.to_fixed_point(mark).tolist(),
-            3 * SUPERSAMPLE << SHIFT,
-            WHITE,
-            SUPERSAMPLE,
-            cv2.LINE_AA,
-            SHIFT,
-        )
+        centre = inset.to_fixed_point(mark).tolist()
+        cv2.circle(inset.canvas, centre, 3 * SUPERSAMPLE << SHIFT, WHITE, SUPERSAMPLE, cv2.LINE_AA, SHIFT)
     finite_paths = [path[np.isfinite(path).all(axis=1)] for path in paths]
-    for which, share in ((0, START_FADE), (-1, 0.0)):  # ends are drawn over starts
-        for places, colour in zip(finite_paths, colours, strict=True):
+    for which, faded in ((0, START_FADE), (-1, 0.0)):  # ends are drawn over starts
+        for places, look in zip(finite_paths, looks, strict=True):
             if len(places):
-                _draw_ball(
-                    inset,
-                    table,
-                    places[which],
-                    mix_colours(colour, CLOTH_COLOUR, share),
-                    mix_colours(INK, CLOTH_COLOUR, share),
-                )
-    image = cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA)
+                inset.draw_true_ball(table, places[which], look, faded)
+    image = np.asarray(cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA), np.uint8)
+    name_rails(image, inset, table, naming)
     for name, places in zip(ids, finite_paths, strict=True):
         if len(places):
-            _draw_ball_name(image, inset, places[-1], name)
-    return append_footer(np.asarray(image, dtype=np.uint8), title)
+            _draw_ball_name(image, inset, places[-1], naming.name_ball(name))
+    return append_footer(image, title)
+
+
+def name_rails(image: ImageArray, inset: TableInset, table: Table, naming: Naming) -> None:
+    """Write on each rail of a plan (h, w, 3) what a viewer of the clip calls it."""
+    rail, length, width = RAIL_SHARE * table.length / 2, table.length, table.width
+    aside = 5 / 16  # between two diamonds, away from pockets
+    places = (
+        (-rail, aside * width),
+        (length + rail, aside * width),
+        (aside * length, -rail),
+        (aside * length, width + rail),
+    )
+    for cushion, place in zip(CUSHIONS, places, strict=True):
+        text = naming.view.name_rail(cushion)
+        height, breadth = text_mask(text, RAIL_TEXT_PX).shape[:2]
+        x, y = inset.to_fixed_point(np.array(place)) / (SUPERSAMPLE << SHIFT)
+        left, top = np.clip([x - breadth / 2, y - height / 2], 0, [image.shape[1] - breadth, image.shape[0] - height])
+        draw_text(image, text, int(left), int(top), RAIL_TEXT_PX, MUTED_GREY)
 
 
 def append_footer(image: ImageArray, text: str) -> ImageArray:
@@ -108,7 +132,8 @@ def append_footer(image: ImageArray, text: str) -> ImageArray:
     Returns:
         Image (h + strip, w, 3).
     """
-    lines = text.splitlines()
+    letters = int((image.shape[1] - 32) / (LETTER_WIDTH * FOOTER_TEXT_PX))
+    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, letters)]
     if not lines:
         return image
     strip = np.full((len(lines) * FOOTER_LINE_PX + 10, image.shape[1], 3), INK, np.uint8)
@@ -125,14 +150,6 @@ def _draw_path(inset: TableInset, path: FloatArray, colour: Colour) -> None:
         if len(line) > 1:
             points = inset.to_fixed_point(line).reshape(-1, 1, 2)
             cv2.polylines(inset.canvas, [points], False, colour, 2 * SUPERSAMPLE, cv2.LINE_AA, SHIFT)
-
-
-def _draw_ball(inset: TableInset, table: Table, place: FloatArray, colour: Colour, edge: Colour) -> None:
-    """Draw a ball true to scale, so that touching balls touch in the drawing."""
-    scale = float(np.linalg.norm(inset.table_to_canvas[:, 0]))
-    centre, radius = inset.to_fixed_point(place).tolist(), round(table.ball_radius * scale * (1 << SHIFT))
-    cv2.circle(inset.canvas, centre, radius + (SUPERSAMPLE << SHIFT), edge, -1, cv2.LINE_AA, SHIFT)
-    cv2.circle(inset.canvas, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
 
 
 def _draw_ball_name(image: ImageArray, inset: TableInset, place: FloatArray, name: str) -> None:
@@ -156,7 +173,7 @@ WOOD: Colour = (58, 44, 36)
 
 @dataclass(frozen=True, slots=True)
 class TableInset:
-    """A plan of the table in the orientation that the table has in the frame."""
+    """A plan of the table, which lies as in the picture."""
 
     canvas: ImageArray
     """(h, w, 3) the empty table, `SUPERSAMPLE` times the final size."""
@@ -174,6 +191,12 @@ class TableInset:
         """Map points (..., 2) m to fixed-point px of `canvas`."""
         px = xy @ self.table_to_canvas[:, :2].T + self.table_to_canvas[:, 2]
         return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
+
+    def draw_true_ball(self, table: Table, place: FloatArray, look: BallLook, faded: float = 0.0) -> None:
+        """Draw a ball at (2,) m true to scale, so that touching balls touch in the drawing."""
+        scale = float(np.linalg.norm(self.table_to_canvas[:, 0]))
+        radius = round(table.ball_radius * scale * (1 << SHIFT))
+        draw_ball_disc(self.canvas, self.to_fixed_point(place).tolist(), radius, look, faded)
 
     def draw(
         self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
@@ -222,16 +245,17 @@ def build_table_inset(scene: Scene, longest: int) -> TableInset:
     Returns:
         The plan without balls and paths.
     """
-    return build_empty_inset(scene.table, lab_to_rgb(scene.cloth_lab), _is_upright(scene), longest)
+    view = find_table_view(scene.camera, scene.table)
+    return build_empty_inset(scene.table, lab_to_rgb(scene.cloth_lab), view, longest)
 
 
-def build_empty_inset(table: Table, cloth: Colour, upright: bool, longest: int) -> TableInset:
+def build_empty_inset(table: Table, cloth: Colour, view: TableView, longest: int) -> TableInset:
     """Build the plan of an empty table.
 
     Args:
         table: Table to draw.
         cloth: Colour of the cloth.
-        upright: True if the x axis runs down, False if it runs to the right.
+        view: How the table lies in the picture.
         longest: Longer side of the plan, px.
 
     Returns:
@@ -239,25 +263,14 @@ def build_empty_inset(table: Table, cloth: Colour, upright: bool, longest: int) 
     """
     rail = RAIL_SHARE * table.length
     scale = longest * SUPERSAMPLE / (table.length + 2 * rail)
-    sides = (table.length, table.width)
-    long_px, short_px = (round((side + 2 * rail) * scale / SUPERSAMPLE) * SUPERSAMPLE for side in sides)
-    if upright:
-        to_plan = np.array([[0.0, -scale, (table.width + rail) * scale], [scale, 0.0, rail * scale]])
-        shape = (long_px, short_px)
-    else:
-        to_plan = np.array([[scale, 0.0, rail * scale], [0.0, scale, rail * scale]])
-        shape = (short_px, long_px)
+    origin, *units = view.turn_points(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), table)
+    to_plan = scale * np.column_stack([*(unit - origin for unit in units), origin + rail])
+    sides = (table.length, table.width) if view.turns % 2 == 0 else (table.width, table.length)
+    columns, rows = (round((side + 2 * rail) * scale / SUPERSAMPLE) * SUPERSAMPLE for side in sides)
     radius = max(BALL_GROWTH * table.ball_radius * scale, 2.2 * SUPERSAMPLE)
-    inset = TableInset(np.full((*shape, 3), WOOD, dtype=np.uint8), to_plan, radius)
+    inset = TableInset(np.full((rows, columns, 3), WOOD, dtype=np.uint8), to_plan, radius)
     _draw_table(inset, table, cloth, scale)
     return inset
-
-
-def _is_upright(scene: Scene) -> bool:
-    """Return whether the longer side of the table is closer to vertical than to horizontal in the frame."""
-    middle = np.array([[0.5, 0.5], [0.51, 0.5]]) * [scene.table.length, scene.table.width]
-    step = np.diff(scene.camera.to_pixels(middle, 0.0), axis=0)[0]
-    return bool(abs(step[1]) > abs(step[0]))
 
 
 def _draw_table(inset: TableInset, table: Table, cloth: Colour, scale: float) -> None:

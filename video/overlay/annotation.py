@@ -13,7 +13,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import drawing_scale
 from video.drawing.label_layout import LabelPosition, Rect, overlap_share, place_label, place_panel
-from video.drawing.palette import Colour, ball_colour, ensure_contrast, lab_to_rgb
+from video.drawing.palette import Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import BallTimeline
@@ -257,10 +257,11 @@ def prepare_annotation(
     cost = _panel_cost_map(timeline, paths, first)
     inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_CELL_PX)
     clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_CELL_PX)
-    colours = tuple(ball_colour(kind, lab) for kind, lab in zip(tracks.kinds, tracks.colour, strict=True))
+    colours = tuple(look.colour for look in tracks.looks)
     cloth = lab_to_rgb(timeline.scene.cloth_lab)
     return Annotation(
-        timeline=timeline, names=tracks.ids, paths=paths, marks=select_contact_marks(timeline, fit), inset=inset,
+        timeline=timeline, names=tuple(look.name for look in tracks.looks),
+        paths=paths, marks=select_contact_marks(timeline, fit), inset=inset,
         colours=colours, trail_colours=tuple(ensure_contrast(colour, cloth) for colour in colours),
         inset_place=inset_place, plan_canvas=inset.canvas.copy(), clock=clock, clock_place=clock_place, scale=scale,
         reading_time=READING_S / slow, style=style,

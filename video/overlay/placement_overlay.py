@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.naming import Naming
 from models.core.scene import CUSHIONS, Camera, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions
@@ -20,8 +21,8 @@ from video.drawing.table_plan import (
     SUPERSAMPLE,
     TableInset,
     append_footer,
-    assign_ball_colours,
     build_empty_inset,
+    name_rails,
 )
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
@@ -222,13 +223,14 @@ _OUTWARDS = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}
 
 
 def draw_placement_plan(
-    table: Table, ids: Sequence[str], xy: FloatArray, distances: FloatArray, title: str
+    table: Table, naming: Naming, ids: Sequence[str], xy: FloatArray, distances: FloatArray, title: str
 ) -> ImageArray:
     """Draw the balls of a table to scale, each with a line and the distance to its two nearest cushions.
 
     Args:
         table: The table.
-        ids: Names of the N balls.
+        naming: Names and looks of the balls, and how the table lies in the picture.
+        ids: Ids of the N balls.
         xy: Centres (N, 2), m.
         distances: Distances (N, 4), m, of the centres to the noses in the order of `CUSHIONS`.
         title: Line of text below the plan.
@@ -236,22 +238,21 @@ def draw_placement_plan(
     Returns:
         Image (h, `PLAN_WIDTH_PX`, 3).
     """
-    inset = build_empty_inset(table, CLOTH_COLOUR, False, PLAN_WIDTH_PX)
-    colours = assign_ball_colours(ids)
+    inset = build_empty_inset(table, CLOTH_COLOUR, naming.view, PLAN_WIDTH_PX)
+    looks = [naming.find_look(name) for name in ids]
+    colours = [ensure_contrast(look.colour, CLOTH_COLOUR) for look in looks]
     lines = [_list_dimension_lines(place, row) for place, row in zip(xy, distances, strict=True)]
     for own, colour in zip(lines, colours, strict=True):
         for start, end, _ in own:
             _draw_dimension_line(inset, start, end, mix_colours(colour, CLOTH_COLOUR, 0.25))
     scale = float(np.linalg.norm(inset.table_to_canvas[:, 0]))
     radius = table.ball_radius * scale
-    for place, colour in zip(xy, colours, strict=True):
-        centre = inset.to_fixed_point(place).tolist()
-        for grow, ink in ((SUPERSAMPLE, INK), (0, colour)):
-            size = round((radius + grow) * (1 << SHIFT))
-            cv2.circle(inset.canvas, centre, size, ink, -1, cv2.LINE_AA, SHIFT)
+    for place, look in zip(xy, looks, strict=True):
+        inset.draw_true_ball(table, place, look)
     plan = cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA)
     image = np.asarray(plan, np.uint8)
-    _draw_texts(image, inset, ids, xy, lines, colours, radius / SUPERSAMPLE)
+    name_rails(image, inset, table, naming)
+    _draw_texts(image, inset, [look.name for look in looks], xy, lines, colours, radius / SUPERSAMPLE)
     return append_footer(image, title)
 
 

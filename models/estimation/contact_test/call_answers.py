@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal, TypedDict
 
 import numpy as np
 from scipy.special import ndtr
@@ -31,65 +33,69 @@ UNKNOWN = "unknown"
 """Name of an answer for a contact with an unknown body."""
 UNOBSERVED_PROBABILITY = 0.5
 """Probability of what nothing observed speaks for or against (principle of indifference)."""
-MAX_STATED_PROBABILITY = 0.999
-"""Largest probability that a sentence states as a number."""
-MIN_NAMED_PROBABILITY = 0.001
-"""Least probability of another answer that a sentence names."""
 DOUBT_TIME = 0.15
 """s around a moment within which doubts concern it."""
 VANISH_RADII = 6.0
 """Ball radii from a pocket's mouth, besides the way of three frames, within which a ball that vanishes may have
 fallen."""
-DOUBT_SENTENCES: dict[Doubt, str] = {
-    "hidden": "a ball was not detected around it",
-    "fast": "a ball moved far between two frames",
-    "few_samples": "too few frames show the motion before or after",
-    "clip_edge": "it happened at the very start or end of the clip",
-    "rival": "another ball may have been touched instead",
-    "close_pass": "the balls passed so closely that a graze cannot be excluded",
-    "no_cause": "a ball changed its velocity for no known cause",
-}
-"""Sentences on why a moment is unsure."""
 POCKET_MOUTH_RADII = 1.6
 """Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops."""
 
 
+CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
+"""Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion."""
+QuestionKind = Literal["contact", "first", "cushion-first", "pocket", "line"]
+
+
+class _Doubts(TypedDict, total=False):
+    doubts: tuple[CallDoubt, ...]
+    doubt_frame: float
+
+
 @dataclass(frozen=True, slots=True)
 class CallAnswer:
-    """Answer to one question."""
+    """Answer to one question, as codes and values; `reporting.text.call_sentences` has the words."""
 
+    kind: QuestionKind
+    subject: tuple[str, ...]
+    """What the question names: balls, then the pocket or the line."""
     probability: float
-    t: float
+    """Of a yes; of the first alternative where there are several answers."""
+    t: float = math.nan
     """s; NaN without a moment."""
-    t_sigma: float
-    frame: float
+    t_sigma: float = math.nan
+    frame: float = math.nan
     """Fractional frame number of the same moment."""
-    margin: float
+    margin: float = math.nan
     """m: gap of two surfaces on free paths (negative: overlap), or distance to a line or pocket (negative: beyond it);
     NaN where there is none.
     """
-    margin_sigma: float
-    sentence: str
-    moved: tuple[str, ...]
+    margin_sigma: float = math.nan
+    moved: tuple[str, ...] = ()
     """Balls that moved just before the moment."""
-    balls: tuple[str, ...]
+    balls: tuple[str, ...] = ()
     """Balls that take part, for an image of the moment."""
+    met: str = ""
+    """What was met or reached instead of what the question names: a ball, a cushion, a pocket; empty for nothing."""
     alternatives: tuple[tuple[str, float], ...] = ()
     """Names of all answers and their probabilities, where there are more than yes and no: the stated one first, then
     the most probable ones; `UNKNOWN` stands for a cause that is not known."""
-    reason: str = ""
-    """Why the clip does not decide the question, and which frames would; empty where it does."""
+    doubts: tuple[CallDoubt, ...] = ()
+    """Why the clip does not decide the question; empty where it does."""
+    doubt_frame: float = math.nan
+    """Frame around which sharp images would decide."""
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Literal["yes", "no", "inconclusive"]:
         """Yes, no or inconclusive."""
-        return (
-            "yes"
-            if self.probability > SURE_PROBABILITY
-            else "no"
-            if self.probability < 1 - SURE_PROBABILITY
-            else "inconclusive"
-        )
+        if self.doubts or 1 - SURE_PROBABILITY <= self.probability <= SURE_PROBABILITY:
+            return "inconclusive"
+        return "yes" if self.probability > SURE_PROBABILITY else "no"
+
+    @property
+    def stated_probability(self) -> float:
+        """Probability of the most probable answer."""
+        return self.probability if self.alternatives else max(self.probability, 1 - self.probability)
 
 
 def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
@@ -115,10 +121,7 @@ def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
     if not candidates:
         return _answer_never_near(record, one, two, probability)
     best = max(candidates, key=lambda candidate: candidate.probability)
-    sentence = _format_verdict(probability, f"{a} and {b} touched", f"{a} and {b} did not touch")
-    reason = _explain_doubt(record, best.t, (a, b)) if _is_undecided(probability) else ""
-    return _build_answer(record, best, probability, f"{sentence}; {_format_gap(best.gap, best.gap_sigma)}", (a, b),
-                         reason)  # fmt: skip
+    return _build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), best)
 
 
 def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
@@ -159,32 +162,19 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     names[UNKNOWN] = names.get(UNKNOWN, 0.0) + no_contact_yet * unlisted
     ranked = tuple(sorted(names.items(), key=lambda item: -item[1]))
     name, probability = ranked[0]
-    if name == UNKNOWN or probability < SURE_PROBABILITY:
-        named = next(entry for entry in ranked if entry[0] != UNKNOWN)
-        reason = _explain_doubt(record, min((t for t, *_ in moments), default=float(record.moments[0])), (a,))
-        ranked = (named, *(entry for entry in ranked if entry is not named))
-        name, probability = named
-    else:
-        reason = ""
-    if name == "none":
-        sentence = f"{_format_probability(probability)} {a} touched no ball"
-        return replace(_answer_without_moment(probability, sentence, a, reason), alternatives=ranked)
+    is_doubtful = name == UNKNOWN or probability < SURE_PROBABILITY
+    if name == UNKNOWN:
+        name, probability = next(entry for entry in ranked if entry[0] != UNKNOWN)
+        ranked = ((name, probability), *(entry for entry in ranked if entry[0] != name))
+    doubts = _list_doubts(record, min((t for t, *_ in moments), default=float(record.moments[0])), (a,), is_doubtful)
     best = max(
         (entry for entry in candidates if entry.other == name),
         key=lambda entry: (entry.probability, -entry.t),
         default=None,
     )
-    if best is None:
-        sentence = f"{_format_probability(probability)} {a} touched {name} first"
-        return replace(_answer_without_moment(probability, sentence, a, reason), alternatives=ranked)
-    others = ", ".join(
-        f"{'an unknown ball' if other == UNKNOWN else other} {_format_share(p)}"
-        for other, p in ranked[1:4]
-        if p >= MIN_NAMED_PROBABILITY
-    )
-    sentence = f"{_format_probability(probability)} {a} touched {name} first"
-    sentence = f"{sentence} (else {others})" if others else sentence
-    return replace(_build_answer(record, best, probability, sentence, (a, name), reason), alternatives=ranked)
+    balls = (a,) if best is None else (a, name)
+    answer = CallAnswer("first", (a,), probability, balls=balls, met=name, alternatives=ranked, **doubts)
+    return answer if best is None else _build_answer(record, answer, best)
 
 
 def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
@@ -216,16 +206,12 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     unlisted = probability_of_unlisted_event()
     probability = float(np.clip(probability, unlisted, 1 - unlisted))
     best = next((candidate for candidate in candidates if candidate.probability > 0.5), None)
-    statement = f"{a} met {'the ' + best.other if best and best.other in CUSHIONS else 'a'} cushion before any ball"
-    opposite = f"{a} met {best.other} first" if best else f"{a} met no cushion"
-    sentence = _format_verdict(probability, statement, opposite)
-    t = best.t if best else float(record.moments[0])
-    reason = _explain_doubt(record, t, (a,)) if _is_undecided(probability) else ""
+    met = "" if best is None else best.other
+    balls = (a,) if met in ("", *CUSHIONS) else (a, met)
+    answer = CallAnswer("cushion-first", (a,), probability, balls=balls, met=met)
     if best is None:
-        return _answer_without_moment(probability, sentence, a, reason)
-    return _build_answer(
-        record, best, probability, sentence, (a,) if best.other in CUSHIONS else (a, best.other), reason
-    )
+        return replace(answer, **_list_doubts(record, float(record.moments[0]), (a,), _is_undecided(probability)))
+    return _build_answer(record, answer, best)
 
 
 @lru_cache(maxsize=4)
@@ -273,13 +259,9 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     probability = UNOBSERVED_PROBABILITY if _vanishes(record, one, margin) else probability_of_unlisted_event()
     if here:
         t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, here[-1][1].probability
-    other = f"{a} fell into the {falls[-1][1].other} pocket" if falls else f"{a} stayed on the table"
-    sentence = _format_verdict(probability, f"{a} fell into the {name} pocket", other)
     candidate = CandidateContact(one, name, t, t_sigma, probability, margin, sigma)
-    reason = _explain_doubt(record, t, (a,)) if _is_undecided(probability) else ""
-    return _build_answer(
-        record, candidate, probability, f"{sentence}; {_format_distance(margin, sigma, 'the pocket')}", (a,), reason
-    )
+    met = falls[-1][1].other if falls else ""
+    return _build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
 
 
 def _vanishes(record: ShotRecord, one: int, margin: float) -> bool:
@@ -312,6 +294,9 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     one = record.ball_index(a)
     if axis not in ("x", "y"):
         raise ValueError(f"a line is x=... or y=... in metres; got {axis!r}")
+    end = record.table.length if axis == "x" else record.table.width
+    if not 0 <= at <= end:
+        raise ValueError(f"the table reaches from {axis}=0 to {axis}={end:g} m; {axis}={at:g} is no line on it")
     along = record.path[:, one, "xy".index(axis)] - at
     observed = np.flatnonzero(np.isfinite(along))
     if not len(observed):
@@ -326,14 +311,9 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     row = int(beyond[0]) if len(beyond) else k
     speed = abs(float(record.velocity[row, one, "xy".index(axis)]))
     t_sigma = float(record.path_sigma[row, one]) / speed if len(beyond) and speed > REST_SPEED else float("nan")
-    subject = f"{'the edge' if edge else 'the centre'} of {a}"
-    sentence = _format_verdict(
-        probability, f"{subject} crossed {axis}={at:g} m", f"{subject} did not cross {axis}={at:g} m"
-    )
     candidate = CandidateContact(one, axis, float(record.moments[row]), t_sigma, probability, margin, sigma)
-    return _build_answer(
-        record, candidate, probability, f"{sentence}; {_format_distance(margin, sigma, 'the line')}", (a,)
-    )
+    subject = (a, f"{axis}={at:g}", *(("edge",) if edge else ()))
+    return _build_answer(record, CallAnswer("line", subject, probability, balls=(a,)), candidate)
 
 
 def _answer_never_near(record: ShotRecord, one: int, two: int, probability: float) -> CallAnswer:
@@ -346,39 +326,21 @@ def _answer_never_near(record: ShotRecord, one: int, two: int, probability: floa
     sigma = float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
     t = float(record.moments[k])
     candidate = CandidateContact(one, b, t, float("nan"), probability, float(distance[k]), sigma)
-    sentence = _format_verdict(probability, f"{a} and {b} touched", f"{a} and {b} did not touch")
-    reason = _explain_doubt(record, t, (a, b)) if _is_undecided(probability) else ""
-    return _build_answer(
-        record, candidate, probability, f"{sentence}; {_format_gap(candidate.gap, sigma)}", (a, b), reason
-    )
+    return _build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), candidate)
 
 
-def _build_answer(
-    record: ShotRecord,
-    candidate: CandidateContact,
-    probability: float,
-    sentence: str,
-    balls: tuple[str, ...],
-    reason: str = "",
-) -> CallAnswer:
+def _build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateContact) -> CallAnswer:
+    """Complete an answer by the moment and the margin of a contact, and by doubts where it is not decided."""
     step = 2e-3
-    moved = tuple(name for name in balls if record.speed_at(record.ball_index(name), candidate.t - step) > REST_SPEED)
-    timing = f" at {candidate.t:.4f} s"
-    timing += f" ± {1e3 * candidate.t_sigma:.1f} ms" if np.isfinite(candidate.t_sigma) else ""
-    frame = record.frame_at(candidate.t)
-    movers = f"{' and '.join(moved)} moved" if moved else "no ball moved"
-    full = f"{sentence}{timing} (frame {frame:.2f}); just before, {movers}.{reason and ' ' + reason}"
-    return CallAnswer(
-        probability, candidate.t, candidate.t_sigma, frame, candidate.gap, candidate.gap_sigma, full, moved, balls,
-        reason=reason,
+    moved = tuple(
+        name for name in answer.balls if record.speed_at(record.ball_index(name), candidate.t - step) > REST_SPEED
+    )
+    is_doubtful = answer.kind != "first" and _is_undecided(answer.probability)
+    doubts = _list_doubts(record, candidate.t, answer.balls, is_doubtful)
+    return replace(
+        answer, t=candidate.t, t_sigma=candidate.t_sigma, frame=record.frame_at(candidate.t), margin=candidate.gap,
+        margin_sigma=candidate.gap_sigma, moved=moved, **(doubts if is_doubtful else {}),
     )  # fmt: skip
-
-
-def _answer_without_moment(probability: float, sentence: str, a: str, reason: str = "") -> CallAnswer:
-    """Make an answer that has no moment."""
-    nan = float("nan")
-    full = f"{sentence}.{reason and ' ' + reason}"
-    return CallAnswer(probability, nan, nan, nan, nan, nan, full, (), (a,), reason=reason)
 
 
 def _is_undecided(probability: float) -> bool:
@@ -386,46 +348,14 @@ def _is_undecided(probability: float) -> bool:
     return 1 - SURE_PROBABILITY <= probability <= SURE_PROBABILITY
 
 
-def _explain_doubt(record: ShotRecord, t: float, balls: tuple[str, ...]) -> str:
-    """Explain why a question cannot be decided, and which frames would decide it."""
-    doubts: list[Doubt] = []
+def _list_doubts(record: ShotRecord, t: float, balls: tuple[str, ...], is_doubtful: bool) -> _Doubts:
+    """List why a question cannot be decided, and the frame that would decide it; nothing where it is decided."""
+    if not is_doubtful:
+        return {}
+    doubts: list[CallDoubt] = []
     for moment in record.explanation.moments:
         if moment.ball in balls and abs(moment.t - t) < DOUBT_TIME:
             doubts += [doubt for doubt in moment.doubts if doubt not in doubts]
-    why = [DOUBT_SENTENCES[doubt] for doubt in doubts]
     if any(name in record.explanation.moving_at_start for name in record.ids):
-        why.append("balls already move when they are first detected")
-    frame = record.frame_at(t)
-    cause = "; ".join(why) or "the motion of these balls has no complete explanation"
-    return f"It cannot be decided from this clip: {cause}. Sharp frames around frame {frame:.1f} would decide."
-
-
-def _format_verdict(probability: float, statement: str, opposite: str) -> str:
-    if probability > SURE_PROBABILITY:
-        return f"Yes, with probability {_format_share(probability)}: {statement}"
-    if probability < 1 - SURE_PROBABILITY:
-        return f"No, with probability {_format_share(1 - probability)}: {opposite}"
-    return f"Inconclusive: the probability that {statement} is {100 * probability:.0f} %"
-
-
-def _format_probability(probability: float) -> str:
-    """Format the first words of an answer that is one of several."""
-    return (
-        f"{'With' if probability > SURE_PROBABILITY else 'Inconclusive: with'} probability {_format_share(probability)}"
-    )
-
-
-def _format_share(probability: float) -> str:
-    """Format a probability; no answer claims more than "above 99.9 %"."""
-    return "above 99.9 %" if probability > MAX_STATED_PROBABILITY else f"{100 * probability:.1f} %"
-
-
-def _format_gap(gap: float, sigma: float) -> str:
-    if not np.isfinite(gap):
-        return "the gap is unknown"
-    word = "overlap" if gap < 0 else "pass each other"
-    return f"free paths would {word} by {1e3 * abs(gap):.2f} ± {1e3 * sigma:.2f} mm"
-
-
-def _format_distance(margin: float, sigma: float, target: str) -> str:
-    return f"{1e3 * abs(margin):.2f} ± {1e3 * sigma:.2f} mm {'short of' if margin > 0 else 'beyond'} {target}"
+        doubts.append("moving_at_start")
+    return {"doubts": tuple(doubts or ["unexplained"]), "doubt_frame": record.frame_at(t)}

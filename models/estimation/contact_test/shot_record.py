@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Table
 from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
@@ -70,6 +71,8 @@ class ShotRecord:
     """None where the folder does not contain the calibration."""
     explanation: ShotExplanation
     """What may have happened, with the weight of every hypothesis."""
+    naming: Naming
+    """What balls, rails and pockets are called."""
     cloth: ClothPriors = USUAL_CLOTH
     """What is known about the friction of the cloth."""
 
@@ -193,4 +196,5 @@ def make_shot_record(
         table,
         camera,
         explanation,
+        build_naming(table, camera, tracks.ids, tracks.looks),
     )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from models.estimation.contact_test.call_answers import CallAnswer
-from pipeline.actions.answer_call import answer_question, write_call_images
+from pipeline.actions.answer_call import answer_question, build_call_answer, write_call_images
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.run_record import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
@@ -17,7 +15,7 @@ from pipeline.terminal import command_line as cli
 
 
 @cli.app.command("call")
-def call(
+def call_umpire(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run.")],
     question: Annotated[
         list[str],
@@ -49,24 +47,9 @@ def call(
     record = read_shot_record(folder, shot, cloth)
     target = folder if out is None else out
     require_writable_folder(target)
-    answer = answer_question(record, question, edge)
-    pictures, why_not = write_call_images(record, answer, folder, clip, target, question)
-    if as_json:
-        print(json.dumps(_answer_to_json(answer, question, pictures, why_not), allow_nan=False))
-        return
-    print(answer.sentence)
-    print(f"Look at {' and '.join(str(path) for path in pictures)}" if pictures else f"No picture: {why_not}")
-
-
-def _answer_to_json(answer: CallAnswer, question: list[str], pictures: list[Path], why_not: str) -> dict[str, Any]:
-    numbers = {
-        "probability": answer.probability, "t": answer.t, "t_sigma": answer.t_sigma, "frame": answer.frame,
-        "margin_mm": 1e3 * answer.margin, "margin_mm_sigma": 1e3 * answer.margin_sigma,
-    }  # fmt: skip
-    return {
-        "question": " ".join(question), "verdict": answer.verdict,
-        **{name: value if value == value else None for name, value in numbers.items()},
-        "reason": answer.reason or None, "sentence": answer.sentence, "moved": list(answer.moved),
-        "alternatives": [{"answer": name, "probability": p} for name, p in answer.alternatives],
-        "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
-    }  # fmt: skip
+    call = answer_question(record, question, edge)
+    pictures, why_not = write_call_images(record, call, folder, clip, target, question)
+    answer = build_call_answer(record, call, question, pictures, why_not)
+    cli.print_answer(answer, as_json)
+    if not as_json and not pictures:
+        print(f"No picture: {why_not}")

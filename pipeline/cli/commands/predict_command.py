@@ -11,11 +11,11 @@ from PIL import Image
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
+from models.core.naming import Naming, build_naming
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE, ShotPrediction, forecast_shot
 from models.estimation.forecast.forecast_check import check_prediction
-from models.estimation.forecast.probability_regions import ensemble_outlyingness
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.explained_shot import explain_tracks
@@ -91,6 +91,7 @@ def predict(
 
         learned = parse_learned_table(read_profile_text(profile))
     store = open_cache(cache)
+    naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
     state = estimate_state(tracks, scene, t, learned, lambda past, place: explain_tracks(past, place, store))
     prediction = forecast_shot(state, times, seed, draws)
     later = check_prediction(prediction, tracks)
@@ -101,7 +102,7 @@ def predict(
     with replace_file(folder / "prediction.json") as path:
         path.write_text(format_strict_json(document), encoding="utf-8")
     with replace_file(folder / "prediction.png") as path:
-        Image.fromarray(_draw_prediction(prediction, tracks)).save(path, format="PNG")
+        Image.fromarray(_draw_prediction(prediction, tracks, naming)).save(path, format="PNG")
     if as_json:
         print(format_strict_json({"folder": str(folder), **document}))
     else:
@@ -127,20 +128,20 @@ def _list_prediction_times(tracks: Tracks, t: float, seconds: float) -> np.ndarr
     return np.unique(np.concatenate([np.where(np.isfinite(exact), exact, even), apart]))
 
 
-def _draw_prediction(prediction: ShotPrediction, tracks: Tracks) -> np.ndarray:
+def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, naming: Naming) -> np.ndarray:
     state = prediction.state
     fans = []
     for k, name in enumerate(state.ids):
         observed, past = tracks.xy[:, tracks.ids.index(name)], tracks.t <= state.t + 1e-9
         courses = prediction.members[:, :, k]
         later = observed[~past & (tracks.t <= prediction.t[-1])]
-        fans.append(PredictionFan(name, observed[past], courses, ensemble_outlyingness(courses), later))
-    span = f"from {state.t:.2f} to {prediction.t[-1]:.2f} s"
-    dots = "; dots: what was seen" if any(len(fan.later_path) for fan in fans) else ""
+        fans.append(PredictionFan(name, observed[past], courses, later))
+    dots = " Dots: what was seen." if any(len(fan.later_path) for fan in fans) else ""
     title = (
-        f"{span}: shaded where 50 and 90 % of {len(prediction.members)} courses go; line: the one nearest to all{dots}"
+        f"From {state.t:.2f} to {prediction.t[-1]:.2f} s. The stronger the shade, the more of {len(prediction.members)}"
+        f" possible courses pass there. Line: the most typical one.{dots}"
     )
-    return draw_prediction_fans(state.table, fans, title)
+    return draw_prediction_fans(state.table, naming, fans, title)
 
 
 def _print_prediction(document: dict[str, Any], folder: Path) -> None:

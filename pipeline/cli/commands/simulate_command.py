@@ -11,7 +11,9 @@ import typer
 from PIL import Image
 from rich.table import Table as Grid
 
+from models.core.ball_look import describe_unseen_balls
 from models.core.events import Events
+from models.core.naming import Naming
 from models.core.trajectory import State
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
@@ -62,9 +64,9 @@ def simulate_shot(
 def _draw_shot(shot: ShotSetup, state: State, events: Events) -> np.ndarray:
     met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
     paths = [state.xy[:, k] for k in range(len(shot.balls.ids))]
-    return draw_table_plan(
-        shot.table, shot.balls.ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts"
-    )
+    ids = shot.balls.ids
+    naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
+    return draw_table_plan(shot.table, naming, ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts")
 
 
 def _events_to_json(events: Events) -> list[dict[str, str | float]]:

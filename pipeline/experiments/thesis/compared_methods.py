@@ -129,6 +129,7 @@ def select_tracks(tracks: Tracks, rows: IntArray, ids: tuple[str, ...]) -> Track
     part = np.ix_(rows, balls)
     return replace(
         tracks, frame=tracks.frame[rows], t=tracks.t[rows], ids=ids, kinds=tuple(tracks.kinds[k] for k in balls),
+        looks=tuple(tracks.looks[k] for k in balls),
         xy=tracks.xy[part], px=tracks.px[part], sigma=tracks.sigma[part], sigma_along=tracks.sigma_along[part],
         streak=tracks.streak[part], radius_px=tracks.radius_px[part], colour=tracks.colour[balls],
         image_jacobian=None if tracks.image_jacobian is None else tracks.image_jacobian[part],

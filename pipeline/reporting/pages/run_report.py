@@ -31,6 +31,7 @@ from pipeline.reporting.figures.run_figures import (
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import build_data_uri
 from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, CallWords, format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
@@ -45,16 +46,12 @@ from pipeline.reporting.text.text_formatting import (
 )
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
-from video.drawing.palette import ball_colour
 from video.io.clip import Clip
 
 LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
 MOMENT_TIME = 0.1
 """s between an event and the moment whose hypotheses it belongs to, at most."""
-MAX_MM_DECIMALS = 1
-"""Decimals of millimetres: no place is measured to a hundredth."""
-UNDECIDED_CALL = "cannot be decided"
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
 WHOLE_SHOT_HEADING = "One contact model fitted to the whole shot"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
@@ -77,21 +74,6 @@ class ReportFiles:
     slow_factor: float
     start: float = 0.0
     """s of the clip at which the slow motion begins."""
-
-
-@dataclass(frozen=True, slots=True)
-class CallRow:
-    """One row of the table of calls."""
-
-    question: str
-    call: str
-    answer: CallAnswer
-    probability: str
-    """Probability of the call; of its most probable answer where it cannot be decided."""
-    margin: str
-    """Margin in mm; empty where the question has none."""
-    sentence: str
-    """The answer without the reason why it cannot be decided."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +109,7 @@ def write_report(
         path: File to write.
         errors: Comparison of the rest of the shot with its prediction, if there is one.
     """
-    colours = [darken_for_page(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    colours = [darken_for_page(look.colour) for look in tracks.looks]
     by_hand = [note for note in scene.notes if note.startswith(HAND_PREFIX)]
     places = select_check_places(tracks, fit, scene.table)
     html = render_template(
@@ -172,9 +154,8 @@ def write_report(
 
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
-    """List the balls with their CSS colours."""
-    balls = zip(tracks.ids, tracks.kinds, tracks.colour, strict=True)
-    return [(ball, "rgb({},{},{})".format(*ball_colour(kind, colour))) for ball, kind, colour in balls]
+    """List the names of the balls with their CSS colours."""
+    return [(look.name, "rgb({},{},{})".format(*look.colour)) for look in tracks.looks]
 
 
 def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str, str, str, str]]]]:
@@ -252,58 +233,25 @@ def _find_moment(fit: Fit, event: int) -> Moment | None:
     return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
 
 
-def answer_calls(record: ShotRecord) -> list[CallRow]:
+def answer_calls(record: ShotRecord) -> list[CallWords]:
     """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
-    return [
-        CallRow(
-            question,
-            _format_call(answer),
-            answer,
-            _format_call_probability(answer),
-            _format_margin(question, answer),
-            answer.sentence.removesuffix(answer.reason).rstrip(),
-        )
-        for question, answer in _answer_standard_questions(record)
-    ]
+    return [format_call(answer, record.naming) for answer in _answer_standard_questions(record)]
 
 
-def _format_call(answer: CallAnswer) -> str:
-    """Format an answer in one or two words."""
-    if answer.reason or answer.verdict == "inconclusive":
-        return UNDECIDED_CALL
-    return answer.alternatives[0][0] if answer.alternatives else answer.verdict
-
-
-def _format_call_probability(answer: CallAnswer) -> str:
-    """Format the probability that the call is right, or what is most probable where there is no call."""
-    is_no = not answer.alternatives and answer.probability < 0.5
-    text = format_probability(1 - answer.probability if is_no else answer.probability)
-    if _format_call(answer) != UNDECIDED_CALL:
-        return text
-    return f"{answer.alternatives[0][0] if answer.alternatives else 'no' if is_no else 'yes'}: {text}"
-
-
-def _format_margin(question: str, answer: CallAnswer) -> str:
-    """Format the margin of a call; the order of a contact and a cushion has none."""
-    if question.startswith("cushion-first") or not np.isfinite(answer.margin):
-        return ""
-    return format_with_sigma(1000 * answer.margin, 1000 * answer.margin_sigma, MAX_MM_DECIMALS)
-
-
-def _answer_standard_questions(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
+def _answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
     struck = list(
         dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
     )
-    calls = [(f"first {a}", call_answers.answer_first_contact(record, a)) for a in struck if a in record.ids]
-    calls += [(f"cushion-first {a}", call_answers.answer_cushion_first(record, a)) for a in struck if a in record.ids]
+    calls = [call_answers.answer_first_contact(record, a) for a in struck if a in record.ids]
+    calls += [call_answers.answer_cushion_first(record, a) for a in struck if a in record.ids]
     for k in range(len(record.events)):
         if record.events.kind[k] == "pocket" and record.events.a[k] in record.ids:
             a, pocket = record.events.a[k], record.events.b[k]
-            calls.append((f"pocket {a} {pocket}", call_answers.answer_pocket(record, a, pocket)))
+            calls.append(call_answers.answer_pocket(record, a, pocket))
     return calls + _answer_near_misses(record)
 
 
-def _answer_near_misses(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
+def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:
     """Answer whether balls touched that came near each other without a contact, the nearest pairs first."""
     events = record.events
     touching = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
@@ -321,7 +269,7 @@ def _answer_near_misses(record: ShotRecord) -> list[tuple[str, CallAnswer]]:
         ):
             near.append((float(distances.min()), pair))
     pairs = [pair for _, pair in sorted(near)[:MAX_NEAR_MISSES]]
-    return [(f"contact {a} {b}", call_answers.answer_contact(record, a, b)) for a, b in pairs]
+    return [call_answers.answer_contact(record, a, b) for a, b in pairs]
 
 
 def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[QualityFlag]:

@@ -18,7 +18,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import ByteArray, FloatArray
 from pipeline.reporting.figures.motion_samples import find_moving_balls, sample_times, simplify_line
-from video.drawing.palette import INK, adapt_to_any_background, ball_colour, ensure_contrast
+from video.drawing.palette import INK, adapt_to_any_background, ensure_contrast
 from video.io.clip import Clip
 
 VIDEO_TIME = "video_time"
@@ -119,7 +119,7 @@ class RecordedShot:
 
 def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> RecordedShot:
     """Prepare the results of a clip for the layers of a recording."""
-    colours = [ball_colour(*ball) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    colours = [look.colour for look in tracks.looks]
     lines = np.array([ensure_contrast(colour, INK) for colour in colours], dtype=np.uint8).reshape(-1, 3)
     plotted = np.array([adapt_to_any_background(colour) for colour in colours], dtype=np.uint8).reshape(-1, 3)
     t = sample_times(fit.trajectory, PATH_HZ)

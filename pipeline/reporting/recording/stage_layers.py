@@ -32,7 +32,7 @@ from pipeline.reporting.recording.recorded_shot import (
 from pipeline.reporting.text.number_format import format_measured, format_unit
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from video.drawing.palette import ball_colour, lighten_for_text
+from video.drawing.palette import lighten_for_text
 from video.io.clip import Clip
 
 
@@ -56,7 +56,7 @@ def log_detect_stage(stream: rr.RecordingStream, clip: Clip, detections: Detecti
 
 def log_track_stage(stream: rr.RecordingStream, clip: Clip, tracks: Tracks) -> None:
     """Log the tracks of all balls."""
-    colours = [lighten_for_text(ball_colour(*ball)) for ball in zip(tracks.kinds, tracks.colour, strict=True)]
+    colours = [lighten_for_text(look.colour) for look in tracks.looks]
     log_tracks(stream, clip, tracks, np.array(colours, dtype=np.uint8).reshape(-1, 3))
     log_stage_lines(stream, clip, "track", describe_tracks(tracks))
 

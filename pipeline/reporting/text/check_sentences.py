@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from models.core.shot_explanation import CauseHypothesis, Moment
-from models.estimation.contact_test.call_answers import DOUBT_SENTENCES
+from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
 
 MIN_NAMED_PROBABILITY = 0.005

@@ -1,0 +1,108 @@
+"""The table as a viewer of the clip sees it: which rail is far, near, left or right, and which way up a plan lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.scene import CUSHIONS, POCKETS, Camera, Table
+from models.core.typing import FloatArray
+
+SEEN_RAILS = ("left", "right", "far", "near")
+"""Names of the rails in the picture, in the order of `CUSHIONS` for a table that lies as its plan."""
+_TURNED_RAILS = (
+    ("left", "right", "far", "near"), ("far", "near", "right", "left"),
+    ("right", "left", "near", "far"), ("near", "far", "left", "right"),
+)  # fmt: skip
+"""Names of `CUSHIONS` after 0 to 3 quarter turns of the plan, clockwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableView:
+    """Orientation of a table in the picture."""
+
+    turns: int = 0
+    """Quarter turns, clockwise, from the plan of table coordinates (x right, y down) to the picture; 0 to 3."""
+
+    def __post_init__(self) -> None:
+        if self.turns not in range(4):
+            raise ValueError(f"a view has 0 to 3 quarter turns; got {self.turns}")
+
+    def name_rail(self, cushion: str) -> str:
+        """Name a cushion as a viewer sees it.
+
+        Args:
+            cushion: One of `CUSHIONS`.
+
+        Returns:
+            One of `SEEN_RAILS`: `far` is at the top of the picture, `near` at its bottom.
+        """
+        return _TURNED_RAILS[self.turns][CUSHIONS.index(cushion)]
+
+    def name_pocket(self, pocket: str) -> str:
+        """Name a pocket as a viewer sees it.
+
+        Args:
+            pocket: One of `POCKETS`.
+
+        Returns:
+            Such as `far-left` for a corner, `far-side` for the pocket in the middle of a long rail.
+        """
+        rails = [self.name_rail(name) for name in pocket.split("-")]
+        if len(rails) == 1:
+            return f"{rails[0]}-side"
+        return "-".join(sorted(rails, key=("far", "near", "left", "right").index))
+
+    @property
+    def rails(self) -> dict[str, str]:
+        """The cushion by its name in the picture."""
+        return {self.name_rail(name): name for name in CUSHIONS}
+
+    @property
+    def pockets(self) -> dict[str, str]:
+        """The pocket by its name in the picture."""
+        return {self.name_pocket(name): name for name in POCKETS}
+
+    def is_long(self, cushion: str) -> bool:
+        """Return whether a cushion is a long one."""
+        return cushion in ("top", "bottom")
+
+    def turn_points(self, xy: FloatArray, table: Table) -> FloatArray:
+        """Turn points of the table to a plan that lies as the picture.
+
+        Args:
+            xy: Points (..., 2), m.
+            table: The table.
+
+        Returns:
+            Points (..., 2), m: first coordinate to the right, second downwards, both from the corner at the top left
+            of the turned plan.
+        """
+        x, y = xy[..., 0], xy[..., 1]
+        turned = (
+            (x, y), (table.width - y, x), (table.length - x, table.width - y), (y, table.length - x)
+        )[self.turns]  # fmt: skip
+        return np.stack(turned, axis=-1)
+
+
+def find_table_view(camera: Camera, table: Table) -> TableView:
+    """Find how a table lies in the picture.
+
+    Args:
+        camera: The calibrated camera.
+        table: The table.
+
+    Returns:
+        The quarter turn that agrees best with the directions of the middles of the rails from the middle of the table.
+    """
+    corners = table.corners
+    middles = (corners[[0, 1, 0, 3]] + corners[[3, 2, 1, 2]]) / 2  # in the order of CUSHIONS
+    px = camera.to_pixels(np.vstack([middles, corners.mean(axis=0)]), table.ball_radius)
+    away = px[:4] - px[4]
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+    directions = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "far": (0.0, -1.0), "near": (0.0, 1.0)}
+    agreement = [
+        sum(float(away[k] @ np.array(directions[name])) for k, name in enumerate(names)) for names in _TURNED_RAILS
+    ]
+    return TableView(int(np.argmax(agreement)))
