@@ -37,30 +37,6 @@ def level_by_neighbours(xy: FloatArray, draws: FloatArray, noise: FloatArray | N
     return float(np.mean(own[1:] < far[0]))
 
 
-def ensemble_outlyingness(members: FloatArray) -> FloatArray:
-    """Rank ensemble members by the mean level of their places at every other moment; little moves in between.
-
-    Args:
-        members: (M, T, 2) m, NaN where one has ended.
-
-    Returns:
-        (M,) share of members that stay nearer to the middle; those of up to 0.9 are the central 90 %.
-    """
-    members = members[:, ::2]
-    levels = np.full(members.shape[:2], np.nan)
-    for row in range(members.shape[1]):
-        if row and np.array_equal(members[:, row], members[:, row - 1], equal_nan=True):
-            levels[:, row] = levels[:, row - 1]
-            continue
-        is_present = np.isfinite(members[:, row, 0])
-        if is_present.sum() > 1:
-            far, own = _neighbour_distances(members[is_present, row], members[is_present, row])
-            levels[is_present, row] = np.searchsorted(np.sort(own), far) / len(far)
-    is_defined = np.isfinite(levels)
-    mean = np.where(is_defined, levels, 0.0).sum(axis=1) / np.maximum(is_defined.sum(axis=1), 1)
-    return np.asarray((np.argsort(np.argsort(mean, kind="stable"), kind="stable") + 0.5) / len(mean), np.float64)
-
-
 def _neighbour_distances(draws: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the distances of places (K, 2) to the k-th nearest draw, and to the next one, for places that are draws.
 

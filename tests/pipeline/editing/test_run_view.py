@@ -29,7 +29,7 @@ def rename(run: ClipRun, **names: str) -> ClipRun:
     fit = run.fit
     events = replace(fit.events, a=change(fit.events.a), b=change(fit.events.b))
     trajectory = replace(fit.trajectory, ids=change(fit.trajectory.ids))
-    tracks = replace(run.tracks, ids=change(run.tracks.ids))
+    tracks = replace(run.tracks, ids=change(run.tracks.ids), looks=())
     return replace(run, tracks=tracks, fit=replace(fit, events=events, trajectory=trajectory))
 
 

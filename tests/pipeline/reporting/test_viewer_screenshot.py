@@ -14,9 +14,10 @@ from PIL import Image
 from support import synthetic_run as shot
 from support.browser import open_chromium
 
+from models.core.ball_look import CLASS_COLOURS
 from pipeline.reporting.recording.recording_file import write_recording
 from pipeline.reporting.recording.rerun_viewer import find_free_port, open_viewer
-from video.drawing.palette import KIND_COLOURS, adapt_to_any_background
+from video.drawing.palette import adapt_to_any_background
 
 PATIENCE = 90.0
 """Time limit, s, for a viewer on a busy machine without a graphics card."""
@@ -85,7 +86,7 @@ def test_the_viewer_shows_the_table_beside_the_video_and_the_paths_on_both(
     assert share_of(left, CLOTH) > 0.05, "the clip on the left"
     assert share_of(right, OUTLINE) > 1e-3, "the table on the right"
     assert share_of(left, (240, 240, 235), off=20) > 2e-4, "the white ball and its way"
-    assert share_of(right, adapt_to_any_background(KIND_COLOURS["white"])) > 2e-4, "the white ball's way on any ground"
+    assert share_of(right, adapt_to_any_background(CLASS_COLOURS["white"])) > 2e-4, "the white ball's way on any ground"
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support import staged_shot as shot
 
+from models.core.ball_look import CLASS_COLOURS
 from models.core.scene import Camera, Scene
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import draw_ring
@@ -11,11 +12,9 @@ from video.drawing.label_layout import LabelPosition, overlap_area, place_label,
 from video.drawing.palette import (
     BRIGHT_LUMA,
     INK,
-    KIND_COLOURS,
     LUMA_WEIGHTS,
     WHITE,
     adapt_to_any_background,
-    ball_colour,
     ensure_contrast,
     lab_to_rgb,
     lighten_for_text,
@@ -146,10 +145,7 @@ def test_time_errors_are_formatted_with_their_significant_digits() -> None:
     assert format_time_error(float("nan")) == ""
 
 
-def test_colours_follow_names_and_stay_distinguishable_in_dull_footage() -> None:
-    assert ball_colour("red", np.array([40.0, 5.0, 5.0])) == KIND_COLOURS["red"]
-    dull = ball_colour("solid", np.array([45.0, 15.0, -20.0]))
-    assert max(dull) - min(dull) > 60
+def test_lines_in_the_colour_of_the_cloth_are_drawn_lighter_or_darker() -> None:
     for colour, ground in (((232, 48, 48), (170, 40, 70)), ((246, 244, 232), (190, 190, 180))):
         drawn = ensure_contrast(colour, ground)
         assert np.abs(np.array(drawn) - ground).max() > 1.4 * np.abs(np.array(colour) - ground).max()
@@ -158,11 +154,11 @@ def test_colours_follow_names_and_stay_distinguishable_in_dull_footage() -> None
 
 
 def test_letters_in_the_colour_of_a_ball_can_be_read() -> None:
-    for colour in KIND_COLOURS.values():
+    for colour in CLASS_COLOURS.values():
         light = lighten_for_text(colour)
         assert np.array(light) @ LUMA_WEIGHTS > BRIGHT_LUMA - 2
         assert int(np.argmax(light)) == int(np.argmax(colour))
-    assert lighten_for_text(KIND_COLOURS["cue"]) == KIND_COLOURS["cue"]
+    assert lighten_for_text(CLASS_COLOURS["cue"]) == CLASS_COLOURS["cue"]
 
 
 def contrast(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
@@ -173,17 +169,17 @@ def contrast(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
     return float((light + 0.05) / (dark + 0.05))
 
 
-@pytest.mark.parametrize("kind", sorted(KIND_COLOURS))
+@pytest.mark.parametrize("kind", sorted(CLASS_COLOURS))
 def test_a_line_for_any_background_is_visible_on_dark_and_on_white_and_keeps_its_hue(kind: str) -> None:
-    line = adapt_to_any_background(KIND_COLOURS[kind])
+    line = adapt_to_any_background(CLASS_COLOURS[kind])
     assert contrast(line, INK) >= 2.5
     assert contrast(line, WHITE) >= 2.5
-    assert int(np.argmax(line)) == int(np.argmax(KIND_COLOURS[kind]))
+    assert int(np.argmax(line)) == int(np.argmax(CLASS_COLOURS[kind]))
 
 
 def test_the_bar_of_a_black_balls_label_is_visible() -> None:
     image = black()
-    Label("", "", KIND_COLOURS["eight"]).draw(image, np.array([20.0, 30.0]), 1.0)
+    Label("", "", CLASS_COLOURS["eight"]).draw(image, np.array([20.0, 30.0]), 1.0)
     assert image[:, :40].max() > 100
 
 

@@ -309,7 +309,7 @@ def test_a_similar_streak_is_used_alone_even_at_the_other_end_of_the_gap(gone: f
 
 
 def test_tracks_and_fit_of_different_shots_are_refused() -> None:
-    tracks = replace(shot.tracks(TIMES), ids=("cue", "blue"))
+    tracks = replace(shot.tracks(TIMES), ids=("cue", "blue"), looks=())
     with pytest.raises(ValueError, match="same balls"):
         build_ball_timeline(shot.scene(), tracks, shot.fit(TIMES))
 

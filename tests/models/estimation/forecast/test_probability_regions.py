@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from models.estimation.forecast.probability_regions import (
-    ensemble_outlyingness,
     level_by_neighbours,
     level_of_normal,
 )
@@ -51,12 +50,3 @@ def test_measurement_noise_widens_the_region() -> None:
     assert all(level_by_neighbours(there, draws) == 1.0 for there in around)
     levels = [level_by_neighbours(there, draws, noise=1e-6 * np.eye(2)) for there in around]
     assert np.mean(levels) == pytest.approx(1 - np.exp(-0.5), abs=0.05)
-
-
-def test_the_member_that_goes_its_own_way_is_the_most_outlying() -> None:
-    courses = np.random.default_rng(4).normal(0, 0.01, (50, 12, 2))
-    courses[17] += 0.2
-    courses[3, 6:] = np.nan  # potted
-    ranks = ensemble_outlyingness(courses)
-    assert np.argmax(ranks) == 17
-    assert np.mean(ranks <= 0.5) == 0.5
