@@ -81,6 +81,4 @@ def film_shot(xy: FloatArray, number: int, noise: float, rng: np.random.Generato
 
 def fit_table(segments: tuple[ShotSegment, ...], candidates: tuple[ContactModels, ...]) -> TableFit:
     """Fit shots with every pair of contact models to the end; returns the fit of greatest evidence."""
-    best = search_laws(segments, TABLE, candidates=candidates, is_sampled=False).best
-    assert best is not None, "a search without a budget ends with a fit"
-    return best
+    return search_laws(segments, TABLE, candidates=candidates, is_sampled=False).best

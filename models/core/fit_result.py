@@ -100,9 +100,7 @@ class WholeShotMisfit:
     times_noise: float
     """The same deviation over the standard deviation of the measurement noise, per axis."""
     whole_times_noise: float
-    """RMS deviation of the whole shot over the noise; NaN if the fit did not go on to the end."""
-    untried: tuple[str, ...]
-    """Cushion models that the budget of the search left out."""
+    """RMS deviation of the whole shot over the noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,6 @@ import numpy as np
 from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
-from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
 from models.estimation.whole_shot.shot_segments import ShotSegment, build_window
 from models.estimation.whole_shot.window_simulation import (
     ObservedStates,
@@ -71,8 +70,6 @@ class ShotWindows:
     """Camera view; None: observed positions are true positions."""
     jacobian_mask: BoolArray | None = None
     """(P,) unknowns whose Jacobian is needed; None: all."""
-    budget: EvaluationBudget | None = field(default=None, compare=False, repr=False)
-    """Evaluations that may still be made; None: any number."""
     guess_spins: bool = True
     """Whether the slips of the initial states are guesses, so that others are to be tried."""
     windows: tuple[Window, ...] = field(init=False)
@@ -132,8 +129,6 @@ class ShotWindows:
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Predict the observed positions and the start of the next window, with Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
-        if self.budget is not None:
-            self.budget.spend(len(segment.observations), self.laws.cushion, linearized=True)
         simulated = self._simulate_observations(window, start, values)
         if simulated is None:
             return self._infinite_cost_window(window, len(start))
@@ -158,8 +153,6 @@ class ShotWindows:
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Predict the observed positions and the start of the next window, without Jacobians."""
         segment, values = self.segments[window], self.fill_values(shared)
-        if self.budget is not None:
-            self.budget.spend(len(segment.observations))
         simulated = self._simulate_observations(window, start, values)
         if simulated is None:
             failed = self._infinite_cost_window(window, len(start))

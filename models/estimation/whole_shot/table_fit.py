@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,7 +19,6 @@ from models.estimation.multiple_shooting.shooting_fit import (
     summarize_parameters,
 )
 from models.estimation.whole_shot.continuation_fit import UnexplainedView, fit_by_continuation, fit_if_explained
-from models.estimation.whole_shot.evaluation_budget import BudgetSpent, EvaluationBudget
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
@@ -94,12 +92,10 @@ class TableFit:
 class LawSearch:
     """Result of a search for contact models that explain whole shots."""
 
-    best: TableFit | None
-    """The fit of greatest evidence; None if the search stopped at the views that no model explains."""
+    best: TableFit
+    """The fit of greatest evidence."""
     unexplained: tuple[tuple[ContactModels, UnexplainedView], ...]
     """The first view that each pair of contact models does not explain; the longest explained part first."""
-    untried: tuple[ContactModels, ...]
-    """Pairs of contact models that the budget left out."""
 
 
 POSTERIOR_SAMPLES = 128
@@ -148,8 +144,7 @@ def _table_prior(name: str) -> Prior:
 
 def search_laws(
     segments: tuple[ShotSegment, ...], table: Table, table_prior: TablePrior | None = None,
-    budget: EvaluationBudget | None = None, candidates: tuple[ContactModels, ...] = CANDIDATE_LAWS,
-    is_sampled: bool = True,
+    candidates: tuple[ContactModels, ...] = CANDIDATE_LAWS, is_sampled: bool = True,
 ) -> LawSearch:  # fmt: skip
     """Search for contact models that explain whole shots.
 
@@ -157,8 +152,6 @@ def search_laws(
         segments: Segments of all shots.
         table: Dimensions of the table.
         table_prior: Contact models and parameters of an earlier fit, with further effects; None: all candidates.
-        budget: Evaluations of the search, which then gives a model up at the first contact that it does not explain.
-            None: every model is fitted to the end.
         candidates: Pairs of contact models; those of `table_prior` where it is given.
         is_sampled: Whether a fit that explains the shots has posterior samples.
 
@@ -174,41 +167,28 @@ def search_laws(
         priors = {laws: table_priors(laws) for laws in candidates}
     else:
         priors = {table_prior.laws: table_prior.merge_priors(table_priors(table_prior.laws))}
-    models = {laws: ShotWindows(segments, table, own, laws, budget=budget) for laws, own in priors.items()}
+    models = {laws: ShotWindows(segments, table, own, laws) for laws, own in priors.items()}
     views: dict[ContactModels, UnexplainedView] = {}
-    fits: list[tuple[ContactModels, ShootingFit]] = []
-    with suppress(BudgetSpent):
-        _fit_all(models, np.random.default_rng(_DEFAULT_SEED), views, fits, to_the_end=budget is None)
-    finished = {*views, *(laws for laws, _ in fits)}
+    fits = _fit_all(models, np.random.default_rng(_DEFAULT_SEED), views)
     return LawSearch(
-        _summarize_best(models, fits, is_sampled) if fits else None,
+        _summarize_best(models, fits, is_sampled),
         tuple(sorted(views.items(), key=lambda one: -one[1].explained_until)),
-        tuple(laws for laws in models if laws not in finished),
     )
 
 
 def _fit_all(
-    models: dict[ContactModels, ShotWindows],
-    rng: np.random.Generator,
-    views: dict[ContactModels, UnexplainedView],
-    fits: list[tuple[ContactModels, ShootingFit]],
-    to_the_end: bool,
-) -> None:
-    """Fit every model; `fits` and `views` receive the results as they come.
-
-    Unless `to_the_end`, nothing is fitted where no model explains the shots.
-    """
+    models: dict[ContactModels, ShotWindows], rng: np.random.Generator, views: dict[ContactModels, UnexplainedView]
+) -> list[tuple[ContactModels, ShootingFit]]:
+    """Fit every model; `views` receives the first view that each of several does not explain."""
     options = ShootingOptions()
-    if len(models) > 1 or not to_the_end:
-        fits += _fit_first_explaining(models, options, rng, views)
+    fits = _fit_first_explaining(models, options, rng, views) if len(models) > 1 else []
     first = [laws for laws, _ in fits]
-    if not first and not to_the_end:
-        return
     for laws in (one for one in models if one not in first):
         fits.append((laws, _fit_laws(models[laws], fits, options, rng)))
     best = _rank_by_evidence(fits)[0][0]
     if first and best != first[0]:  # spins that suit other contact models may have misled its fit
         fits += _fit_first_explaining({best: models[best]}, options, rng, {})
+    return fits
 
 
 def _summarize_best(
@@ -234,14 +214,13 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
     No frame shows side spin, and throw depends on it as on that law, so that the best fit may be one of several that
     explain the shot. Their evidence, divided by the factor on variances of the best, weights them.
     """
-    free = replace(model, budget=None)  # that of the search may be spent
     usual, own_priors = {prior.name for prior in table_priors(laws)}, {prior.name: prior for prior in model.unknowns}
     added = tuple(prior for prior in model.unknowns if prior.name not in usual)
-    modes = [(laws, free, best)]
+    modes = [(laws, model, best)]
     for ball in _RIVAL_BALL_LAWS:
         rival = ContactModels(laws.cushion, ball)
         unknowns = (*(own_priors.get(prior.name, prior) for prior in table_priors(rival)), *added)
-        own = free if rival == laws else replace(free, laws=rival, unknowns=unknowns)
+        own = model if rival == laws else replace(model, laws=rival, unknowns=unknowns)
         earlier = [best.starts] if rival == laws else []
         for share in (1.0, *_RIVAL_SIDE_SPINS):
             starts = tuple(

@@ -6,7 +6,6 @@ contact models have to explain each shot from strike to end, including spin; whe
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +17,6 @@ from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.whole_shot.continuation_fit import VIEW_BEYOND_CONTACT, UnexplainedView
-from models.estimation.whole_shot.evaluation_budget import EvaluationBudget
 from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
@@ -65,11 +63,11 @@ def fit_shot_laws(
     if not segments:
         return WholeShotFit(refusal="No shot was recorded from its strike on.")
     try:
-        search = search_laws(segments, table, table_prior, None if options.laws else EvaluationBudget())
+        search = search_laws(segments, table, table_prior)
     except np.linalg.LinAlgError as failure:
         return WholeShotFit(refusal=f"The fit of whole shots failed: {failure}.")
     best, ids = search.best, tuple(tracks.ids[k] for k in balls)
-    if best is not None and best.converged and best.chi2_per_dof < MAX_CHI2:
+    if best.converged and best.chi2_per_dof < MAX_CHI2:
         return WholeShotFit(_summarize_laws(best, segments, ids, table))
     if search.unexplained:
         return WholeShotFit(misfit=_summarize_misfit(search, fit.events, ids))
@@ -134,9 +132,7 @@ def _find_refusal(fit: Fit) -> str:
     return ""
 
 
-def _format_failure(best: TableFit | None) -> str:
-    if best is None:
-        return "The search for contact models reached its limit; --laws completes it."
+def _format_failure(best: TableFit) -> str:
     if best.chi2_per_dof < MAX_CHI2:
         return "The fit of whole shots did not converge."
     return (
@@ -156,8 +152,7 @@ def _summarize_misfit(search: LawSearch, events: Events, ids: tuple[str, ...]) -
     return WholeShotMisfit(
         laws.cushion, laws.ball, longest, ids[ball], events.kind[k] if k >= 0 else "", "".join(names),
         float(events.t[k]) if k >= 0 else float("nan"), deviation, times_noise,
-        float("nan") if search.best is None else float(np.sqrt(search.best.chi2_per_dof)),
-        tuple(one.cushion for one in search.untried),
+        float(np.sqrt(search.best.chi2_per_dof)),
     )  # fmt: skip
 
 
@@ -165,8 +160,7 @@ def _find_worst_ball(view: UnexplainedView) -> tuple[int, float]:
     """Find the ball with the largest mean cost in the last window, and return it with the total cost of this window."""
     last = len(view.model.windows) - 1
     window = view.model.windows[last]
-    free = replace(view.model, budget=None)  # that of the search may be spent
-    cost = huber_losses(free.simulate(last, view.guess.starts[last], view.guess.shared).residual)
+    cost = huber_losses(view.model.simulate(last, view.guess.starts[last], view.guess.shared).residual)
     balls = np.unique(window.body)
     return int(balls[np.argmax([cost[window.body == ball].mean() for ball in balls])]), float(cost.sum())
 

@@ -54,10 +54,6 @@ def _format_misfit(misfit: WholeShotMisfit) -> str:
         "No published contact model explains the whole shot.",
         f"{format_law(misfit.cushion_model)} explains all positions until {misfit.explained_until:.2f} s.",
         f"{where[:1].upper() + where[1:]}.",
+        f"Over the whole shot, the best model leaves {misfit.whole_times_noise:.1f} times the noise.",
     ]
-    if math.isfinite(misfit.whole_times_noise):
-        sentences.append(f"Over the whole shot, the best model leaves {misfit.whole_times_noise:.1f} times the noise.")
-    if misfit.untried:
-        names = " and ".join(format_law(name) for name in misfit.untried)
-        sentences.append(f"The search reached its limit before {names}; --laws completes it.")
     return " ".join(sentences)

@@ -30,9 +30,7 @@ def shots_from_observations(seed: int, laws: ContactModels, count: int = 3) -> t
 
 
 def fit_candidates(*candidates: ContactModels) -> TableFit:
-    best = search_laws(shots_from_observations(1, MIRROR), TABLE, candidates=candidates, is_sampled=False).best
-    assert best is not None
-    return best
+    return search_laws(shots_from_observations(1, MIRROR), TABLE, candidates=candidates, is_sampled=False).best
 
 
 def test_shots_identify_the_parameters_of_their_table() -> None:

@@ -50,7 +50,6 @@ def test_one_shot_on_a_known_slope_is_explained_with_it() -> None:
     fitted = search_laws(
         (segment,), TABLE, build_table_prior("mirror", "inelastic", {**KNOWN, "slope.slope_x": (2.1, 0.2)})
     ).best
-    assert fitted is not None
     by_name = {parameter.name: parameter for parameter in fitted.parameters}
     assert fitted.is_explained
     assert abs(by_name["slope.slope_x"].value - 2.0) < 4 * by_name["slope.slope_x"].sigma
