@@ -30,21 +30,6 @@ def sample_times(motion: Trajectory, hz: float) -> FloatArray:
     return np.linspace(first, last, max(2, round((last - first) * hz) + 1))
 
 
-def sample_motion(motion: Trajectory, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sample a motion at evenly spaced times.
-
-    Args:
-        motion: Fitted motion of N balls.
-        hz: Samples per second.
-
-    Returns:
-        Times (K,) s, positions (K, N, 2) m and speeds (K, N) m/s from the first segment to the last.
-    """
-    t = sample_times(motion, hz)
-    state = motion.at(t)
-    return t, state.xy, np.linalg.norm(state.v, axis=-1)
-
-
 def kinetic_energy(state: State, table: Table) -> FloatArray:
     """Compute the kinetic energy of translation and of spin about horizontal axes.
 
