@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from models.core.events import Events
 from models.core.typing import FloatArray
 
 Cause = Literal["strike", "ball", "cushion", "pocket", "rest", "unexplained", "none"]
@@ -95,22 +94,3 @@ class MarkOutcome:
     value: float = float("nan")
     """chi2 that the contact gains of `confirmed` and `no_change`, or that its removal costs of `change_remains`; fitted
     minus set time of `other_time`, s; distance of the surfaces of `too_far`, m."""
-
-
-def explain_by_events(events: Events) -> ShotExplanation:
-    """Explain a shot by its events alone, where no other hypotheses are known.
-
-    Args:
-        events: Events with their probabilities.
-
-    Returns:
-        One moment per event.
-    """
-    moments = []
-    for k in range(len(events)):
-        cause: Cause = events.kind[k]  # type: ignore[assignment]
-        p = float(events.probability[k])
-        hypotheses = (CauseHypothesis(cause, events.b[k], p), CauseHypothesis("none", "", 1 - p))
-        ordered = tuple(sorted(hypotheses, key=lambda one: -one.probability))
-        moments.append(Moment(events.a[k], float(events.t[k]), float(events.t_sigma[k]), events.xy[k], ordered))
-    return ShotExplanation(tuple(moments))

@@ -13,12 +13,12 @@ import numpy as np
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.fit_result import Fit, Parameter, WholeShotFit
 from models.core.scene import Camera, Scene
+from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
-from pipeline.io.explanation_json import describe_explanation
 from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.check_list import select_check_places
@@ -107,7 +107,7 @@ def write_scene(
         "fit": _describe_fit_quality(tracks, fit),
         "shot_numbers": describe_shot_numbers(fit.shot_numbers),
         "trust": summarize_trust(trust),
-        "explanation": describe_explanation(fit.explanation),
+        "explanation": _describe_explanation(fit.explanation),
         "check_here": _describe_check_places(scene, tracks, fit),
         "set_by_hand": {**describe_corrections(corrections), "outcomes": [asdict(one) for one in fit.mark_outcomes]},
         "notes": list(dict.fromkeys([*clip.notes, *fit.profile_misfits, *scene.notes])),
@@ -237,3 +237,28 @@ def _describe_fit_quality(tracks: Tracks, fit: Fit) -> dict[str, float]:
         "moving_s": float(np.sum(step * fit.moving)),
         "accepted_s": float(np.sum(step * (fit.moving & fit.accepted))),
     }
+
+
+def _describe_explanation(explanation: ShotExplanation) -> dict[str, Any]:
+    """Describe an explanation for scene.json.
+
+    Args:
+        explanation: All moments with their hypotheses.
+
+    Returns:
+        JSON object.
+    """
+    return {
+        "moving_at_start": list(explanation.moving_at_start),
+        "moments": [
+            {
+                "ball": moment.ball, "t": moment.t, "t_sigma": moment.t_sigma,
+                "x": float(moment.xy[0]), "y": float(moment.xy[1]), "doubts": list(moment.doubts),
+                "hypotheses": [
+                    {"cause": one.cause, "other": one.other, "probability": one.probability}
+                    for one in moment.hypotheses
+                ],
+            }
+            for moment in explanation.moments
+        ],
+    }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanatio
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
+from pipeline.io.shot_folder import publish_shot, write_shot
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
 
@@ -90,6 +92,13 @@ def make_unexplained_shot(tracks: Tracks, scene: Scene) -> Shot:
     """Make a shot that nothing explains."""
     clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
     return Shot(scene, tracks, clock, np.full((*tracks.xy.shape, 2), np.nan), None)
+
+
+def save_shot(shot: Shot, folder: Path, options: dict[str, object] | None = None, version: str = "1") -> None:
+    """Save a shot in a run folder as a run does."""
+    with TemporaryDirectory() as fresh:
+        write_shot(shot, options or {}, version, Path(fresh))
+        publish_shot(Path(fresh), folder)
 
 
 def make_unsure_fit(t: np.ndarray) -> Fit:

@@ -6,12 +6,12 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
 from support.filmed_shots import film
+from support.synthetic_run import save_shot
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.errors import OptionError
@@ -24,7 +24,7 @@ from pipeline.io.explained_shot import load_shot
 from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_record import read_shot_record
-from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, publish_shot, read_shot, write_shot
+from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
 from pipeline.io.shot_laws import find_laws, keep_laws
 
 
@@ -44,13 +44,6 @@ def shot() -> Shot:
     place = BallPlace(5, *map(float, tracks.px[5, 2]))
     marks = Corrections(contacts=(ContactCorrection("mark", "cushion", 30.0, place, cushion="top"),))
     return explain(tracks, filmed.scene, corrections=marks, notes=(Note("incomplete_clip", "it breaks off"),))
-
-
-def save_shot(shot: Shot, folder: Path, options: dict[str, object] | None = None, version: str = "1") -> None:
-    """Save a shot in a run folder as a run does."""
-    with TemporaryDirectory() as fresh:
-        write_shot(shot, options or {}, version, Path(fresh))
-        publish_shot(Path(fresh), folder)
 
 
 def assert_equal(one: Any, other: Any) -> None:
