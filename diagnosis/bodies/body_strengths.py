@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.bodies.body_model import BodyModel
 from diagnosis.fitting.hypothesis_fits import (
     FULL_FIT,
     DiagnosisProblem,
@@ -25,6 +24,7 @@ from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scat
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
+from models.estimation.multiple_shooting.fitted_parameters import FittedModel
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
 from models.physics.effect import Prior
 
@@ -159,7 +159,7 @@ def _fit_bodies(
     body: IntArray = np.array([bodies.index(segment.bodies[0]) for segment in segments], np.int64)
     shared_priors = tuple(prior for prior, is_common in zip(problem.priors, common, strict=True) if is_common)
     own_priors = tuple(prior for prior, is_own in zip(priors, own, strict=True) if is_own)
-    model = BodyModel(
+    model = FittedModel(
         build_window_model(problem, segments, like.forms, like.free),
         like.shared,
         common,

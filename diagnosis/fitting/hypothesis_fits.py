@@ -12,7 +12,7 @@ from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.gap_scene import GapScene, effect_parameter_mask, neutral_values
-from models.estimation.multiple_shooting.fixed_parameters import FixedParameterModel
+from models.estimation.multiple_shooting.fitted_parameters import fix_parameters
 from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem, build_problem
@@ -209,10 +209,10 @@ def fit_effects(
     free = problem.mask((*problem.scene.simulator_effects, *names))
     values = np.array([prior.value for prior in problem.priors]) if guess is None else guess
     values = np.where(free, problem.clip_to_bounds(values), problem.neutral(forms))
-    model = FixedParameterModel(build_window_model(problem, segments, forms, free), values, free, problem.priors)
+    model = fix_parameters(build_window_model(problem, segments, forms, free), values, free, problem.priors)
     options = replace(options, is_smooth=problem.is_smooth)
     shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
-    return EffectFit(segments, names, forms, free, model.fill_values(shooting.shared), shooting)
+    return EffectFit(segments, names, forms, free, model.fill_values(0, shooting.shared), shooting)
 
 
 def can_simulate(problem: DiagnosisProblem, like: EffectFit, forms: tuple[str, ...], shared: FloatArray) -> bool:
@@ -276,12 +276,12 @@ def refit_effects(
     Returns:
         The fit.
     """
-    model = FixedParameterModel(
+    model = fix_parameters(
         build_window_model(problem, segments, like.forms, like.free), like.shared, like.free, problem.priors
     )
     options = replace(options, is_smooth=problem.is_smooth)
     shooting = fit_windows(model, like.shared[like.free], options, starts, retry_guesses, problem.executor)
-    return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(shooting.shared), shooting)
+    return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(0, shooting.shared), shooting)
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,7 +322,7 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
         The linearised windows and the information of each shot.
     """
     everything = np.ones(len(problem.priors), bool)
-    model = FixedParameterModel(
+    model = fix_parameters(
         build_window_model(problem, fitted.segments, fitted.forms, ~problem.mask((*problem.probes, *problem.places))),
         fitted.shared,
         everything,
@@ -374,7 +374,7 @@ def select_best_starts(
         One start state (S,) per window.
     """
     none = np.zeros(len(shared), bool)
-    model = FixedParameterModel(build_window_model(problem, like.segments, forms, none), shared, none, problem.priors)
+    model = fix_parameters(build_window_model(problem, like.segments, forms, none), shared, none, problem.priors)
     shooting_problem = build_problem(model, problem.executor)
     candidate_costs = [simulate_chains(shooting_problem, starts, shared[none]).costs[:-1] for starts in candidates]
     best = list(candidates[0])

@@ -1,4 +1,4 @@
-"""A model in which some parameters have a value of their own for every body; the bodies move independently."""
+"""A model of which some parameters are fitted: one value for all windows, or one for those of every body."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from models.physics.effect import Prior
 
 
 @dataclass(frozen=True, slots=True)
-class BodyModel:
-    """Windows of single bodies with C common parameters, and Q parameters of each of B bodies; P parameters in all."""
+class FittedModel:
+    """A model of P parameters with C common unknowns, and Q unknowns of each of B bodies; the others are fixed."""
 
     model: ShootingModel
     """Model of all P parameters."""
     fixed: FloatArray
     """(P,) values of the parameters that are not fitted; those of the others are not used."""
     common: BoolArray
-    """(P,) whether all bodies share a fitted parameter."""
+    """(P,) whether all windows share a fitted parameter."""
     own: BoolArray
     """(P,) whether every body has a value of its own."""
     body: IntArray
-    """(W,) index of the body of each window."""
+    """(W,) index of the body of each window; 0 where no body has parameters of its own."""
     unknowns: tuple[Prior, ...]
     """(C + B Q,) priors of the common parameters, then of those of each body."""
 
@@ -58,7 +58,7 @@ class BodyModel:
         simulated = predict_window(self.model, window, start, self.fill_values(body, shared))
         return simulated if isinstance(simulated, SimulatedWindow) else self._spread_columns(body, simulated)
 
-    def without_shared_jacobian(self) -> BodyModel:
+    def without_shared_jacobian(self) -> FittedModel:
         """Return the model for steps of the start states alone."""
         return replace(self, model=drop_shared_jacobian(self.model))
 
@@ -82,3 +82,20 @@ class BodyModel:
         spread[..., : int(self.common.sum())] = jacobian[..., self.common]
         spread[..., self._own_columns(body)] = jacobian[..., self.own]
         return spread
+
+
+def fix_parameters(model: ShootingModel, values: FloatArray, free: BoolArray, priors: tuple[Prior, ...]) -> FittedModel:
+    """Fix some parameters of a model, so that the others can be fitted.
+
+    Args:
+        model: Model of all P parameters.
+        values: (P,) values of the fixed parameters; those of free ones are not used.
+        free: (P,) whether a parameter is fitted.
+        priors: (P,) priors of all parameters.
+
+    Returns:
+        The model whose unknowns are the free parameters.
+    """
+    unknowns = tuple(prior for prior, is_free in zip(priors, free, strict=True) if is_free)
+    body = np.zeros(len(model.windows), np.int64)
+    return FittedModel(model, values, free, np.zeros(len(free), bool), body, unknowns)
