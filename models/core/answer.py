@@ -40,6 +40,8 @@ class Answer:
     """A table in words: the headings, then the rows."""
     notes: tuple[str, ...] = ()
     """What else one must know, after the table."""
+    refusals: tuple[str, ...] = ()
+    """What was left out because it could not be used, and why."""
     document: Mapping[str, Any] = field(default_factory=dict)
     """The answer as JSON values."""
     figures: tuple[Path, ...] = ()

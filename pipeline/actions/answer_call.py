@@ -21,7 +21,7 @@ from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord
-from pipeline.engine.atomic_write import replace_file
+from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from pipeline.reporting.text.call_sentences import CallWords, format_call
 from video.io.clip import Clip, open_clip, read_frames
@@ -103,18 +103,29 @@ def _list_pockets(naming: Naming) -> str:
     return "a pocket is one of " + ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
 
 
-def build_call_answer(
-    record: ShotRecord, call: CallAnswer, words: Sequence[str], pictures: Sequence[Path], why_not: str
+def answer_call(
+    record: ShotRecord, words: Sequence[str], edge: bool, folder: Path, clip: Path | None, target: Path
 ) -> Answer:
-    """Build the answer of a call from its codes and values.
+    """Answer a question, and write a close-up and a strip of frames of its moment.
 
     Args:
         record: Observations and fitted motion of a shot.
-        call: The answer.
-        words: The question as it was asked.
-        pictures: Pictures of the moment.
-        why_not: Why there are none; else empty.
+        words: The question, as in `answer_question`.
+        edge: Whether a line is crossed by the edge of the ball instead of its centre.
+        folder: Run folder of the shot.
+        clip: Video of the shot; None for the one that the run noted.
+        target: Folder of the images; created if it does not exist.
+
+    Returns:
+        The answer.
+
+    Raises:
+        OptionError: The question is malformed, or names an unknown ball, pocket or line.
+        TruerollError: The given clip cannot be read.
     """
+    require_writable_folder(target)
+    call = answer_question(record, words, edge)
+    pictures, why_not = write_call_images(record, call, folder, clip, target, words)
     text = format_call(call, record.naming)
     numbers = {
         "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
@@ -137,7 +148,8 @@ def build_call_answer(
     )
     return Answer(
         text.question, (text.sentence,), text.verdict, call.stated_probability,
-        tuple(one for one in quantities if math.isfinite(one.value)), document=document, figures=tuple(pictures),
+        tuple(one for one in quantities if math.isfinite(one.value)),
+        notes=(f"No picture: {why_not}",) if why_not else (), document=document, figures=tuple(pictures),
     )  # fmt: skip
 
 

@@ -341,7 +341,7 @@ def default_cache_root() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "trueroll"
 
 
-def open_cache(folder: Path | None) -> ResultCache:
+def open_cache(folder: str | os.PathLike[str] | None) -> ResultCache:
     """Open the cache of a command.
 
     Args:
@@ -353,7 +353,7 @@ def open_cache(folder: Path | None) -> ResultCache:
     Raises:
         OptionError: The folder cannot be written.
     """
-    root = folder if folder is not None else default_cache_root()
+    root = Path(folder) if folder is not None else default_cache_root()
     try:
         return ResultCache(root)
     except OSError as error:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 
-def format_strict_json(document: Mapping[str, Any]) -> str:
-    """Format a tree of JSON values and numpy scalars; NaN and infinity become null."""
-    return json.dumps(_replace_nonfinite(document), indent=1, allow_nan=False)
+def format_strict_json(document: Mapping[str, Any], indent: int | None = 1) -> str:
+    """Format a tree of JSON values and numpy scalars; NaN and infinity become null; on one line without an indent."""
+    return json.dumps(_replace_nonfinite(document), indent=indent, allow_nan=False)
 
 
 def _replace_nonfinite(data: Any) -> Any:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from inspect import BoundArguments, Parameter, Signature, cleandoc, signature
+from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from types import UnionType
+from typing import Annotated, Any, Literal, ParamSpec, get_args, get_origin
 
 import typer
 from rich.console import Console
@@ -22,6 +27,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 console = Console(stderr=True, highlight=False)
+P = ParamSpec("P")
+AnyPath = str | PathLike[str]
+"""A file or folder, as functions take it."""
 _FILE_WIDTH = 10_000
 """Line width where the output is no terminal, in characters: wide enough not to break a path."""
 
@@ -37,14 +45,16 @@ def make_output_console() -> Console:
 
 
 def print_answer(answer: Answer, as_json: bool) -> None:
-    """Print an answer: its document as JSON, or its sentences, its table and where to look.
+    """Print an answer: its document as one line of JSON, or its sentences, its table and where to look.
 
     Args:
         answer: The answer.
         as_json: Whether to print JSON.
     """
+    for refusal in answer.refusals:
+        console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
     if as_json:
-        print(format_strict_json(dict(answer.document)))
+        print(format_strict_json(answer.document, indent=None), flush=True)
         return
     screen = make_output_console()
     for sentence in answer.sentences:
@@ -57,7 +67,83 @@ def print_answer(answer: Answer, as_json: bool) -> None:
     for note in answer.notes:
         screen.print(escape(note))
     if answer.figures:
-        print(f"Look at {join_names(str(path) for path in answer.figures)}")
+        print(f"Look at {join_names(str(path) for path in answer.figures)}", flush=True)
+
+
+def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]], Callable[P, Answer]]:
+    """Make a command of a public function of Python: one definition of its options, and its answer is printed.
+
+    A parameter that is annotated for typer becomes an argument or option; `on_activity` is called with what is done,
+    `on_answer` with each of several answers.
+
+    Args:
+        name: Name of the command.
+        settings: Further settings of the command, as typer takes them.
+
+    Returns:
+        A decorator that returns the function as it is.
+    """
+
+    def decorate(function: Callable[P, Answer]) -> Callable[P, Answer]:
+        whole = signature(function, eval_str=True)
+        own = [one for one in whole.parameters.values() if get_origin(one.annotation) is Annotated]
+
+        def command(*, as_json: bool, debug: bool, **values: Any) -> None:
+            given = BoundArguments(whole, values)  # type: ignore[arg-type]
+            if "on_answer" in whole.parameters:
+                values["on_answer"] = lambda answer: print_answer(answer, as_json)
+            with _open_activity("on_activity" in whole.parameters) as values["on_activity"]:
+                answer = function(*given.args, **given.kwargs)
+            if "on_answer" not in values:
+                print_answer(answer, as_json)
+            if answer.refusals:
+                raise typer.Exit(1)
+
+        flags = {"as_json": JsonOption, "debug": DebugOption}
+        command.__signature__ = Signature(  # type: ignore[attr-defined]
+            [_make_terminal_parameter(one) for one in own]
+            + [Parameter(key, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for key, kind in flags.items()]
+        )
+        command.__doc__ = cleandoc(function.__doc__ or "").partition("\n\nArgs:")[0].partition("\n\nReturns:")[0]
+        app.command(name, **settings)(command)
+        return function
+
+    return decorate
+
+
+@contextmanager
+def _open_activity(is_shown: bool) -> Iterator[Callable[[str], None]]:
+    """Show activities on the console if they are shown."""
+    if not is_shown:
+        yield str
+        return
+    from pipeline.terminal.activity_display import show_activity  # numba is slow to import
+
+    with show_activity(console) as show:
+        yield show
+
+
+def _make_terminal_parameter(one: Parameter) -> Parameter:
+    """Make a parameter of the command line from one of Python."""
+    kind, *notes = get_args(one.annotation)
+    plain = _reduce_type(kind)
+    annotation = Annotated[list[plain] if one.kind is Parameter.VAR_POSITIONAL else plain, *notes]  # type: ignore[valid-type]
+    return one.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation)
+
+
+def _reduce_type(kind: Any) -> Any:
+    """Reduce the types that a function takes to the one that typer makes of words, and None."""
+    options = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    origins = [get_origin(one) or one for one in options]
+    if Sequence in origins:
+        plain: Any = list[_reduce_type(get_args(options[origins.index(Sequence)])[0])]  # type: ignore[misc]
+    elif PathLike in origins:
+        plain = Path
+    elif str in origins or Literal in origins:
+        plain = str
+    else:
+        return kind
+    return plain | None if type(None) in options else plain
 
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
@@ -94,9 +180,13 @@ def make_output_option(description: str, metavar: str = "PATH") -> Any:
 
 
 OutOption = Annotated[Path | None, make_output_option("Folder of the results. Default: out/<clip>.")]
-OutBesideOption = Annotated[Path | None, make_output_option("Folder of the results. Default: DIR.")]
-CacheOption = Annotated[
-    Path | None, typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
+OutBesideOption = Annotated[AnyPath | None, make_output_option("Folder of the results. Default: DIR.")]
+_CACHE = typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
+CacheOption = Annotated[Path | None, _CACHE]
+AnyCacheOption = Annotated[AnyPath | None, _CACHE]
+ProfileOption = Annotated[
+    AnyPath | None,
+    typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DebugOption = Annotated[
