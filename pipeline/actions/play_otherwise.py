@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError
 from models.core.fit_result import Fit
 from models.core.naming import Naming
@@ -19,15 +19,16 @@ from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
-from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
+from models.estimation.what_if.shot_outcome import Game, ShotGoal, group_by_ball, is_scored
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
-from pipeline.engine.atomic_write import replace_file, write_text
+from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
 from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import format_strict_json
 from pipeline.io.what_if_files import summarize_changed_shot, write_changed_paths
+from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
 from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
 
 MIN_PROBABILITY = 0.5
@@ -49,10 +50,14 @@ class StrokePlan:
     spread: PlayerSpread
     spread_source: str
     """`user`, `session` or `none`."""
-    goal: ShotGoal
+    game: Game | None = None
+    """What scores; None: pot on a table with pockets, else carom."""
+    ball: str = ""
+    pocket: str = ""
+    """The only ball and the only pocket that count, by id or name; empty: any."""
 
 
-def estimate_session_spread(sources: list[Path]) -> PlayerSpread:
+def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:
     """Estimate the spread of a player from run folders in which one shot is repeated.
 
     Args:
@@ -82,7 +87,7 @@ def estimate_session_spread(sources: list[Path]) -> PlayerSpread:
 def play_otherwise(
     source: Path, stroke: int, plan: StrokePlan, learned: LearnedTable | None, draws: int, seed: int, folder: Path,
     cache: ResultCache, on_activity: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Answer:  # fmt: skip
     """Play a shot otherwise, and write what_if.json, what_if.csv and what_if.png.
 
     Args:
@@ -97,7 +102,7 @@ def play_otherwise(
         on_activity: Called with what is done next.
 
     Returns:
-        Content of what_if.json.
+        The answer.
 
     Raises:
         OptionError: The source is no shot of billiards, or the goal does not suit it.
@@ -106,7 +111,7 @@ def play_otherwise(
     on_activity("reading the shot")
     shot = load_shot(source, None, cache)
     tracks, scene, naming = shot.tracks, shot.scene, shot.naming
-    _require_possible_goal(plan.goal, tracks, scene)
+    goal = _find_goal(plan, tracks, scene, naming)
     fit, solution = view_shot(shot), shot.solution
     if solution is None:
         raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
@@ -116,38 +121,45 @@ def play_otherwise(
     on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
     t = np.arange(0.0, SECONDS + 1e-9, STEP_S)
-    real = play_changed_shot(ensemble, StrokeChange(), plan.spread, plan.goal, t, seed)
-    changed = play_changed_shot(ensemble, plan.change, plan.spread, plan.goal, t, seed)
+    real = play_changed_shot(ensemble, StrokeChange(), plan.spread, goal, t, seed)
+    changed = play_changed_shot(ensemble, plan.change, plan.spread, goal, t, seed)
     document = summarize_changed_shot(
-        ensemble,
-        plan.change,
-        plan.spread,
-        plan.spread_source,
-        plan.goal,
-        real,
-        changed,
-        _did_score(fit, ensemble, plan),
+        ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, _did_score(fit, ensemble, goal),
         (float(tracks.t[-1]), SECONDS),
-    )
+    )  # fmt: skip
+    require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "what_if.csv") as path:
         write_changed_paths(ensemble, changed, path)
     with replace_file(folder / "what_if.png") as path:
         Image.fromarray(_draw_plays(ensemble, changed, tracks, naming)).save(path, format="PNG")
     write_text(folder / "what_if.json", format_strict_json(document))
-    return document
+    quantities = tuple(
+        Quantity(name, play.probability, play.probability_sigma)
+        for name, play in (("chance as struck", real), ("chance otherwise", changed))
+    )
+    return Answer(
+        format_what_if_question(document, naming), format_what_if(document, naming), quantities=quantities,
+        document={"folder": str(folder), **document}, figures=(folder / "what_if.png",),
+    )  # fmt: skip
 
 
-def _require_possible_goal(goal: ShotGoal, tracks: Tracks, scene: Scene) -> None:
-    if goal.game == "pot" and not scene.table.pockets:
+def _find_goal(plan: StrokePlan, tracks: Tracks, scene: Scene, naming: Naming) -> ShotGoal:
+    """Find what must happen to score, and refuse what cannot happen on this table."""
+    game = plan.game or ("pot" if scene.table.pockets else "carom")
+    ball, pocket = naming.find_ball(plan.ball), naming.find_pocket(plan.pocket)
+    if game == "pot" and not scene.table.pockets:
         raise OptionError("--game pot needs a table with pockets; this one has none, so name carom or three-cushion")
-    if goal.game != "pot" and len(tracks.ids) != 3:
-        raise OptionError(f"--game {goal.game} needs three balls; this clip has {len(tracks.ids)}")
-    if goal.ball and goal.ball not in tracks.ids:
-        raise OptionError(f"--ball is one of {', '.join(tracks.ids)}; got {goal.ball}")
+    if game != "pot" and len(tracks.ids) != 3:
+        raise OptionError(f"--game {game} needs three balls; this clip has {len(tracks.ids)}")
+    if plan.ball and ball is None:
+        raise OptionError(f"--ball is one of {naming.list_balls()}; got {plan.ball}")
+    if plan.pocket and pocket is None:
+        raise OptionError(f"--pocket is one of {', '.join(naming.view.pockets)}; got {plan.pocket}")
+    return ShotGoal(game, ball or "", pocket or "")
 
 
-def _did_score(fit: Fit, ensemble: StruckEnsemble, plan: StrokePlan) -> bool:
+def _did_score(fit: Fit, ensemble: StruckEnsemble, goal: ShotGoal) -> bool:
     """Return whether the real shot scored, by its probable events."""
     events = fit.events
     contacts = [
@@ -155,7 +167,7 @@ def _did_score(fit: Fit, ensemble: StruckEnsemble, plan: StrokePlan) -> bool:
         for k in range(len(events))
         if events.probability[k] >= MIN_PROBABILITY and events.t[k] >= ensemble.t
     ]
-    return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, plan.goal)
+    return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, goal)
 
 
 def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, naming: Naming) -> np.ndarray:

@@ -88,7 +88,9 @@ def _describe_stroke(ensemble: StruckEnsemble, change: StrokeChange) -> dict[str
         radius = float(member.balls.radius[ensemble.cue])
         struck = change_stroke(member.balls.state[ensemble.cue], radius, change, 1.0, 0.0)
         strokes.append(measure_stroke(struck, radius))
-    return dict(zip(("speed", "side", "top"), np.median(strokes, axis=0).tolist(), strict=True))
+    names = ("speed", "side", "top")
+    sigmas = zip((f"{name}_sigma" for name in names), np.std(strokes, axis=0).tolist(), strict=True)
+    return {**dict(zip(names, np.median(strokes, axis=0).tolist(), strict=True)), **dict(sigmas)}
 
 
 def _summarize_play(ensemble: StruckEnsemble, shot: ChangedShot) -> dict[str, Any]:

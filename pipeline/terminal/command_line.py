@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from inspect import BoundArguments, Parameter, Signature, cleandoc, signature
 from os import PathLike
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, ParamSpec, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, Union, get_args, get_origin
 
 import typer
 from rich.console import Console
@@ -19,6 +20,9 @@ from models.core.answer import Answer
 from models.core.errors import OptionError
 from models.core.naming import join_names
 from pipeline.io.strict_json import format_strict_json
+
+if TYPE_CHECKING:
+    from models.estimation.table_learning.learned_table import LearnedTable
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -70,6 +74,10 @@ def print_answer(answer: Answer, as_json: bool) -> None:
         print(f"Look at {join_names(str(path) for path in answer.figures)}", flush=True)
 
 
+def ignore_activity(activity: str) -> None:
+    """Show nothing."""
+
+
 def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]], Callable[P, Answer]]:
     """Make a command of a public function of Python: one definition of its options, and its answer is printed.
 
@@ -89,13 +97,14 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
         own = [one for one in whole.parameters.values() if get_origin(one.annotation) is Annotated]
 
         def command(*, as_json: bool, debug: bool, **values: Any) -> None:
-            given = BoundArguments(whole, values)  # type: ignore[arg-type]
-            if "on_answer" in whole.parameters:
-                values["on_answer"] = lambda answer: print_answer(answer, as_json)
-            with _open_activity("on_activity" in whole.parameters) as values["on_activity"]:
-                answer = function(*given.args, **given.kwargs)
-            if "on_answer" not in values:
+            def show_answer(answer: Answer) -> None:
                 print_answer(answer, as_json)
+
+            with _show_activity("on_activity" in whole.parameters) as on_activity:
+                given = BoundArguments(whole, OrderedDict(values, on_activity=on_activity, on_answer=show_answer))
+                answer = function(*given.args, **given.kwargs)
+            if "on_answer" not in whole.parameters:
+                show_answer(answer)
             if answer.refusals:
                 raise typer.Exit(1)
 
@@ -111,16 +120,13 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
     return decorate
 
 
-@contextmanager
-def _open_activity(is_shown: bool) -> Iterator[Callable[[str], None]]:
-    """Show activities on the console if they are shown."""
+def _show_activity(is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
+    """Show activities on the console if the command has any."""
     if not is_shown:
-        yield str
-        return
+        return nullcontext(ignore_activity)
     from pipeline.terminal.activity_display import show_activity  # numba is slow to import
 
-    with show_activity(console) as show:
-        yield show
+    return show_activity(console)
 
 
 def _make_terminal_parameter(one: Parameter) -> Parameter:
@@ -133,7 +139,7 @@ def _make_terminal_parameter(one: Parameter) -> Parameter:
 
 def _reduce_type(kind: Any) -> Any:
     """Reduce the types that a function takes to the one that typer makes of words, and None."""
-    options = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    options = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     origins = [get_origin(one) or one for one in options]
     if Sequence in origins:
         plain: Any = list[_reduce_type(get_args(options[origins.index(Sequence)])[0])]  # type: ignore[misc]
@@ -193,6 +199,15 @@ DebugOption = Annotated[
     bool,
     typer.Option("--debug", help="Print the traceback of an error, and the cost before and after each pass of a fit."),
 ]
+
+
+def read_learned_table(profile: AnyPath | None) -> LearnedTable | None:
+    """Read what other shots taught about a table; None without a profile."""
+    if profile is None:
+        return None
+    from pipeline.io.table_profile import parse_learned_table, read_profile_text  # slow to import
+
+    return parse_learned_table(read_profile_text(Path(profile)))
 
 
 def _print_version(is_requested: bool) -> None:

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from models.core.answer import Answer
 from models.core.errors import OptionError
-from models.core.scene import POCKETS
-from models.estimation.what_if.shot_outcome import GAMES, Game, ShotGoal
+from models.estimation.what_if.shot_outcome import GAMES, Game
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
-from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.result_cache import open_cache
-from pipeline.io.observed_shot import read_observed_shot
-from pipeline.io.strict_json import format_strict_json
-from pipeline.reporting.text.what_if_sentences import format_what_if
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.activity_display import show_activity
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
@@ -28,21 +24,24 @@ MAX_SPIN = 1.5
 _AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?")
 
 
-@cli.app.command("what-if", context_settings={"ignore_unknown_options": True})
+@cli.answer_command("what-if", context_settings={"ignore_unknown_options": True})
 def what_if(
-    source: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")],
+    source: Annotated[
+        cli.AnyPath, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")
+    ],
+    *,
     speed: Annotated[
-        str | None,
+        str | float | None,
         typer.Option("--speed", metavar="±P%|V", help="Change of the speed in %, such as -5%, or the speed in m/s."),
     ] = None,
     angle: Annotated[
-        str | None,
+        str | float | None,
         typer.Option(
             "--angle", metavar="±Adeg", help="Turn of the direction in degrees, > 0 to the right of the player."
         ),
     ] = None,
     side: Annotated[
-        str | None,
+        str | float | None,
         typer.Option(
             "--side",
             metavar="±P%|S",
@@ -50,7 +49,7 @@ def what_if(
         ),
     ] = None,
     top: Annotated[
-        str | None,
+        str | float | None,
         typer.Option(
             "--top",
             metavar="±P%|S",
@@ -64,73 +63,40 @@ def what_if(
         ),
     ] = None,
     session: Annotated[
-        list[Path] | None,
+        Sequence[cli.AnyPath] | None,
         typer.Option("--session", metavar="DIR", help="Take the spread from runs that repeat one shot; repeatable."),
     ] = None,
     game: Annotated[
-        str | None,
+        Game | None,
         typer.Option("--game", help="What scores: pot, carom or three-cushion. Default: pot with pockets, else carom."),
     ] = None,
     ball: Annotated[str, typer.Option("--ball", help="The only ball that counts when potted. Default: any.")] = "",
     pocket: Annotated[str, typer.Option("--pocket", help="The only pocket that counts. Default: any.")] = "",
     stroke: Annotated[int, typer.Option("--stroke", min=1, help="Number of the stroke in the clip.")] = 1,
-    profile: Annotated[
-        Path | None,
-        typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
-    ] = None,
+    profile: cli.ProfileOption = None,
     draws: Annotated[int, typer.Option("--draws", min=50, max=20_000, help="Number of plays.")] = 400,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
     out: cli.OutBesideOption = None,
-    cache: cli.CacheOption = None,
-    as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
-) -> None:
+    cache: cli.AnyCacheOption = None,
+    on_activity: Callable[[str], None] = cli.ignore_activity,
+) -> Answer:
     """Play a shot otherwise: where the balls would go, and how probably it scores."""
     change = _parse_change(speed, angle, side, top)
-    folder = out if out is not None else source if source.is_dir() else source.parent
-    chosen, origin = _choose_spread(spread, session)
-    place = _parse_pocket(pocket)
-    plan = StrokePlan(change, chosen, origin, ShotGoal(_choose_game(game, source), ball, place))
-    learned = None
-    if profile is not None:
-        from pipeline.io.table_profile import parse_learned_table, read_profile_text  # slow to import
-
-        learned = parse_learned_table(read_profile_text(profile))
-    require_writable_folder(folder)
-    with show_activity(cli.console) as show:
-        document = play_otherwise(source, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), show)
-    _print_result(document, folder, as_json)
-
-
-def _print_result(document: dict[str, Any], folder: Path, as_json: bool) -> None:
-    if as_json:
-        print(format_strict_json({"folder": str(folder), **document}))
-        return
-    for sentence in format_what_if(document):
-        print(sentence)
-    print(f"Look at {folder / 'what_if.png'}")
-
-
-def _choose_game(game: str | None, source: Path) -> Game:
-    if game is None:
-        return "pot" if read_observed_shot(source)[1].table.pockets else "carom"
-    if game not in GAMES:
+    if game not in (None, *GAMES):
         raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
-    return game
+    place = Path(source)
+    folder = Path(out) if out is not None else place if place.is_dir() else place.parent
+    plan = StrokePlan(change, *_choose_spread(spread, session), game, ball, pocket)
+    learned = cli.read_learned_table(profile)
+    return play_otherwise(place, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), on_activity)
 
 
-def _parse_pocket(pocket: str) -> str:
-    if pocket and pocket not in POCKETS:
-        raise OptionError(f"--pocket is one of {', '.join(POCKETS)}; got {pocket}")
-    return pocket
-
-
-def _choose_spread(spread: str | None, session: list[Path] | None) -> tuple[PlayerSpread, str]:
+def _choose_spread(spread: str | None, session: Sequence[cli.AnyPath] | None) -> tuple[PlayerSpread, str]:
     """Return the player's spread, and where it comes from."""
     if spread is not None and session:
         raise OptionError("--spread and --session both state the player's spread; give one of them")
     if session:
-        return estimate_session_spread(session), "session"
+        return estimate_session_spread([Path(one) for one in session]), "session"
     if spread is None:
         return PlayerSpread(), "none"
     parts = re.fullmatch(r"(\d+(?:\.\d*)?)%,(\d+(?:\.\d*)?)(?:deg)?", spread.replace(" ", ""))
@@ -139,11 +105,15 @@ def _choose_spread(spread: str | None, session: list[Path] | None) -> tuple[Play
     return PlayerSpread(float(parts[1]) / 100, float(parts[2])), "user"
 
 
-def _parse_change(speed: str | None, angle: str | None, side: str | None, top: str | None) -> StrokeChange:
+Amount = str | float | None
+"""A number, or its text with a sign and a unit."""
+
+
+def _parse_change(speed: Amount, angle: Amount, side: Amount, top: Amount) -> StrokeChange:
     values: dict[str, float] = {}
     if speed is not None:
         number, unit = _parse_amount("--speed", speed, ("%", "m/s", ""))
-        if unit != "%" and speed.strip()[0] in "+-":
+        if unit != "%" and str(speed).strip()[0] in "+-":
             raise OptionError(
                 f"--speed is a change with %, or a speed in m/s without sign; got {speed}: write {number:+g}% to change"
                 f" it by {abs(number):g} %, or {abs(number):g} to play at {abs(number):g} m/s"
@@ -166,9 +136,9 @@ def _parse_change(speed: str | None, angle: str | None, side: str | None, top: s
     return StrokeChange(**values)
 
 
-def _parse_amount(option: str, text: str, units: tuple[str, ...]) -> tuple[float, str]:
+def _parse_amount(option: str, text: str | float, units: tuple[str, ...]) -> tuple[float, str]:
     """Return number and unit; the unit is empty where none was given."""
-    parts = _AMOUNT.fullmatch(text.strip())
+    parts = _AMOUNT.fullmatch(str(text).strip())
     if parts is None or (parts["unit"] or "") not in units:
         raise OptionError(f"{option} is a number{' with ' if any(units) else ''}{' or '.join(filter(None, units))};"
                           f" got {text}")  # fmt: skip

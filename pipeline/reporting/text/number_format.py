@@ -61,6 +61,11 @@ def format_value(value: float, digits: int = 3) -> str:
     return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
 
 
+def format_speed(speed: float) -> str:
+    """Format a speed, in m/s, such as `1.8 m/s (6.5 km/h)`."""
+    return f"{format_value(speed)} m/s ({3.6 * speed:.1f} km/h)"
+
+
 def format_probability(probability: float) -> str:
     """Format a probability in per cent, with a decimal near 0 and 1.
 

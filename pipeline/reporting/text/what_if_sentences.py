@@ -5,21 +5,21 @@ from __future__ import annotations
 from math import ceil
 from typing import Any
 
-from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
+from models.core.naming import Naming
+from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability, format_speed
+from pipeline.reporting.text.table_words import format_meeting
 
 MIN_PROBABILITY = 0.1
 """Least probability of an event that is mentioned."""
 MIN_CHANGE = 1e-9
 """Least change of a share or an angle that is mentioned."""
+MAX_SPIN_SIGMA = 0.25
+"""Standard deviation of a spin, as a share of rolling, from which it is not measurable: twice as much to both sides
+reaches from stun to natural roll."""
 GOAL_WORDS = {
     "pot": "a ball is potted",
     "carom": "the carom is made",
     "three-cushion": "the three-cushion carom is made",
-}
-EVENT_WORDS = {
-    "ball": "{a} meets {b}",
-    "cushion": "{a} meets the {b} cushion",
-    "pocket": "{a} falls into the {b} pocket",
 }
 SPREAD_WORDS = {
     "user": "the player's spread, {speed} % of the speed and {angle:.2g} degrees, and the uncertainty of the"
@@ -34,29 +34,32 @@ SIDE_SPIN_WARNING = (
 )
 
 
-def format_what_if(document: dict[str, Any]) -> list[str]:
+def format_what_if(document: dict[str, Any], naming: Naming) -> tuple[str, ...]:
     """Format the result of a what-if.
 
     Args:
         document: Content of what_if.json.
+        naming: What balls, rails and pockets are called.
 
     Returns:
         Sentences: what was played, how probably it scores, what the real shot did, and what would happen.
     """
     spread, real, changed = document["spread"], document["real"], document["changed"]
-    goal = GOAL_WORDS[document["goal"]["game"]]
+    goal = _format_goal(document["goal"], naming)
     scatter = SPREAD_WORDS[spread["source"]].format(speed=f"{100 * spread['speed']:.1f}", angle=spread["angle_deg"])
+    parts = _list_changes(document)
     lines = [
-        _format_change(document),
+        f"Played with {'; '.join(parts)}." if parts else "Played as it was struck: nothing is changed.",
         f"Played so, {goal} with a probability {_format_chance(changed)}.",
         f"As it was struck, {goal} with a probability {_format_chance(real)}; the real shot"
         f" {'scored' if real['scored'] else 'did not score'}.",
         f"The probabilities are shares of {document['draws']} plays, which differ by {scatter}.",
     ]
     events = [
-        f"{one['t']:.2f} s {EVENT_WORDS[one['kind']].format(**one)}{_format_doubt(one['probability'])}"
+        f"{one['t']:.2f} s {naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"
+        f"{_format_doubt(one['probability'])}"
         for one in changed["events"]
-        if one["probability"] >= MIN_PROBABILITY and one["kind"] in EVENT_WORDS
+        if one["probability"] >= MIN_PROBABILITY and one["kind"] != "rest"
     ]
     lines.append(f"Played so: {', '.join(events)}." if events else "Played so, nothing is met.")
     lines.append(
@@ -65,7 +68,26 @@ def format_what_if(document: dict[str, Any]) -> list[str]:
     )
     if document["model"] == "segments":
         lines.append(SIDE_SPIN_WARNING)
-    return lines
+    return tuple(lines)
+
+
+def format_what_if_question(document: dict[str, Any], naming: Naming) -> str:
+    """Format the question of a what-if, such as `What if the cue ball is played with 5 % less speed: ...?`.
+
+    Args:
+        document: Content of what_if.json.
+        naming: What balls are called.
+    """
+    parts = "; ".join(_list_changes(document))
+    return f"What if {naming.say(document['cue'])} is played {f'with {parts}' if parts else 'as it was struck'}?"
+
+
+def _format_goal(goal: dict[str, str], naming: Naming) -> str:
+    """Format what must happen."""
+    if goal["game"] != "pot" or not (goal.get("ball") or goal.get("pocket")):
+        return GOAL_WORDS[goal["game"]]
+    ball = naming.say(goal["ball"]) if goal["ball"] else "a ball"
+    return f"{ball} is potted" if not goal["pocket"] else f"{ball} falls into the {naming.name_pocket(goal['pocket'])}"
 
 
 def _format_doubt(probability: float) -> str:
@@ -73,22 +95,28 @@ def _format_doubt(probability: float) -> str:
     return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"
 
 
-def _format_change(document: dict[str, Any]) -> str:
-    """Format what differs from the real stroke, with both values."""
+def _list_changes(document: dict[str, Any]) -> list[str]:
+    """List what differs from the real stroke, with both values."""
     change, real, changed = document["change"], document["stroke"]["real"], document["stroke"]["changed"]
     parts = []
     if change["speed"] is not None or change["speed_factor"] != 1:
         share = changed["speed"] / real["speed"] - 1
         words = f"{100 * abs(share):.0f} % {'more' if share > 0 else 'less'} speed"
-        parts.append(f"{words}: {changed['speed']:.2f} m/s instead of {real['speed']:.2f} m/s")
+        parts.append(f"{words}: {format_speed(changed['speed'])} instead of {format_speed(real['speed'])}")
     if abs(change["angle"]) > MIN_CHANGE:
         side = "right" if change["angle"] > 0 else "left"
         parts.append(f"the direction turned by {abs(change['angle']):g} degrees to the {side}")
     for name, sides in (("side", ("right", "left")), ("top", ("top", "back"))):
-        if abs(changed[name] - real[name]) > MIN_CHANGE:
-            texts = [f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real)]
-            parts.append(f"{name} spin {texts[0]} instead of {texts[1]}")
-    return f"Played with {'; '.join(parts)}." if parts else "Played as it was struck: nothing is changed."
+        if abs(changed[name] - real[name]) <= MIN_CHANGE:
+            continue
+        if real[f"{name}_sigma"] < MAX_SPIN_SIGMA:
+            new, old = (f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real))
+            parts.append(f"{name} spin {new} instead of {old}")
+        else:
+            added = changed[name] if change[name] is not None else change[f"{name}_added"]
+            more = "" if change[name] is not None else " more than in the real stroke"
+            parts.append(f"{name} spin {abs(added):.2f} {sides[added < 0]}{more}, where it is not measurable")
+    return parts
 
 
 def _format_chance(play: dict[str, Any]) -> str:
