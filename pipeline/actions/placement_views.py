@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from models.core.errors import OptionError, TableNotFound
+from models.core.answer import Answer, Quantity
+from models.core.errors import OptionError
 from models.core.naming import Naming
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
-from pipeline.actions.put_back import PLACED_M, PlacementGuide, PlacementState, WantedPlaces
+from pipeline.actions.put_back import PLACED_M, PlacementState, WantedPlaces
 from pipeline.engine.atomic_write import write_json, write_text
 from pipeline.io.image_file import write_image
+from pipeline.io.placement_files import describe_places, write_places
 from pipeline.reporting.pages.page_template import render_template
+from pipeline.reporting.text.number_format import format_measured, format_speed
 from video.drawing.palette import WHITE, Colour
 from video.overlay.placement_overlay import (
     MISPLACED_COLOUR,
@@ -33,17 +35,64 @@ from video.overlay.placement_overlay import (
 
 FRAME_IMAGE, PLAN_IMAGE = "put_back_frame.png", "put_back_plan.png"
 LIVE_IMAGE, LIVE_TABLE, LIVE_PAGE = "live.png", "live.json", "live.html"
+MAX_DECIMALS_MM = 1
+"""Decimals of a distance: nobody places a ball to a hundredth of a millimetre."""
 
 
-def draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
-    """Draw the plan of the wanted places.
+def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
+    """Write the tables, the plan and the frame of the wanted places.
 
     Args:
         wanted: The places.
+        folder: Folder of the files; created if it does not exist.
 
     Returns:
-        Image (h, w, 3).
+        Where every ball lay.
     """
+    folder.mkdir(parents=True, exist_ok=True)
+    places, naming = wanted.places, wanted.naming
+    document = describe_places(places, wanted.place_sigma, wanted.table, wanted.frame)
+    write_places(document, folder)
+    document["no_frame"] = wanted.no_image or None
+    figures = [folder / PLAN_IMAGE]
+    write_image(_draw_wanted_plan(wanted), figures[0])
+    drawn = _draw_wanted_frame(wanted)
+    if drawn is not None:
+        figures.append(folder / FRAME_IMAGE)
+        write_image(drawn, figures[1])
+    absent = f"Not on the table: {', '.join(map(naming.name_ball, places.absent))}." if places.absent else ""
+    return Answer(
+        f"Where did the balls lie at {places.t:.3f} s?",
+        (f"Where the balls lay at {places.t:.3f} s, in mm from the centre of each ball to the noses of the"
+         f" {naming.rail_word}s, ± standard deviation:",),
+        quantities=tuple(
+            Quantity(axis, float(xy[k]), float(sigma[k]), "m", ball)
+            for ball, xy, sigma in zip(places.ids, places.xy, wanted.place_sigma, strict=True)
+            for k, axis in enumerate("xy")
+        ),
+        rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
+        notes=tuple(filter(None, (absent, wanted.no_image and f"No picture of the clip: {wanted.no_image}"))),
+        document=document, figures=tuple(figures),
+    )  # fmt: skip
+
+
+def _list_place_headings(naming: Naming) -> tuple[str, ...]:
+    """List the headings of the table of places: the rails as the viewer sees them."""
+    left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
+    return "ball", left, right, "±", top, bottom, "±", ""
+
+
+def _list_place_cells(ball: dict[str, Any], naming: Naming) -> tuple[str, ...]:
+    """List the cells of a ball in the table of places."""
+    cells = [naming.name_ball(ball["id"])]
+    for axis, sides in (("x", CUSHIONS[:2]), ("y", CUSHIONS[2:])):
+        texts = [format_measured(ball[f"{side}_mm"], ball[f"{axis}_sigma_mm"], MAX_DECIMALS_MM) for side in sides]
+        cells += [*(value for value, _ in texts), texts[0][1]]
+    return *cells, f"moves at {format_speed(ball['speed'])}" if ball["speed"] else ""
+
+
+def _draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
+    """Draw the plan of the wanted places."""
     places, table = wanted.places, wanted.table
     title = (
         f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest cushions;"
@@ -53,15 +102,8 @@ def draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
     return draw_placement_plan(table, wanted.naming, places.ids, places.xy, distances, title)
 
 
-def draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
-    """Draw the wanted places on their frame of the clip.
-
-    Args:
-        wanted: The places.
-
-    Returns:
-        Image (H, W, 3); None without a frame or a calibration.
-    """
+def _draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
+    """Draw the wanted places on their frame of the clip; None without a frame or a calibration."""
     if wanted.image is None or wanted.camera is None:
         return None
     distances, view = 1e3 * measure_cushion_distances(wanted.table, wanted.places.xy), wanted.naming.view
@@ -167,21 +209,31 @@ def format_move(move: FloatArray, naming: Naming) -> str:
     return ", ".join(parts) or "in place"
 
 
-def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path) -> dict[str, Any]:
+def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path, first: Answer) -> Answer:
     """Write live.png and live.json, each in one step.
 
     Args:
         wanted: The places.
         state: The present balls.
         folder: Folder of the files.
+        first: Where every ball lay.
 
     Returns:
-        The content of live.json.
+        The moves that are missing.
     """
-    document = describe_state(wanted, state)
+    document, naming = describe_state(wanted, state), wanted.naming
     write_image(draw_live_image(wanted, state), folder / LIVE_IMAGE)
     write_json(document, folder / LIVE_TABLE)
-    return document
+    missing = "; ".join(
+        f"{naming.name_ball(ball['id'])} {ball['move']}" for ball in document["balls"] if not ball["placed"]
+    )
+    count = f"{document['placed']} of {len(document['balls'])} balls are in place"
+    extra = f"To be taken away: {', '.join(state.extra)}." if state.extra else ""
+    return Answer(
+        "Which balls do not lie where they lay?", (f"{count}{missing and f'; {missing}'}.",),
+        notes=tuple(filter(None, (state.note, extra))), document={**first.document, "live": document},
+        figures=(folder / LIVE_IMAGE,),
+    )  # fmt: skip
 
 
 def write_live_page(folder: Path, name: str) -> Path:
@@ -196,31 +248,6 @@ def write_live_page(folder: Path, name: str) -> Path:
     """
     write_text(folder / LIVE_PAGE, render_template("live.html", name=name, image=LIVE_IMAGE))
     return folder / LIVE_PAGE
-
-
-def follow_images(
-    guide: PlacementGuide, images: Iterator[ImageArray], folder: Path, count: int | None
-) -> Iterator[dict[str, Any]]:
-    """Compare images with the wanted places, one after the other.
-
-    An image without the table, such as one with a hand before the lens, is passed over.
-
-    Args:
-        guide: The wanted places.
-        images: Present images (H, W, 3).
-        folder: Folder of live.png and live.json.
-        count: Number of images; None for all.
-
-    Yields:
-        Content of live.json of each image, or `{"note": ...}` for one without the table.
-    """
-    for image in islice(images, count):
-        try:
-            state = guide.compare_image(image)
-        except TableNotFound as error:
-            yield {"note": str(error)}
-            continue
-        yield write_state(guide.wanted, state, folder)
 
 
 def read_camera(number: int, width_px: int, height_px: int) -> Iterator[ImageArray]:

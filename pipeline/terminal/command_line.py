@@ -78,6 +78,10 @@ def ignore_activity(activity: str) -> None:
     """Show nothing."""
 
 
+def ignore_answer(answer: Answer) -> None:
+    """Print nothing."""
+
+
 def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]], Callable[P, Answer]]:
     """Make a command of a public function of Python: one definition of its options, and its answer is printed.
 

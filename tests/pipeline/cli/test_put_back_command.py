@@ -24,8 +24,8 @@ from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
+from pipeline.actions.placement_views import MAX_DECIMALS_MM
 from pipeline.chain import write_source
-from pipeline.cli.commands.put_back_command import MAX_DECIMALS_MM
 from pipeline.io.run_tables import write_scene
 from pipeline.reporting.text.number_format import format_measured
 from pipeline.run_options import RunOptions
@@ -111,9 +111,9 @@ def test_distances_have_the_digits_of_their_errors_along_both_axes(
     trueroll: Terminal, folder: Path, tmp_path: Path
 ) -> None:
     lines = trueroll("put-back", folder, "-o", tmp_path).out.splitlines()
-    heading, cue = (next(line for line in lines if line.startswith(word)) for word in ("ball", "cue"))
-    assert heading.split() == ["ball", "left", "right", "±", "(x)", "top", "bottom", "±", "(y)"]
-    left, _, x_sigma, _, _, y_sigma = cue.split()[1:]
+    heading, cue = (next(line for line in lines if line.startswith(word)) for word in ("ball", "cue ball"))
+    assert heading.split() == ["ball", "left", "right", "±", "far", "near", "±"]
+    left, _, x_sigma, _, _, y_sigma = cue.split()[2:]
     for text in (left, x_sigma, y_sigma):
         assert len(text.partition(".")[2]) <= 1
     wide = {**{f"{side}_mm": 1900.33 for side in ("left", "right", "top", "bottom")}, "x_sigma_mm": 7.9}
@@ -141,7 +141,7 @@ def test_the_missing_moves_of_a_present_image_are_stated(trueroll: Terminal, fol
     assert by_id["eight"]["dx_mm"] == pytest.approx(-12.0, abs=1.0)
     assert by_id["solid-1"]["dy_mm"] == pytest.approx(8.0, abs=1.0)
     assert by_id["eight"]["move"].startswith("1")
-    assert "mm to the left" in by_id["eight"]["move"]
+    assert "mm towards the left short rail" in by_id["eight"]["move"]
     assert json.loads((tmp_path / "live.json").read_text()) == state
     assert (tmp_path / "live.png").stat().st_size > 0
 
