@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
+from models.core.answer import Answer
 from models.core.errors import OptionError
 from models.core.recording import Recording
 from models.core.typing import FloatArray
@@ -26,49 +26,40 @@ ROW_STEP = 0.02
 
 
 def predict_particles(
-    source: Path,
-    seconds: float,
-    at: float | None,
-    out: Path | None,
-    number: int | None,
-    fps: float | None,
-    as_json: bool,
-) -> None:
-    """Write prediction.csv (shot, frame, t, id, x, y, sigma) and print the fitted motion.
+    source: Path, seconds: float, at: float | None, folder: Path, number: int | None, fps: float | None
+) -> Answer:
+    """Predict the motion of particles, and write prediction.csv (shot, frame, t, id, x, y, sigma).
 
     Args:
         source: A tracks.csv or its folder.
         seconds: Length of the prediction, s.
         at: Time at which it starts, s; None for the last sample.
-        out: Folder of the file; None for the one of the source.
+        folder: Folder of the file; created if it does not exist.
         number: Shot to predict; None for the first.
         fps: Frame rate (1/s) for files without times; None for the one of scene.json.
-        as_json: Whether to print JSON.
+
+    Returns:
+        The fitted motion and how far it can be predicted.
     """
     path = require_tracks_file(source)
     shot = _select_shot(list(read_particles(path, fps)), number, path)
     past = _truncate_at(shot, at)
     steps = max(round(seconds / ROW_STEP), 1)
     prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
-    folder = out if out is not None else path.parent
     require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / "prediction.csv"
     with replace_file(target) as fresh:
         write_particle_positions(fresh, [shot], [_build_rows(prediction)])
-    if as_json:
-        document = {"prediction": str(target), "shot": shot.shot, "from": float(past.t[-1]),
-                    "motion": prediction.kind,
-                "sigma_at_end": float(prediction.sigma[-1]), **summarize_physics(prediction)}  # fmt: skip
-        print(json.dumps(document, allow_nan=False))
-        return
-    print(
-        f"From {past.t[-1]:.3f} s, {prediction.kind}: after {seconds:g} s the sigma of a coordinate"
-        f" is {prediction.sigma[-1]:.3g}."
-    )
-    for line in format_physics_lines(summarize_physics(prediction)):
-        print(line)
-    print(f"Look at {target}")
+    physics, sigma = summarize_physics(prediction), float(prediction.sigma[-1])
+    return Answer(
+        f"Where do the particles go from {past.t[-1]:.3f} s on?",
+        (f"From {past.t[-1]:.3f} s, {prediction.kind}: after {seconds:g} s the sigma of a coordinate is {sigma:.3g}.",
+         *format_physics_lines(physics)),
+        document={"prediction": str(target), "shot": shot.shot, "from": float(past.t[-1]), "motion": prediction.kind,
+                  "sigma_at_end": sigma, **physics},
+        figures=(target,),
+    )  # fmt: skip
 
 
 def _select_shot(shots: list[Recording], number: int | None, path: Path) -> Recording:

@@ -1,4 +1,4 @@
-"""Files and sentences of a prediction: prediction.csv, prediction.json, and a sentence per ball."""
+"""Files of a prediction: prediction.csv and prediction.json."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from models.core.naming import Naming
 from models.core.typing import FloatArray
-from models.estimation.forecast.ensemble_prediction import EventKey, PredictedEvent, ShotPrediction
+from models.estimation.forecast.ensemble_prediction import PredictedEvent, ShotPrediction
 from models.estimation.forecast.forecast_check import PredictionCheck
 from pipeline.io.csv_tables import Columns, write_columns
+from pipeline.reporting.text.prediction_sentences import format_ball_prediction
 from pipeline.reporting.text.text_formatting import summarize_trust
 
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
 """The same quantiles of the standard normal distribution."""
-MAX_REST_SHIFT = 0.005
-"""m, largest displacement of a ball that is described as staying at rest."""
-CERTAIN_PROBABILITY = 0.995
-MIN_REPORTED_PROBABILITY = 0.1
-"""Least probability of an event that a sentence mentions."""
 
 
 def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:
@@ -63,13 +60,16 @@ def _compute_quantiles(prediction: ShotPrediction, axis: int) -> dict[str, Float
     }
 
 
-def summarize_prediction(prediction: ShotPrediction, shot: int, check: PredictionCheck | None) -> dict[str, Any]:
+def summarize_prediction(
+    prediction: ShotPrediction, shot: int, check: PredictionCheck | None, naming: Naming
+) -> dict[str, Any]:
     """Build the content of prediction.json: possible events, final positions, and a comparison with observations.
 
     Args:
         prediction: Predicted motion of N balls.
         shot: Number of the shot.
         check: Comparison with later observations; None without any.
+        naming: What balls, rails and pockets are called.
 
     Returns:
         A tree of JSON values with the schema `trueroll.prediction/1`.
@@ -80,20 +80,21 @@ def summarize_prediction(prediction: ShotPrediction, shot: int, check: Predictio
         "schema": "trueroll.prediction/1", "shot": shot, "t": state.t, "until": float(prediction.t[-1]),
         "linear_until": float(linear[-1]) if len(linear) else state.t, "draws": len(prediction.members),
         "trust": summarize_trust(state.trust),
-        "balls": [_summarize_ball(prediction, k) for k in range(len(state.ids))],
+        "balls": [_summarize_ball(prediction, k, naming) for k in range(len(state.ids))],
         "events": [_summarize_event(one) for one in prediction.events],
         "compared": None if check is None else _compare_with_observations(prediction, check),
     }  # fmt: skip
 
 
-def _summarize_ball(prediction: ShotPrediction, k: int) -> dict[str, Any]:
+def _summarize_ball(prediction: ShotPrediction, k: int, naming: Naming) -> dict[str, Any]:
     on_table = float(prediction.on_table[-1, k])
     end = None
     if on_table > 0:
         place, sigma = prediction.path[-1, k], float(prediction.sigma[-1, k])
         end = {"x": float(place[0]), "y": float(place[1]), "sigma": sigma, "on_table": on_table}
     first = [{"kind": what[0], "b": what[2], "probability": p} for what, p in prediction.first_contacts[k]]
-    return {"id": prediction.state.ids[k], "sentence": format_ball_sentence(prediction, k), "first": first, "end": end}
+    sentence = format_ball_prediction(prediction, k, naming)
+    return {"id": prediction.state.ids[k], "sentence": sentence, "first": first, "end": end}
 
 
 def _summarize_event(one: PredictedEvent) -> dict[str, Any]:
@@ -118,50 +119,3 @@ def _compare_with_observations(prediction: ShotPrediction, check: PredictionChec
                 "within_90": float(np.mean(level <= 0.9)) if len(level) else None,
             })  # fmt: skip
     return rows
-
-
-def format_ball_sentence(prediction: ShotPrediction, k: int) -> str:
-    """Format the prediction of ball k as one sentence."""
-    name, state = prediction.state.ids[k], prediction.state
-    parts = [
-        f"{_format_contact(what)}{_format_probability(p)}"
-        for what, p in prediction.first_contacts[k][:2]
-        if p >= MIN_REPORTED_PROBABILITY
-    ]
-    here = prediction.path[0, k]
-    moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
-    contacts = " or ".join(parts)
-    if not state.moving[k] and not contacts:
-        stays = _format_probability(float(np.mean(moved < MAX_REST_SHIFT)))
-        return f"{name} is at rest at {_format_position(here)} and stays there{stays}."
-    begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
-    if contacts:
-        begin += f", {contacts}"
-        left = 1 - sum(p for _, p in prediction.first_contacts[k])
-        begin += f", or touches nothing ({100 * left:.0f} %)" if left >= MIN_REPORTED_PROBABILITY else ""
-    potted = 1 - float(prediction.on_table[-1, k])
-    if potted >= CERTAIN_PROBABILITY:
-        return f"{begin}, and is potted."
-    rest = next((one for one in prediction.events if one.event == ("rest", name, "")), None)
-    when = f"at {prediction.t[-1]:.2f} s it is at"
-    if rest is not None and rest.probability >= 0.5:
-        when = f"it comes to rest at {rest.t:.2f} s{_format_probability(rest.probability)} at"
-    end = f"; {when} {_format_position(prediction.path[-1, k])} ± {1e3 * prediction.sigma[-1, k]:.0f} mm"
-    return begin + end + (f" unless it is potted ({100 * potted:.0f} %)." if potted >= 0.02 else ".")
-
-
-def _format_contact(what: EventKey) -> str:
-    kind, _, other = what
-    return {
-        "ball": f"touches {other} first",
-        "cushion": f"hits the {other} cushion first",
-        "pocket": f"falls into the {other} pocket",
-    }[kind]
-
-
-def _format_probability(probability: float) -> str:
-    return "" if probability >= CERTAIN_PROBABILITY else f" ({100 * probability:.0f} %)"
-
-
-def _format_position(xy: FloatArray) -> str:
-    return f"({xy[0]:.3f}, {xy[1]:.3f}) m"

@@ -59,8 +59,8 @@ def test_a_track_folder_gives_the_rest_of_the_shot(tmp_path: Path, capsys: pytes
     assert miss < 4 * float(last["sigma"]) < 0.1
     assert float(last["x05"]) < float(last["x50"]) < float(last["x95"])
     printed = capsys.readouterr().out
-    assert "cue keeps moving" in printed
-    assert "red is at rest" in printed
+    assert "The cue ball keeps moving" in printed
+    assert "The red stays at rest, 27 cm from the near long rail and 54 cm from the right short rail." in printed
     image = np.asarray(Image.open(tmp_path / "out" / "prediction.png"))
     assert image.shape[1] == 1280
     assert not (folder / "prediction.csv").exists()
