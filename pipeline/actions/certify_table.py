@@ -4,17 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
 from models.numerics.executor import Executor
 from pipeline.actions.fit_table import fit_table_of_shots
+from pipeline.engine.atomic_write import write_json
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.certificate_files import CertifiedTable, describe_certificate
+from pipeline.io.certificate_files import (
+    CERTIFICATE_FILE,
+    NAMES,
+    CertifiedTable,
+    NumberComparison,
+    compare_certificates,
+    describe_certificate,
+    describe_comparison,
+)
 from pipeline.io.run_folder import list_files_beside, parse_camera, read_csv_columns, read_scene_document
+from pipeline.reporting.pages.certificate_page import (
+    format_certificate,
+    format_comparison,
+    format_number,
+    format_too_few,
+    write_certificate_page,
+)
+from pipeline.reporting.text.text_formatting import name_folders
 from video.calibration.camera_model import ShapeEstimate, estimate_shape
+
+PAGE_FILE = "certificate.html"
 
 
 def list_shot_folders(sources: Iterable[Path]) -> list[Path]:
@@ -44,24 +65,27 @@ def list_shot_folders(sources: Iterable[Path]) -> list[Path]:
 
 
 def certify_table(
-    sources: list[Path], cache: ResultCache, executor: Executor, on_shot: Callable[[int, int], None]
-) -> CertifiedTable:
-    """Learn a table from its shots, and measure it.
+    sources: list[Path], other: tuple[Path, dict[str, Any]] | None, folder: Path, cache: ResultCache,
+    executor: Executor, on_activity: Callable[[str], None],
+) -> Answer:  # fmt: skip
+    """Learn a table from its shots, measure it, and write its certificate.
 
     Args:
         sources: Run folders and track folders.
+        other: File and content of an earlier certificate to compare with; None for none.
+        folder: Folder of certificate.json and certificate.html; created if it does not exist.
         cache: Holds the fits of shots.
         executor: Distributes the learning over processes.
-        on_shot: Called with the number of fitted shots and that of all.
+        on_activity: Called with what is done next.
 
     Returns:
-        The certificate.
+        The numbers of the table.
 
     Raises:
         OptionError: No source can be read, or the tables differ.
         TrackError: The shots are too few.
     """
-    fitted = fit_table_of_shots(sources, cache, executor, on_shot)
+    fitted = fit_table_of_shots(sources, cache, executor, on_activity)
     used = list(fitted.sources)
     measured = measure_table(fitted.lesson, list(fitted.fits), fitted.table)
     document = describe_certificate(
@@ -69,7 +93,35 @@ def certify_table(
         _count_potted(used),
     )  # fmt: skip
     tracks = tuple(one for _, one in fitted.fits)
-    return CertifiedTable(document, fitted.sources, fitted.table, tracks, fitted.lesson.table.cushion_law, measured)
+    certified = CertifiedTable(
+        document, fitted.sources, fitted.table, tracks, fitted.lesson.table.cushion_law, measured
+    )
+    rows: tuple[NumberComparison, ...] = ()
+    name = ""
+    if other is not None:
+        rows = compare_certificates(other[1], document)
+        name = other[0].stem if other[0].suffix == ".json" else other[0].name
+        document["compared_with"] = {"certificate": str(other[0]), "numbers": describe_comparison(rows)}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(document, folder / CERTIFICATE_FILE)
+    write_certificate_page(certified, name_folders(certified.sources), folder / PAGE_FILE, rows, name)
+    numbers = document["numbers"].items()
+    notes = (
+        f"Pocket openings are not observable: {document['pocket_openings']['why']}.",
+        *(f"Note: {refusal}." for refusal in document["refused"]),
+        format_comparison(rows, name) if rows else "",
+    )
+    return Answer(
+        "What are the numbers of this table?",
+        tuple(filter(None, (format_certificate(document), format_too_few(document)))),
+        quantities=tuple(
+            Quantity(key, one["value"], one["sigma"], one["unit"]) for key, one in numbers if one["value"] is not None
+        ),
+        rows=(("quantity", "value", "±", "unit"), *((NAMES[key], *format_number(key, one)) for key, one in numbers)),
+        notes=tuple(filter(None, notes)),
+        document=document,
+        figures=(folder / PAGE_FILE,),
+    )
 
 
 def _measure_shape(sources: list[Path]) -> tuple[TableMeasurement, ...]:

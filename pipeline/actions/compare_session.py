@@ -2,42 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumbers
-from models.estimation.shot_numbers.session_statistics import SeriesSummary, collect_session_numbers, summarize_series
+from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.run_folder import find_repeated_clips, read_scene_document
+from pipeline.io.run_folder import find_repeated_clips, parse_table, read_scene_document
 from pipeline.io.shot_numbers_json import parse_shot_numbers
 from pipeline.io.strict_json import format_strict_json
-from pipeline.reporting.pages.session_page import write_session_page
+from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
+from pipeline.reporting.text.session_sentences import SUMMARY_HEADINGS, list_summary_cells
+from pipeline.reporting.text.text_formatting import name_folders
 
 Grouping = Literal["folder", "spin", "ball", "pocket", "side"]
 GROUPINGS: tuple[Grouping, ...] = ("folder", "spin", "ball", "pocket", "side")
 SCHEMA = "trueroll.session/1"
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedSession:
-    """A session with its statistics."""
-
-    columns: Columns
-    """One row per shot."""
-    summaries: dict[str, tuple[SeriesSummary, ...]]
-    """Summaries of all numbers by group; those of the whole session under the empty name."""
-    refusals: tuple[str, ...]
-    """Sentences on folders that could not be read."""
-    repetitions: tuple[str, ...]
-    """Sentences on folders that are runs of one clip, whose shots count several times."""
 
 
 def list_run_folders(source: Path) -> list[Path]:
@@ -93,7 +82,8 @@ def read_session(sources: Sequence[Path]) -> tuple[list[tuple[str, Path, ShotNum
     """
     shots: list[tuple[str, Path, ShotNumbers]] = []
     refusals = []
-    for source in sources:
+    folders = [source for source in sources if not source.is_file()]  # DIR/* names the table of a batch too
+    for source in folders or sources:
         for folder in list_run_folders(source):
             try:
                 shots += [(str(source), folder, shot) for shot in read_shot_numbers(folder)]
@@ -104,27 +94,30 @@ def read_session(sources: Sequence[Path]) -> tuple[list[tuple[str, Path, ShotNum
     return shots, tuple(refusals)
 
 
-def compare_session(sources: Sequence[Path], grouping: Grouping) -> ComparedSession:
-    """Compare the shots of a session.
+def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -> Answer:
+    """Compare the shots of a session, and write session.html, session.csv, session.parquet and session.json.
 
     Args:
         sources: Run folders or folders of run folders.
         grouping: What shots of one group share: the source, the state of spin at the first ball, the ball that is hit
             first, the pocket, or the side of the cut.
+        folder: Folder of the results; created if it does not exist.
 
     Returns:
-        The session.
+        Level, spread and trend of every number.
 
     Raises:
-        OptionError: No folder has a shot.
+        OptionError: No folder has a shot, or the shots are of several games.
     """
     read, refusals = read_session(sources)
-    shots = [
-        SessionShot(_name_group(grouping, source, shot), str(folder), number, shot)
-        for number, (source, folder, shot) in enumerate(read, start=1)
-    ]
-    columns = tabulate_session(shots)
-    units = {name: unit for one in shots for name, (_, _, unit, _) in collect_session_numbers(one.shot).items()}
+    _require_one_game({place for _, place, _ in read})
+    columns = tabulate_session(
+        [
+            SessionShot(_name_group(grouping, source, shot), str(place), number, shot)
+            for number, (source, place, shot) in enumerate(read, start=1)
+        ]
+    )
+    units = {name: unit for _, _, one in read for name, (_, _, unit, _) in collect_session_numbers(one).items()}
     owners, x = np.array(columns["group"]), np.asarray(columns["number"], np.float64)
     summaries = {}
     for group in ("", *dict.fromkeys(owners.tolist())):
@@ -135,42 +128,49 @@ def compare_session(sources: Sequence[Path], grouping: Grouping) -> ComparedSess
             )
             for name, unit in units.items()
         )
-    repeated = find_repeated_clips(folder for _, folder, _ in read)
     repetitions = tuple(
-        f"{folder} is a run of the same clip as {first}: its shots count twice, so that spreads are too small"
-        for folder, first in repeated.items()
+        f"{place} is a run of the same clip as {first}: its shots count twice, so that spreads are too small"
+        for place, first in find_repeated_clips(place for _, place, _ in read).items()
     )
-    return ComparedSession(columns, summaries, refusals, repetitions)
-
-
-def write_session(session: ComparedSession, title: str, folder: Path) -> dict[str, Any]:
-    """Write session.html, session.csv, session.parquet and session.json.
-
-    Args:
-        session: The session.
-        title: Heading of the page.
-        folder: Folder of the results.
-
-    Returns:
-        Content of session.json.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
+    title = f"{len(owners)} shot{'s' * (len(owners) != 1)} of {name_folders(sources)}"
     document = {
         "schema": SCHEMA,
-        "shots": len(session.columns["number"]),
+        "shots": len(owners),
         "groups": {
             name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows]
-            for name, rows in session.summaries.items()
+            for name, rows in summaries.items()
         },
-        "refused": list(session.refusals),
-        "repeated": list(session.repetitions),
+        "refused": list(refusals),
+        "repeated": list(repetitions),
     }
+    folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
-        write_session_tables(session.columns, table, parquet)
+        write_session_tables(columns, table, parquet)
     write_text(folder / "session.json", format_strict_json(document))
     with replace_file(folder / "session.html") as path:
-        write_session_page(session.columns, session.summaries, (*session.repetitions, *session.refusals), title, path)
-    return document
+        write_session_page(columns, summaries, (*repetitions, *refusals), title, path)
+    shown = [one for one in summaries[""] if one.count and one.name in MAIN_NUMBERS]
+    return Answer(
+        "How do the shots of this session differ?",
+        (f"{title}:",),
+        quantities=tuple(Quantity(one.name, one.median, one.measurement, one.unit) for one in shown),
+        rows=(SUMMARY_HEADINGS, *map(list_summary_cells, shown)),
+        notes=tuple(f"Note: {sentence}." for sentence in repetitions),
+        refusals=refusals,
+        document={"folder": str(folder), **document},
+        figures=(folder / "session.html",),
+    )
+
+
+def _require_one_game(folders: Iterable[Path]) -> None:
+    """Raise OptionError for run folders of several games, whose numbers have no common level."""
+    by_game: dict[str, list[str]] = {}
+    for folder in sorted(folders):
+        game = parse_table(read_scene_document(folder / "scene.json")).game
+        by_game.setdefault(game, []).append(folder.name)
+    if len(by_game) > 1:
+        listed = "; ".join(f"{game}: {', '.join(names)}" for game, names in by_game.items())
+        raise OptionError(f"shots of one game are compared at a time; these are of {len(by_game)} ({listed})")
 
 
 def _name_group(grouping: Grouping, source: str, shot: ShotNumbers) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError, TruerollError
 from models.core.joint_solution import JointSolution
 from models.core.scene import Table
@@ -15,13 +17,18 @@ from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.estimation.forecast.solution_state import MIN_NOISE_SPEED
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
+from models.estimation.table_learning.rebound_summary import fit_restitution_formula
 from models.numerics.executor import Executor
 from models.tracking.track_noise import apply_noise, estimate_noise
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
+from pipeline.io.learned_profile import name_pooltool_file, write_learned_profile
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.table_profile import SIZE_TOLERANCE
+from pipeline.io.view_profile import collect_views
+from pipeline.reporting.figures.cushion_figures import write_cushion_page
+from pipeline.reporting.text.number_format import format_measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +49,7 @@ class FittedTable:
 
 
 def fit_table_of_shots(
-    sources: list[Path], cache: ResultCache, executor: Executor, on_shot: Callable[[int, int], None]
+    sources: list[Path], cache: ResultCache, executor: Executor, on_activity: Callable[[str], None]
 ) -> FittedTable:
     """Fit every shot, and learn the table from all of them.
 
@@ -50,7 +57,7 @@ def fit_table_of_shots(
         sources: Run folders, track folders, or their tracks.csv.
         cache: Holds the fits of shots.
         executor: Distributes the learning over processes.
-        on_shot: Called with the number of fitted shots and that of all.
+        on_activity: Called with what is done next.
 
     Returns:
         The learned table.
@@ -67,13 +74,13 @@ def fit_table_of_shots(
     refusals = [*repetitions, *refusals]
     fits, names = [], []
     for done, (name, source, number, _) in enumerate(shots):
-        on_shot(done, len(shots))
+        on_activity(f"fitting shot {done + 1} of {len(shots)}")
         try:
             fits.append(prepare_shot(load_shot(source, number, cache)))
             names.append(name)
         except (TruerollError, ArithmeticError, ValueError) as error:
             refusals.append(f"{name}: {error}")
-    on_shot(len(shots), len(shots))
+    on_activity("learning the table")
     if not fits:
         raise TrackError(f"physics could be fitted to none of the shots; {refusals[0]}")
     try:
@@ -81,6 +88,74 @@ def fit_table_of_shots(
     except TrackError as error:
         raise TrackError("; ".join([str(error), *repetitions])) from error
     return FittedTable(lesson, table, len(fits), tuple(refusals), tuple(fits), tuple(names), tuple(sources))
+
+
+def learn_table_profile(
+    sources: list[Path], path: Path, cache: ResultCache, executor: Executor, on_activity: Callable[[str], None]
+) -> Answer:
+    """Learn a table from its shots, and write its profile, its file for pooltool and the page of its cushions.
+
+    Args:
+        sources: Run folders, track folders, or their tracks.csv.
+        path: The profile to write.
+        cache: Holds the fits of shots.
+        executor: Distributes the learning over processes.
+        on_activity: Called with what is done next.
+
+    Returns:
+        What the table does.
+
+    Raises:
+        OptionError: No source can be read, or the tables differ.
+        TrackError: The shots are too few.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fitted = fit_table_of_shots(sources, cache, executor, on_activity)
+    lesson, page = fitted.lesson, path.with_suffix(".html")
+    left_out = write_learned_profile(lesson, fitted.table, fitted.shot_count, path, collect_views(sources))
+    write_cushion_page(lesson.table, fitted.table, page)
+    (best, evidence), *others = lesson.candidates
+    lead = f", {evidence - others[0][1]:.0f} ahead in log evidence" if others else ""
+    rows = [
+        (one.name, *format_measured(one.value, one.sigma), one.unit, "not identifiable: the prior" * one.prior_only)
+        for one in lesson.parameters
+    ]
+    return Answer(
+        "What does this table do?",
+        (f"{fitted.shot_count} shots with {lesson.contact_count} cushion contacts: cushion model {best}{lead}.",),
+        quantities=tuple(Quantity(one.name, one.value, one.sigma, one.unit) for one in lesson.parameters),
+        rows=(("parameter", "value", "sigma", "unit", ""), *rows),
+        notes=(
+            *_format_lesson(fitted),
+            *(f"Note: {refusal}." for refusal in fitted.refusals),
+            f"{name_pooltool_file(path)} holds the table for pooltool, which has no {', no '.join(left_out)}.",
+            f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}",
+        ),
+        document={"profile": str(path), "refused": list(fitted.refusals), **json.loads(path.read_text())},
+        figures=(page,),
+    )
+
+
+def _format_lesson(fitted: FittedTable) -> tuple[str, str, str]:
+    """Format how contacts scatter, what a network corrects, and a short formula of the restitution."""
+    lesson, learned, table = fitted.lesson, fitted.lesson.table, fitted.table
+    scatter = learned.scatter
+    if lesson.correction_gain is None:
+        network = "Too few cushion contacts to train a correction of the cushion model."
+    else:
+        network = (
+            f"On shots that it has not seen, a network removes {lesson.correction_gain:.0%} of the squared deviation"
+            f" from the cushion model: switched {'on' if len(learned.correction) else 'off'}."
+        )
+    formula = fit_restitution_formula(learned, table.ball_radius, table.ball_mass)
+    verdict = "does as well" if formula.misfit <= scatter.velocity else "does not do as well"
+    return (
+        f"Cushions scatter about the model by {scatter.velocity:.1%} of the speed (slip {scatter.slip:.1%},"
+        f" side spin {scatter.side_spin:.1%}).",
+        network,
+        f"Restitution {formula.factor:.3f} v^{-formula.power:+.3f} (v into the cushion in m/s) {verdict}: it deviates"
+        f" from the learned cushion by {formula.misfit:.1%} of the speed, contacts scatter by {scatter.velocity:.1%}.",
+    )
 
 
 ListedShot = tuple[str, Path, int, Table]

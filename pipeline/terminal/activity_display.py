@@ -1,4 +1,4 @@
-"""Shows what a command does, or how many shots it has fitted, on a terminal; one line per activity elsewhere."""
+"""Shows what a command does on a terminal; one line per activity elsewhere."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from models.numerics.first_compilation import notify_first_compilation
 
@@ -34,32 +34,5 @@ def show_activity(console: Console) -> Iterator[Callable[[str], None]]:
             bars.update(task, description=activity)
             if not console.is_terminal:
                 console.print(activity, markup=False, soft_wrap=True)
-
-        yield update
-
-
-@contextmanager
-def show_shot_fits(console: Console, last: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how many shots are fitted.
-
-    Args:
-        console: Console of the display.
-        last: What is done once all shots are fitted.
-
-    Yields:
-        A function that is called with the number of fitted shots and that of all.
-    """
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with (
-        Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
-        notify_first_compilation(lambda: console.print(COMPILING_NOTE, markup=False)),
-    ):
-        task = bars.add_task("fitting shots")
-
-        def update(done: int, count: int) -> None:
-            text = last if done == count else "fitting shots"
-            bars.update(task, completed=done, total=count, description=text)
-            if not console.is_terminal:
-                console.print(text if done == count else f"fitting shot {done + 1} of {count}", markup=False)
 
         yield update

@@ -8,6 +8,15 @@ from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, S
 from pipeline.reporting.text.number_format import format_measured, format_value, format_with_sigma
 from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_cushions
 
+SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend per shot")
+
+
+def list_summary_cells(one: SeriesSummary) -> tuple[str, ...]:
+    """List the cells of a number in the table with `SUMMARY_HEADINGS`."""
+    return (
+        name_number(one.name), str(one.count), format_level(one), format_own_spread(one), one.unit, format_trend(one),
+    )  # fmt: skip
+
 
 def name_number(name: str) -> str:
     """Return the words for a number of a session, such as `object_length`."""

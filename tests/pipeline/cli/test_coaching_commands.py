@@ -97,8 +97,22 @@ def test_runs_of_one_clip_are_noted(tmp_path: Path, capsys: pytest.CaptureFixtur
         scene = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
         (folder / "scene.json").write_text(json.dumps({**scene, "clip": {"sha256": "a"}}), encoding="utf-8")
     assert execute_command_line(["compare", *map(str, folders), "-o", str(tmp_path / "out")]) == 0
-    assert "fixed is a run of the same clip as" in capsys.readouterr().err
+    assert "fixed is a run of the same clip as" in capsys.readouterr().out
     assert "its shots count twice" in (tmp_path / "out" / "session.html").read_text(encoding="utf-8")
+
+
+def test_the_folders_of_a_batch_are_compared_without_its_table_and_several_games_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_session(tmp_path / "batch", 3)
+    (folder / "summary.csv").touch()
+    assert execute_command_line(["compare", *map(str, folder.iterdir()), "-o", str(tmp_path / "out")]) == 0
+    assert "3 shots of" in capsys.readouterr().out
+    scene = json.loads((folder / "shot, 0" / "scene.json").read_text(encoding="utf-8"))
+    scene["table"] |= {"game": "carom", "pockets": False}
+    (folder / "shot, 0" / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
+    assert execute_command_line(["compare", str(folder), "-o", str(tmp_path / "out")]) == 2
+    assert "one game are compared at a time; these are of 2 (carom: shot, 0; pool: " in capsys.readouterr().err
 
 
 def test_shots_are_grouped_by_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
