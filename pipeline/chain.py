@@ -52,7 +52,7 @@ from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import open_frame_memory, read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import background_stage, poster_stage, render_stage
-from pipeline.stages.report_stage import ReportOptions, page_stage, report_stage
+from pipeline.stages.report_stage import ReportOptions, report_stage
 from pipeline.stages.shot_inputs import view_inputs
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
@@ -67,9 +67,8 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "report": ("report.html",),
     "record": ("recording.rrd",),
     "render": ("slow.mp4",),
-    "page": ("report.html",),
 }
-"""Files of a run folder by the stage that writes them; of two stages with the same file, the later one counts."""
+"""Files of a run folder by the stage that writes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +179,7 @@ def _build_graph(
         record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
     )
     if not options.render.no_video:
-        stages = (*stages, render_stage(options.render), page_stage())
+        stages = (*stages, render_stage(options.render))
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 

@@ -1,4 +1,4 @@
-"""The stages of the page of a run: the report, then the same page with the slow motion inside."""
+"""The stage of the page of a run."""
 
 from __future__ import annotations
 
@@ -46,29 +46,8 @@ def report_stage(options: ReportOptions) -> Stage:
     return Stage("report", __name__, needs, None, _write_report, options)
 
 
-@dataclass(frozen=True, slots=True)
-class PageOptions:
-    """Options of the final page: none."""
-
-
-def page_stage() -> Stage:
-    """Build the stage that embeds the slow motion in the report.
-
-    Returns:
-        The stage `page`, whose output is a folder with report.html.
-    """
-    return Stage("page", __name__, ("render", "report"), None, _embed_slow_motion, PageOptions())
-
-
-def _embed_slow_motion(inputs: Inputs, options: PageOptions, folder: Path, progress: Progress) -> None:
-    """Write report.html with the slow motion inside."""
-    from pipeline.reporting.pages.page_embedding import embed_video  # slow to import
-
-    embed_video(inputs["report"] / "report.html", inputs["render"] / SLOW_FILE, folder / "report.html")
-
-
 def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress: Progress) -> None:
-    """Write report.html, which links to the slow motion."""
+    """Write report.html, which plays the slow motion that lies beside it."""
     from pipeline.reporting.pages.run_report import ReportFiles, write_report  # slow to import
 
     drawn = inputs["poster"]

@@ -15,6 +15,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 DRIVER = "chromedriver"
 HANG_S = 300
 """Time after which a page hangs, s."""
+DRAWN = "return !document.getElementById('plotly') || document.body.dataset.drawn"
+"""Script: whether a page has drawn its figures, or has none."""
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"]}
 """Rules of axe-core: WCAG 2.1, level AA."""
 
@@ -57,6 +59,7 @@ def accessibility_violations(browser: webdriver.Chrome) -> list[str]:
 
 
 def open_page(path: Path, browser: webdriver.Chrome) -> webdriver.Chrome:
-    """Open a page in the browser."""
+    """Open a page in the browser, and wait until its figures are drawn."""
     browser.get(path.resolve().as_uri())
+    wait_on(browser).until(lambda b: b.execute_script(DRAWN))
     return browser

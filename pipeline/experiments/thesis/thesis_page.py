@@ -39,7 +39,7 @@ from pipeline.experiments.thesis.thesis_sentences import (
     trial_setting,
 )
 from pipeline.experiments.thesis.trials import Trial
-from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 
 TITLES = {
     "double-pendulum": "Scene I: the double pendulum",
@@ -219,7 +219,7 @@ def _render_page(
         "reproduce.html",
         seeds=len({trial.case.seed for trial in trials}), trained=describe_training(plan),
         done=len(trials), planned=planned, left_out=explain_omissions(plan), scenes=scenes, notes=_count_notes(trials),
-        plotly=read_plotly_source(),
+        plotly=pack_plotly_source(),
     )  # fmt: skip
 
 

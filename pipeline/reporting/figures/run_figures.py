@@ -109,7 +109,7 @@ def build_speed_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Fig
     t = sample_times(fit.trajectory, PLOT_HZ)
     state = fit.trajectory.at(t)
     figure = _build_time_figure(scene, fit, colours, t, np.linalg.norm(state.v, axis=-1), state.xy)
-    return figure.update_yaxes(title="speed (m/s)", rangemode="tozero")
+    return figure.update_yaxes(title="speed (m/s)", rangemode="tozero", hoverformat=".2f")
 
 
 def build_energy_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
@@ -131,7 +131,7 @@ def build_energy_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Fi
     if moves.sum() > 1:
         whole = np.nansum(energy[:, moves], axis=1)
         figure.add_scatter(x=t, y=whole, mode="lines", name="all balls", line={"color": "#1f4e9c", "dash": "dash"})
-    return figure.update_yaxes(title="energy (mJ)", rangemode="tozero")
+    return figure.update_yaxes(title="energy (mJ)", rangemode="tozero", hoverformat=".1f")
 
 
 def _build_time_figure(
@@ -148,8 +148,10 @@ def _build_time_figure(
         for when, kind in zip(fit.events.t.tolist(), fit.events.kind, strict=True)
         if kind in ("strike", "ball", "cushion")
     ]
-    figure.update_layout(shapes=marks)  # all at once: plotly validates all shapes again whenever one is added
-    return figure.update_xaxes(title="time of the clip (s)")
+    figure.update_layout(
+        shapes=marks, hovermode="x"
+    )  # all at once: plotly validates all shapes again whenever one is added
+    return figure.update_xaxes(title="time of the clip (s)", hoverformat=".3f")
 
 
 def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str]) -> go.Figure:
@@ -177,9 +179,10 @@ def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str]) ->
             x=counts, y=median, mode="markers", marker={"color": colours[ball], "size": 10}, row=1, col=2,
             showlegend=False, **shown,
         )  # fmt: skip
-    figure.update_xaxes(title="time since the prediction (s)", row=1, col=1)
+    figure.update_layout(hovermode="x")
+    figure.update_xaxes(title="time since the prediction (s)", hoverformat=".3f", row=1, col=1)
     figure.update_xaxes(title="cushion contacts since the prediction", dtick=1, row=1, col=2)
-    return figure.update_yaxes(title="error (mm)", rangemode="tozero", row=1, col=1)
+    return figure.update_yaxes(title="error (mm)", rangemode="tozero", hoverformat=".1f", row=1, col=1)
 
 
 def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
@@ -220,6 +223,6 @@ def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
             row=row,
             col=1,
         )
-    figure.update_layout(margin_t=22)  # room for the first label
+    figure.update_layout(margin_t=22, hovermode="y")  # room for the first label; a tap beside a bar is enough
     figure.update_yaxes(visible=False)
     return figure

@@ -14,7 +14,7 @@ from models.core.tracks import Tracks
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
-from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_measured, format_value
 
 _SECTIONS = (
@@ -73,7 +73,7 @@ def write_certificate_page(
         verdict=format_comparison(comparison, other) if comparison else "",
         other=other,
         law=certified.cushion_law,
-        plotly=read_plotly_source(),
+        plotly=pack_plotly_source(),
     )  # fmt: skip
     write_text(path, html)
 

@@ -20,7 +20,7 @@ from models.core.scene import Table
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.gap_files import PROFILE_FILE, has_fitted_model
 from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
-from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
     format_assumed_effects,
@@ -103,7 +103,7 @@ def write_gap_page(
         model=format_assumed_effects(report),
         undecided=format_undecided(report),
         profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
-        plotly=read_plotly_source(),
+        plotly=pack_plotly_source(),
     )
     write_text(path, html)
 

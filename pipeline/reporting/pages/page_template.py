@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import re
 from functools import lru_cache
 from typing import Any
 
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from plotly.io import templates, to_html
+from plotly.io import templates
+from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
 from pipeline.reporting.text.number_format import format_probability
@@ -40,14 +43,13 @@ def _keep_units(text: str) -> str:
     return re.sub(r"(?<=\d) (?=(?:s|mm|mrad|frames?)\b|%)", "\N{NO-BREAK SPACE}", text)
 
 
-def read_plotly_source() -> str:
-    """Return the source of plotly.js, to be embedded in a page."""
-    source: str = get_plotlyjs()
-    return source
+def pack_plotly_source() -> str:
+    """Return the source of plotly.js, compressed to a third for a page: base64 of gzip."""
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")
 
 
 def embed_figure(figure: go.Figure, name: str, height: int) -> str:
-    """Format a figure as HTML that plotly.js draws, in an element with the id `name`; height in px."""
+    """Format a figure as HTML that the script of the page draws, in an element with the id `name`; height in px."""
     drawn = figure.to_plotly_json()
     margin = {"l": 60, "r": 14, "t": 14, "b": 48} | drawn["layout"].get("margin", {})
     legend = {"orientation": "h", "y": -0.24} | drawn["layout"].get("legend", {})
@@ -60,8 +62,10 @@ def embed_figure(figure: go.Figure, name: str, height: int) -> str:
         "font": {"size": 13},
     }
     config = {"displayModeBar": False, "responsive": True}  # the tool bar would cover the plot
-    html: str = to_html(drawn, config, full_html=False, include_plotlyjs=False, div_id=name, validate=False)
-    return html
+    content = to_json_plotly({"data": drawn["data"], "layout": drawn["layout"], "config": config})
+    return f'<div id="{name}" style="height: {height}px"></div>\n' + (
+        f'<script type="application/json" data-figure="{name}">{content}</script>'
+    )
 
 
 @lru_cache(maxsize=1)

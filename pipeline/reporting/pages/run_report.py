@@ -29,8 +29,8 @@ from pipeline.reporting.figures.run_figures import (
     darken_for_page,
 )
 from pipeline.reporting.pages.check_views import build_check_views
-from pipeline.reporting.pages.page_embedding import build_data_uri
-from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.pages.page_embedding import embed_image_file
+from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, CallWords, format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
@@ -121,7 +121,7 @@ def write_report(
         ),
         balls=list_ball_colours(tracks),
         numbered=any(ball[-1:].isdigit() for ball in tracks.ids),
-        poster=build_data_uri(files.poster, "image/png"),
+        poster=embed_image_file(files.poster),
         video=files.slow,
         slow=files.slow_factor,
         start=files.start,
@@ -135,7 +135,7 @@ def write_report(
             make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
         ),
         shot_numbers=[(shot.t, list_number_rows(shot)) for shot in fit.shot_numbers],
-        plotly=read_plotly_source(),
+        plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=_list_parameters(fit),
         whole_shot=format_whole_shot(fit),

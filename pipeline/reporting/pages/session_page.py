@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
-from pipeline.reporting.pages.page_template import embed_figure, read_plotly_source, render_template
+from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text.number_format import format_value
 from pipeline.reporting.text.session_sentences import (
     format_level,
@@ -60,7 +60,7 @@ def write_session_page(
         figures=figures,
         tips=embed_figure(build_tip_figure(columns, groups), "tips", 420) if has_tips else "",
         notes=list(notes),
-        plotly=read_plotly_source(),
+        plotly=pack_plotly_source(),
     )  # fmt: skip
     path.write_text(html, encoding="utf-8")
 

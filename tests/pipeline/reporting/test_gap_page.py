@@ -77,7 +77,9 @@ def test_the_page_lists_what_each_of_several_effects_closes(tmp_path: Path) -> N
     write_gap_page(diagnosis, "carom", tmp_path / "gap.html")
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "How much of the gap each effect closes" in page
-    assert "<td>96.0 %</td><td>66 % to 98.0 %</td><td>90 %</td>" in page
+    assert (
+        '>96.0 %</td><td data-label="95 % interval">66 % to 98.0 %</td><td data-label="closes alone">90 %</td>' in page
+    )
     write_gap_page(replace(diagnosis, per_effect=()), "carom", tmp_path / "gap.html")
     assert "each effect closes" not in (tmp_path / "gap.html").read_text(encoding="utf-8")
 
@@ -141,7 +143,7 @@ def test_shots_are_named_by_their_folders_also_in_titles(tmp_path: Path) -> None
     write_gap_page(diagnosis, "carom_F1 and 7 more", tmp_path / "gap.html", origins={0: "carom_F1", 7: "carom_F8"})
     page = (tmp_path / "gap.html").read_text(encoding="utf-8")
     assert "on hold-out shot 7 (carom_F8)" in page
-    assert "<td>shot 7 (carom_F8)</td>" in page
+    assert ">shot 7 (carom_F8)</td>" in page
     assert "Shot numbers: 0 is carom_F1; 7 is carom_F8." in page
     assert format_shot_folders({}) == ""
 
@@ -197,7 +199,7 @@ def test_what_is_only_the_prior_is_no_finding(tmp_path: Path) -> None:
     row = page[page.index("decay of side spin, rate") :].partition("</tr>")[0]
     assert "would reveal 47 rad/s² or more" in row
     assert "15" not in row
-    assert "<td>0.200</td><td>0.010</td>" in page
+    assert '>0.200</td><td data-label="±">0.010</td>' in page
 
 
 def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_shots_miss() -> None:

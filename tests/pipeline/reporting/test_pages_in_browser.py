@@ -39,6 +39,7 @@ from pipeline.reporting.pages.run_report import ReportFiles, write_report
 
 SLOWER = 2.0
 WIDTHS = (1280, 390)
+MAX_PAGE_BYTES = 3_000_000
 desk_only = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)
 """For what does not depend on the width of the screen."""
 REST = Unexplained(
@@ -132,6 +133,41 @@ def test_the_report_is_no_wider_than_the_screen(report: Path, browser: webdriver
     open_page(report, browser)
     wide, screen = browser.execute_script("return [document.documentElement.scrollWidth, innerWidth]")
     assert wide <= screen
+
+
+HIDDEN_CELLS = """
+return [...document.querySelectorAll('td, tbody th')].filter((cell) => cell.textContent.trim()).filter((cell) => {
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  const { left, right, height } = range.getBoundingClientRect();
+  return !height || left < 0 || right > innerWidth || (innerWidth < 600 && cell.closest('.scroll')
+    && cell.tagName === 'TD' && cell.dataset.label === undefined);
+}).map((cell) => cell.textContent)"""
+"""Texts of table cells that are not on the screen, or of which a phone does not say what they mean."""
+
+
+def test_a_phone_shows_every_number_of_the_report(report: Path, browser: webdriver.Chrome) -> None:
+    assert open_page(report, browser).execute_script(HIDDEN_CELLS) == []
+    boxes = "return [...document.querySelectorAll('.scroll')].map((box) => box.scrollWidth - box.clientWidth)"
+    assert max(browser.execute_script(boxes)) <= 0
+    assert report.stat().st_size < MAX_PAGE_BYTES
+
+
+TAP_PLACE = """
+const plot = document.querySelector(`#${arguments[0]} .nsewdrag`);
+plot.scrollIntoView({ block: 'center' });
+const { left, top, width, height } = plot.getBoundingClientRect();
+return [left + 0.3 * width, top + 0.5 * height]"""
+
+
+@pytest.mark.parametrize("browser", WIDTHS[1:], indirect=True)
+@pytest.mark.parametrize("figure", ["speeds", "energies", "parameters"])
+def test_a_tap_on_a_figure_shows_the_value_there(report: Path, browser: webdriver.Chrome, figure: str) -> None:
+    x, y = open_page(report, browser).execute_script(TAP_PLACE, figure)
+    browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+    browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    value = f"return document.querySelector('#{figure} .hoverlayer').textContent"
+    assert any(letter.isdigit() for letter in wait_on(browser).until(lambda b: b.execute_script(value)))
 
 
 OVERHANG = """

@@ -41,7 +41,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     clip = shot.write_clip(folder / "clip.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
-    (folder / "poster.png").write_bytes(b"\x89PNG")
+    Image.new("RGB", (32, 18)).save(folder / "poster.png")
     files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
     hostile = "<script>alert(1)</script>.mp4"
     fit = shot.make_fit(tracks.t)
@@ -109,7 +109,7 @@ def unsure_page(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("unsure")
     clip = shot.write_clip(folder / "clip.mp4")
     scene, tracks = shot.make_scene(), shot.make_tracks(clip, shot.make_scene())
-    (folder / "poster.png").write_bytes(b"\x89PNG")
+    Image.new("RGB", (32, 18)).save(folder / "poster.png")
     files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
     fit = shot.make_unsure_fit(tracks.t)
     fit = replace(fit, trust=assess_run_trust((), fit))
@@ -169,7 +169,7 @@ def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margi
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:
     clip = shot.write_clip(folder / "clip.mp4")
-    (folder / "poster.png").write_bytes(b"\x89PNG")
+    Image.new("RGB", (32, 18)).save(folder / "poster.png")
     files = ReportFiles("clip.mp4", folder / "poster.png", 8.0)
     write_report(clip, scene, shot.make_tracks(clip, scene), fit, files, "shot", [], folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8")
@@ -190,8 +190,8 @@ def test_a_parameter_of_both_fits_stands_under_two_headings_with_its_own_digits(
     whole = WholeShotSolution("mathavan_2010", "inelastic", 1.0, others, 0.1, (), empty[..., 0], empty)
     page = write_page(tmp_path, replace(fit, laws=WholeShotFit(whole)), shot.make_scene())
     assert page.index(run_report.BY_SEGMENT_HEADING) < page.index(run_report.WHOLE_SHOT_HEADING)
-    assert "<td>0.009061</td><td>0.000031</td>" in page
-    assert "<td>0</td><td>0.004</td>" in page
+    assert '>0.009061</td><td data-label="±">0.000031</td>' in page
+    assert '>0</td><td data-label="±">0.004</td>' in page
 
 
 def moments_of(*p: float) -> ShotExplanation:
