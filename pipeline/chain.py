@@ -8,7 +8,7 @@ import json
 import shutil
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from models.core.corrections import Corrections
 from models.core.errors import ClipError, OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
+from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.shot_numbers import ShotNumbers
@@ -84,6 +85,8 @@ class FinishedRun:
     """Sentences about irregularities of the clip, and on corrections by hand."""
     numbers: tuple[ShotNumbers, ...] = ()
     """Numbers of each shot."""
+    naming: Naming = field(default_factory=Naming)
+    """What balls, rails and pockets are called."""
 
 
 def build_run_graph(
@@ -322,7 +325,7 @@ def run_clip(
             for name in stages
             if stages[name].output is not None
         }
-    by_hand = len(format_corrections(corrected.corrections))
+    by_hand = len(format_corrections(corrected.corrections, Naming()))
     notes: tuple[str, ...] = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     if overridden := list_overridden_flags(options, corrections):
         notes += (f"{', '.join(overridden)} of this command was used instead of what {corrections_path(clip)} sets",)
@@ -370,7 +373,7 @@ def _summarize_run(
     of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
     all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_profile))
     whole_shot = "" if fit.laws is None else format_whole_shot(fit)
-    return FinishedRun(folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers)
+    return FinishedRun(folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers, fit.naming)
 
 
 def _forward_value(listener: Callable[[str, Any], None], shown: set[str], name: str, value: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.naming import Naming
 from models.core.shot_explanation import MarkOutcome, ShotExplanation
 from models.core.shot_numbers import ShotNumbers
 from models.core.trajectory import Trajectory
@@ -147,6 +148,8 @@ class Fit:
     """Why the physics of the table profile was not used; empty if it fits, or none was given."""
     shot_numbers: tuple[ShotNumbers, ...] = ()
     """Numbers of each shot for players and coaches; empty where physics could not be fitted."""
+    naming: Naming = field(default_factory=Naming)
+    """What balls, rails and pockets are called."""
 
     @property
     def whole_shot(self) -> WholeShotSolution | None:

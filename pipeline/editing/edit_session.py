@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from models.core.corrections import BallPlace, Corrections
+from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 from pipeline.batch.long_clip import read_recording_shot
@@ -110,7 +111,7 @@ class EditSession:
                 "revision": self._file.revision,
                 "result": self._result,
                 "corrections": describe_corrections(corrections),
-                "set_by_hand": format_corrections(present),
+                "set_by_hand": format_corrections(present, Naming() if run is None else run.fit.naming),
                 "notice": self._notice,
                 "run": self._view,
             }

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.naming import Naming
 from models.core.scene import Game, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.contact_test.shot_record import make_shot_record
@@ -84,7 +85,7 @@ def describe_run(
         "checks": [
             {
                 "frame": place.frame + offset, "t": place.t, "balls": list(place.balls),
-                "px": _round_pixels(scene, place.xy, place.frame), "reason": format_check_place(place),
+                "px": _round_pixels(scene, place.xy, place.frame), "reason": format_check_place(place, fit.naming),
             }
             for place in select_check_places(tracks, fit, scene.table)
         ],
@@ -129,14 +130,17 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
             {"kind": "changed", "text": f"The table is {_format_table(new)} instead of {_format_table(old)}"}
         )
     matched = match_names(before.tracks, after.tracks)
-    names = {one: two for one, two in matched.items() if one != two}
+    old_name, new_name = before.fit.naming.name_ball, after.fit.naming.name_ball
+    names = {old_name(one): new_name(two) for one, two in matched.items() if old_name(one) != new_name(two)}
     changes += [{"kind": "changed", "text": f"{one} is now called {two}"} for one, two in names.items()]
-    changes += [{"kind": "added", "text": f"a ball: {one}"} for one in after.tracks.ids if one not in matched.values()]
-    changes += [{"kind": "removed", "text": f"a ball: {one}"} for one in before.tracks.ids if one not in matched]
+    added = [new_name(one) for one in after.tracks.ids if one not in matched.values()]
+    changes += [{"kind": "added", "text": f"a ball: {one}"} for one in added]
+    removed = [old_name(one) for one in before.tracks.ids if one not in matched]
+    changes += [{"kind": "removed", "text": f"a ball: {one}"} for one in removed]
     events = before.fit.events
-    a, b = (tuple(names.get(one, one) for one in column) for column in (events.a, events.b))
+    a, b = (tuple(matched.get(one, one) for one in column) for column in (events.a, events.b))
     calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}
-    changes += compare_events(replace(events, a=a, b=b), after.fit.events)
+    changes += compare_events(replace(events, a=a, b=b), after.fit.events, after.fit.naming)
     return changes + compare_calls(calls, list_calls(after))
 
 
@@ -180,16 +184,17 @@ def _list_contradictions(run: ClipRun, offset: int, corrections: Corrections) ->
             if (mark.kind, mark.cushion) == (outcome.kind, outcome.cushion):
                 distances.append((names != set(outcome.balls), abs(t - outcome.t), number))
         contact = min(distances)[2] if distances else None
-        rows += [{"text": text, "contact": contact} for text in format_outcomes([outcome])]
+        rows += [{"text": text, "contact": contact} for text in format_outcomes([outcome], run.fit.naming)]
     return rows
 
 
-def compare_events(before: Events, after: Events) -> list[dict[str, str]]:
+def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[str, str]]:
     """Compare the events of two runs.
 
     Args:
         before: Events of the earlier run.
         after: Events of the later run.
+        naming: What balls, rails and pockets are called.
 
     Returns:
         Per difference its `kind`, added, removed or changed, and a `text`.
@@ -202,7 +207,7 @@ def compare_events(before: Events, after: Events) -> list[dict[str, str]]:
             if before.kind[i] == after.kind[k] and {before.a[i], before.b[i]} == {after.a[k], after.b[k]}
             and abs(before.t[i] - after.t[k]) <= SAME_EVENT_S
         ]  # fmt: skip
-        text = f"{after.t[k]:.3f} s: {format_event(after, k)}"
+        text = f"{after.t[k]:.3f} s: {format_event(after, k, naming)}"
         if not same:
             changes.append({"kind": "added", "text": text})
             continue
@@ -215,7 +220,9 @@ def compare_events(before: Events, after: Events) -> list[dict[str, str]]:
         elif abs(after.probability[k] - before.probability[i]) > NOTED_SHARE:
             old, new = (100 * float(p) for p in (before.probability[i], after.probability[k]))
             changes.append({"kind": "changed", "text": f"{text}: probability {new:.0f} % instead of {old:.0f} %"})
-    changes += [{"kind": "removed", "text": f"{before.t[i]:.3f} s: {format_event(before, i)}"} for i in unmatched]
+    changes += [
+        {"kind": "removed", "text": f"{before.t[i]:.3f} s: {format_event(before, i, naming)}"} for i in unmatched
+    ]
     return changes
 
 
@@ -269,7 +276,7 @@ def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
             "kind": events.kind[k], "t": round(float(events.t[k]), 5), "t_sigma": float(events.t_sigma[k]),
             "frame": round(float(events.frame[k]) + offset, 3), "a": events.a[k], "b": events.b[k],
             "px": _round_pixels(run.scene, events.xy[k], max(int(events.frame[k]), 0)),
-            "probability": round(float(events.probability[k]), 4), "text": format_event(events, k),
+            "probability": round(float(events.probability[k]), 4), "text": format_event(events, k, run.fit.naming),
         }
         for k in range(len(events))
     ]  # fmt: skip

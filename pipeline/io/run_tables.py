@@ -222,7 +222,7 @@ def _describe_check_places(scene: Scene, tracks: Tracks, fit: Fit) -> list[dict[
             **dict(zip(("x_px", "y_px"), scene.camera.to_pixels(place.xy, scene.table.ball_radius, place.frame),
                        strict=True)),
             "uncertainty": place.uncertainty, "codes": list(dict.fromkeys(one.code for one in place.reasons)),
-            "reason": format_check_place(place),
+            "reason": format_check_place(place, fit.naming),
         }
         for place in select_check_places(tracks, fit, scene.table)
     ]  # fmt: skip

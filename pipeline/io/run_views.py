@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from models.core.fit_result import Fit, Trust, WholeShotFit
+from models.core.naming import Naming
 from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.reconstruction.shot_views import view_shot
@@ -58,14 +59,14 @@ def assess_run_trust(notes: Sequence[Note], fit: Fit) -> Trust:
         strikes, contacts of balls or pocketed balls are undecided, or if the motion contradicts what was set by hand.
     """
     before = tuple(f"The clip is incomplete: {note.detail}." for note in notes if note.code == "incomplete_clip")
-    after = (*format_outcomes(fit.mark_outcomes), *_format_undecided(fit.explanation))
+    after = (*format_outcomes(fit.mark_outcomes, fit.naming), *_format_undecided(fit.explanation, fit.naming))
     if not before and not after:
         return fit.trust
     level = "amber" if fit.trust.level == "green" else fit.trust.level
     return Trust(level, (*before, *fit.trust.reasons, *after))
 
 
-def _format_undecided(explanation: ShotExplanation) -> tuple[str, ...]:
+def _format_undecided(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:
     """Format the undecided strikes, contacts of balls and pocketed balls as a sentence, the least certain first."""
     entries: list[tuple[Moment, CauseHypothesis]] = []
     for moment in explanation.moments:
@@ -77,7 +78,7 @@ def _format_undecided(explanation: ShotExplanation) -> tuple[str, ...]:
     if not entries:
         return ()
     more = f" and {len(entries) - MAX_NAMED} more" if len(entries) > MAX_NAMED else ""
-    return (f"Undecided: {', '.join(_format_possible_event(*entry) for entry in entries[:MAX_NAMED])}{more}.",)
+    return (f"Undecided: {', '.join(_format_possible_event(*entry, naming) for entry in entries[:MAX_NAMED])}{more}.",)
 
 
 def _is_same_event(one: tuple[Moment, CauseHypothesis], two: tuple[Moment, CauseHypothesis]) -> bool:
@@ -86,11 +87,11 @@ def _is_same_event(one: tuple[Moment, CauseHypothesis], two: tuple[Moment, Cause
     return bodies[0] == bodies[1] and abs(one[0].t - two[0].t) < SAME_TIME
 
 
-def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis) -> str:
+def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: Naming) -> str:
     """Format an event that may have happened, with its probability."""
     what = {
-        "strike": f"{moment.ball} was struck",
-        "ball": f"{moment.ball} touched {hypothesis.other}",
-        "pocket": f"{moment.ball} fell into the {hypothesis.other} pocket",
+        "strike": "was struck",
+        "ball": f"touched {naming.say(hypothesis.other)}",
+        "pocket": f"fell into the {naming.name_pocket(hypothesis.other)}",
     }[hypothesis.cause]
-    return f"{what} at {moment.t:.2f} s ({100 * hypothesis.probability:.0f} %)"
+    return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({100 * hypothesis.probability:.0f} %)"

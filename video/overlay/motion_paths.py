@@ -152,7 +152,11 @@ def select_contact_marks(timeline: BallTimeline, fit: Fit) -> tuple[ContactMark,
         is_sure = events.probability[k] >= SURE_PROBABILITY
         probability_text = "" if is_sure else f"  {100 * events.probability[k]:.0f} %"
         value = f"{events.t[k]:.3f} s {format_time_error(float(events.t_sigma[k]))}{probability_text}"
-        title = {"ball": f"{events.a[k]} – {events.b[k]}", "cushion": f"{events.a[k]} – cushion"}.get(kind, kind)
+        a, b = fit.naming.name_ball(events.a[k]), events.b[k]
+        title = {
+            "ball": f"{a} – {fit.naming.name_ball(b)}", "cushion": f"{a} – {fit.naming.name_rail(b)}",
+            "pocket": f"{a} – {fit.naming.name_pocket(b)}",
+        }.get(kind, f"{a} struck")  # fmt: skip
         if np.isfinite(xy).all():
             label = Label(title if is_sure else f"{title} ?", value, FLASH)
             opacity = 1.0 if is_sure else FAINT_OPACITY

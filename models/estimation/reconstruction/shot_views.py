@@ -12,6 +12,7 @@ from models.core.capture_clock import CaptureClock
 from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.naming import Naming
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, ShotExplanation
 from models.core.tracks import Tracks
@@ -61,11 +62,12 @@ def view_shot(shot: Shot) -> Fit:
     """
     fit = _convert_to_presentation_time(view_captured(shot), shot.tracks, shot.clock)
     warnings = (
-        *_warn_of_unexplained_changes(fit.explanation), *shot.scene.warnings,
+        *_warn_of_unexplained_changes(fit.explanation, shot.naming), *shot.scene.warnings,
         *warn_of_contact_ball_size(fit.parameters, shot.scene),
     )  # fmt: skip
     trust = add_warnings(fit.trust, warnings)
-    return replace(fit, trust=replace(trust, reasons=(*trust.reasons, *_note_capture_times(shot.clock))))
+    trust = replace(trust, reasons=(*trust.reasons, *_note_capture_times(shot.clock)))
+    return replace(fit, trust=trust, naming=shot.naming)
 
 
 def view_captured(shot: Shot) -> Fit:
@@ -136,7 +138,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
             share,
             chi2_all,
             seconds,
-            _list_warnings(solution, [original.ids[ball] for ball in unfitted_balls]),
+            _list_warnings(solution, [shot.naming.say(original.ids[ball]) for ball in unfitted_balls]),
         ),
         explanation,
         shot.outcomes,
@@ -173,12 +175,12 @@ def _note_capture_times(clock: CaptureClock) -> tuple[str, ...]:
     return (f"Frames were dropped, duplicated or late: their capture times deviate by up to {deviation:.0f} ms.",)
 
 
-def _warn_of_unexplained_changes(explanation: ShotExplanation) -> tuple[str, ...]:
+def _warn_of_unexplained_changes(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:
     """Return a warning that names velocity changes whose most probable cause is unknown; empty without any."""
     unknown = [(one.t, one.ball) for one in explanation.moments if one.best.cause == "unexplained"]
     if not unknown:
         return ()
-    places = ", ".join(f"{ball} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
+    places = ", ".join(f"{naming.say(ball)} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
     more = " ..." if len(unknown) > _MAX_LISTED else ""
     return (f"{len(unknown)} unexplained velocity change{'s' if len(unknown) > 1 else ''}: {places}{more}.",)
 

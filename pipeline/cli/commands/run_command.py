@@ -158,14 +158,14 @@ def _print_answer(finished: FinishedRun) -> None:
         for k in range(len(finished.events)):
             grid.add_row(
                 format_event_time(finished.events, k),
-                format_event(finished.events, k),
+                format_event(finished.events, k, finished.naming),
                 _format_probability(float(finished.events.probability[k])),
             )
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
     for shot in finished.numbers:
-        screen.print(f"Shot: {format_shot_line(shot)}", markup=False)
+        screen.print(f"Shot: {format_shot_line(shot, finished.naming)}", markup=False)
     screen.print(format_trust_line(finished.trust))
     if finished.whole_shot:
         screen.print(finished.whole_shot, markup=False)

@@ -44,6 +44,8 @@ def simulate_shot(
     wanted = read_shot_setup(shot)
     if profile is not None:
         wanted = place_on_learned_table(wanted, read_profile_text(profile))
+    ids = wanted.balls.ids
+    naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
     folder = out if out is not None else Path("out") / shot.stem
     require_writable_folder(folder)
     simulation = wanted.simulate()
@@ -54,19 +56,19 @@ def simulate_shot(
     with replace_file(folder / "events.csv") as path:
         write_events(events, path)
     with replace_file(folder / "plan.png") as path:
-        Image.fromarray(_draw_shot(wanted, state, events)).save(path, format="PNG")
+        Image.fromarray(_draw_shot(wanted, naming, state, events)).save(path, format="PNG")
     if as_json:
         print(json.dumps({"folder": str(folder), "events": _events_to_json(events)}, allow_nan=False))
     else:
-        _print_events(events, folder)
+        _print_events(events, naming, folder)
 
 
-def _draw_shot(shot: ShotSetup, state: State, events: Events) -> np.ndarray:
+def _draw_shot(shot: ShotSetup, naming: Naming, state: State, events: Events) -> np.ndarray:
     met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
     paths = [state.xy[:, k] for k in range(len(shot.balls.ids))]
-    ids = shot.balls.ids
-    naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
-    return draw_table_plan(shot.table, naming, ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts")
+    return draw_table_plan(
+        shot.table, naming, shot.balls.ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts"
+    )
 
 
 def _events_to_json(events: Events) -> list[dict[str, str | float]]:
@@ -76,10 +78,10 @@ def _events_to_json(events: Events) -> list[dict[str, str | float]]:
     ]
 
 
-def _print_events(events: Events, folder: Path) -> None:
+def _print_events(events: Events, naming: Naming, folder: Path) -> None:
     grid = Grid("time", "what", box=None, pad_edge=False)
     for k in range(len(events)):
-        grid.add_row(f"{events.t[k]:.6f} s", format_event(events, k))
+        grid.add_row(f"{events.t[k]:.6f} s", format_event(events, k, naming))
     if len(events):
         cli.make_output_console().print(grid)
     else:

@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from models.core.fit_result import Fit, Parameter
+from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
@@ -65,7 +66,7 @@ def build_plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figu
     state = fit.trajectory.at(t)
     hover = np.stack(np.broadcast_arrays(t[:, None], np.linalg.norm(state.v, axis=-1)), axis=-1)
     moves = find_moving_balls(state.xy, table.ball_radius)
-    for k, ball in enumerate(fit.trajectory.ids):
+    for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
         rows = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
         if not len(rows):
             continue
@@ -90,7 +91,7 @@ def _add_contacts(figure: go.Figure, fit: Fit) -> None:
     figure.add_scatter(
         x=events.xy[marked, 0], y=events.xy[marked, 1], mode="markers", name="contacts", customdata=marked,
         marker={"symbol": "x", "size": 9, "color": "#c2410c"},
-        text=[f"{format_event_time(events, k)}<br>{format_event(events, k)}" for k in marked],
+        text=[f"{format_event_time(events, k)}<br>{format_event(events, k, fit.naming)}" for k in marked],
         hovertemplate="%{text}<extra></extra>",
     )  # fmt: skip
 
@@ -139,7 +140,7 @@ def _build_time_figure(
 ) -> go.Figure:
     figure = go.Figure()
     moves = find_moving_balls(xy, scene.table.ball_radius)
-    for k, ball in enumerate(fit.trajectory.ids):
+    for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
         if moves[k]:
             figure.add_scatter(x=t, y=values[:, k], mode="lines", name=ball, line_color=colours[k])
     line = {"width": 1, "dash": "dot", "color": "#9ca3af"}
@@ -154,12 +155,13 @@ def _build_time_figure(
     return figure.update_xaxes(title="time of the clip (s)", hoverformat=".3f")
 
 
-def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str]) -> go.Figure:
+def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str], naming: Naming) -> go.Figure:
     """Build a plot of the error of a prediction over time, and over the cushion contacts since its start.
 
     Args:
         errors: Comparison of the rest of a shot with its prediction.
         colours: CSS colours by ball.
+        naming: What balls are called.
 
     Returns:
         The figure, in mm.
@@ -169,7 +171,7 @@ def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str]) ->
     for ball in dict.fromkeys(errors.ball):
         rows = balls == ball
         error = 1000 * errors.error[rows]
-        shown = {"name": ball, "legendgroup": ball}
+        shown = {"name": naming.name_ball(ball), "legendgroup": ball}
         figure.add_scatter(
             x=errors.seconds[rows], y=error, mode="lines", line_color=colours[ball], row=1, col=1, **shown
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.fit_result import Fit
+from models.core.naming import join_names
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
@@ -59,9 +60,9 @@ def build_check_views(
     images = dict(read_frames(clip, indices=frames)) if frames else {}
     return [
         CheckView(
-            place.frame, place.t, format_share(place.uncertainty), format_check_place(place),
+            place.frame, place.t, format_share(place.uncertainty), format_check_place(place, fit.naming),
             _embed_close_up(scene, tracks, fit, place, images[place.frame]),
-            f"close-up of {' and '.join(place.balls[:MAX_OUTLINES])} in frame {place.frame}",
+            f"close-up of {join_names(map(fit.naming.say, place.balls[:MAX_OUTLINES]))} in frame {place.frame}",
         )
         for place in places
     ]  # fmt: skip
@@ -89,7 +90,7 @@ def _outline_balls(scene: Scene, tracks: Tracks, fit: Fit, place: CheckPlace, t:
         at = xy[fit.trajectory.ids.index(name)]
         if np.isfinite(at).all():
             centre = scene.camera.to_pixels(at, scene.table.ball_radius, place.frame)
-            outlines.append(NamedOutline(name, centre, _find_radius(tracks, name, t)))
+            outlines.append(NamedOutline(fit.naming.name_ball(name), centre, _find_radius(tracks, name, t)))
     return tuple(outlines)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from models.core.fit_result import Fit
+from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot_explanation import Moment
 from models.core.tracks import Tracks
@@ -120,7 +121,6 @@ def write_report(
             tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
         ),
         balls=list_ball_colours(tracks),
-        numbered=any(ball[-1:].isdigit() for ball in tracks.ids),
         poster=embed_image_file(files.poster),
         video=files.slow,
         slow=files.slow_factor,
@@ -134,12 +134,12 @@ def write_report(
         calls=answer_calls(
             make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
         ),
-        shot_numbers=[(shot.t, list_number_rows(shot)) for shot in fit.shot_numbers],
+        shot_numbers=[(shot.t, list_number_rows(shot, fit.naming)) for shot in fit.shot_numbers],
         plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=_list_parameters(fit),
         whole_shot=format_whole_shot(fit),
-        forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True))),
+        forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True)), fit.naming),
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, tracks, fit),
         notes=[
@@ -182,16 +182,16 @@ def _embed_parameter_plot(fit: Fit) -> str:
     )
 
 
-def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, str]) -> str:
+def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, str], naming: Naming) -> str:
     """Embed the figure of the errors of a prediction; empty if there is none."""
     if errors is None or not len(errors.error):
         return ""
-    return embed_figure(build_forecast_figure(errors, colours), "forecast", 330)
+    return embed_figure(build_forecast_figure(errors, colours, naming), "forecast", 330)
 
 
 def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float | bool]]:
     """Build the rows of the event list; each seeks the video to shortly before its event."""
-    events = fit.events
+    events, naming = fit.events, fit.naming
     rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
         gap = format_with_sigma(1000 * events.gap[k], 1000 * events.gap_sigma[k], MAX_MM_DECIMALS)
@@ -203,12 +203,12 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
-                "sentence": format_event(events, k),
+                "sentence": format_event(events, k, naming),
                 "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
                 "gap": gap,
                 "probability": format_probability(events.probability[k]),
                 "undecided": undecided,
-                "hypotheses": "" if moment is None else f"{moment.ball}: {format_hypotheses(moment)}",
+                "hypotheses": f"{naming.name_ball(moment.ball)}: {format_hypotheses(moment, naming)}" if moment else "",
             }
         )
     return rows

@@ -69,7 +69,7 @@ def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: 
             stream.send_columns(
                 entity, build_time_columns(tracks.t, clip.t), strips.partition(is_observed[:, k].astype(np.int64))
             )
-        look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0), "labels": [ball]}
+        look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0), "labels": [tracks.looks[k].name]}
         stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
 
 

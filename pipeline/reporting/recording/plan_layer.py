@@ -38,7 +38,7 @@ def log_fitted_balls(stream: rr.RecordingStream, shot: RecordedShot) -> None:
         look = {
             "colors": shot.frame_colours[k],
             "radii": shot.scene.table.ball_radius,
-            "labels": [ball],
+            "labels": [shot.tracks.looks[k].name],
             "show_labels": False,
         }
         stream.log(f"plan/balls/{ball}", rr.Points2D.from_fields(**look), static=True)

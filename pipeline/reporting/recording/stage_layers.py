@@ -8,7 +8,6 @@ import numpy as np
 import rerun as rr
 
 from models.core.detections import Detections
-from models.core.events import Events
 from models.core.fit_result import Fit, Parameter
 from models.core.scene import Scene
 from models.core.tracks import Tracks
@@ -85,7 +84,9 @@ def log_events(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     """Log all events in `log/events`, and a mark for each event except rests in `picture/events` and `plan/events`."""
     events = shot.fit.events
     if len(events):
-        words = [f"{format_event_time(events, k)}: {format_event(events, k)}" for k in range(len(events))]
+        words = [
+            f"{format_event_time(events, k)}: {format_event(events, k, shot.fit.naming)}" for k in range(len(events))
+        ]
         columns = rr.TextLog.columns(text=words, level=["INFO"] * len(words))
         stream.send_columns("log/events", build_time_columns(events.t, shot.clip.t), columns)
     marked = [k for k in range(len(events)) if events.kind[k] != "rest"]
@@ -95,9 +96,10 @@ def log_events(stream: rr.RecordingStream, shot: RecordedShot) -> None:
         _log_captions(stream, shot, marked)
 
 
-def format_mark(events: Events, k: int) -> str:
+def format_mark(fit: Fit, k: int) -> str:
     """Format time, sentence, the gap of the free paths if it is known, and the probability of an undecided event."""
-    parts = [format_event_time(events, k), format_event(events, k)]
+    events = fit.events
+    parts = [format_event_time(events, k), format_event(events, k, fit.naming)]
     if np.isfinite(events.gap[k]):
         parts.append(f"gap {1000 * events.gap[k]:+.1f} mm")
     if is_undecided(events.probability[k]):
@@ -113,7 +115,7 @@ def _log_mark(stream: rr.RecordingStream, shot: RecordedShot, k: int) -> None:
         look = {
             "colors": MARK_COLOUR,
             "radii": rr.Radius.ui_points(4),
-            "labels": [format_mark(events, k)],
+            "labels": [format_mark(shot.fit, k)],
             "show_labels": False,
         }
         stream.log(entity, rr.Points2D.from_fields(**look), static=True)
@@ -135,7 +137,7 @@ def _log_captions(stream: rr.RecordingStream, shot: RecordedShot, marked: list[i
     for k, following in zip(marked, [*events.t[marked[1:]], np.inf], strict=True):
         stream.set_time(VIDEO_TIME, duration=float(events.t[k]))
         stream.set_time(FRAME, sequence=int(frame_shown_at(events.t[[k]], shot.clip.t)[0]))
-        stream.log("plan/caption", place, rr.Points2D.from_fields(labels=[format_mark(events, k)], show_labels=True))
+        stream.log("plan/caption", place, rr.Points2D.from_fields(labels=[format_mark(shot.fit, k)], show_labels=True))
         end = min(float(events.t[k]) + CAPTION_SECONDS, last)
         if end < following:
             stream.set_time(VIDEO_TIME, duration=end)
@@ -154,11 +156,11 @@ def log_plots(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     energy = 1000 * kinetic_energy(shot.state, shot.scene.table)
     residual = 1000 * np.linalg.norm(shot.fit.residual, axis=-1)
     for k in np.flatnonzero(shot.is_moving):
-        ball, colour = shot.ids[k], tuple(int(part) for part in shot.plan_colours[k])
-        _log_line(stream, shot, f"plots/speed/{ball}", ball, colour, shot.t, speed[:, k])
-        _log_line(stream, shot, f"plots/energy/{ball}", ball, colour, shot.t, energy[:, k])
+        ball, name, colour = shot.ids[k], shot.tracks.looks[k].name, tuple(int(part) for part in shot.plan_colours[k])
+        _log_line(stream, shot, f"plots/speed/{ball}", name, colour, shot.t, speed[:, k])
+        _log_line(stream, shot, f"plots/energy/{ball}", name, colour, shot.t, energy[:, k])
         left = np.where(shot.fit.moving[:, k], residual[:, k], np.nan)
-        _log_line(stream, shot, f"plots/residual/{ball}", ball, colour, shot.tracks.t, left)
+        _log_line(stream, shot, f"plots/residual/{ball}", name, colour, shot.tracks.t, left)
     if shot.is_moving.sum() > 1:
         whole = np.nansum(energy[:, shot.is_moving], axis=1)
         _log_line(stream, shot, "plots/energy/all", "all balls", ALL_BALLS_COLOUR, shot.t, whole)
@@ -217,8 +219,8 @@ def describe_tracks(tracks: Tracks) -> list[LogLine]:
     """Describe the share of frames in which each ball was observed."""
     shares = tracks.is_observed.mean(axis=0)
     return [
-        ("INFO", f"{ball} observed in {100 * share:.0f} % of the frames")
-        for ball, share in zip(tracks.ids, shares, strict=True)
+        ("INFO", f"{look.name} observed in {100 * share:.0f} % of the frames")
+        for look, share in zip(tracks.looks, shares, strict=True)
     ]
 
 

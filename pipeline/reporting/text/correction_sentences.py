@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
@@ -26,15 +27,17 @@ def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> 
     Returns:
         The scene with one more note per correction.
     """
-    notes = (HAND_PREFIX + phrase for phrase in format_corrections(update_ball_names(corrections, tracks)))
+    naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
+    notes = (HAND_PREFIX + phrase for phrase in format_corrections(update_ball_names(corrections, tracks), naming))
     return replace(scene, notes=(*scene.notes, *notes))
 
 
-def format_corrections(corrections: Corrections) -> tuple[str, ...]:
+def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, ...]:
     """Format all corrections, each as a phrase.
 
     Args:
         corrections: What a person corrected.
+        naming: What balls and rails are called.
 
     Returns:
         The phrases; empty where nothing was set by hand.
@@ -49,21 +52,22 @@ def format_corrections(corrections: Corrections) -> tuple[str, ...]:
         f"{'a missed ball' if mark.kind == 'placed' else 'what is no ball'}, {_format_place(mark.ball)}"
         for mark in corrections.balls
     ]
-    edits = [_format_track_edit(edit) for edit in corrections.tracks]
-    contacts = [_format_contact_mark(mark) for mark in corrections.contacts]
+    edits = [_format_track_edit(edit, naming) for edit in corrections.tracks]
+    contacts = [_format_contact_mark(mark, naming) for mark in corrections.contacts]
     return (*(what for what, value in settings.items() if value is not None), *marks, *edits, *contacts)
 
 
-def format_outcomes(outcomes: Sequence[MarkOutcome]) -> tuple[str, ...]:
+def format_outcomes(outcomes: Sequence[MarkOutcome], naming: Naming) -> tuple[str, ...]:
     """Format where the motion contradicts what was set by hand.
 
     Args:
         outcomes: The outcome of every mark.
+        naming: What balls and rails are called.
 
     Returns:
         One sentence per contradiction.
     """
-    return tuple(sentence for one in outcomes if (sentence := _format_outcome(one)))
+    return tuple(sentence for one in outcomes if (sentence := _format_outcome(one, naming)))
 
 
 def format_recomputed(folder: str, stages: Sequence[str]) -> str:
@@ -83,10 +87,10 @@ def format_recomputed(folder: str, stages: Sequence[str]) -> str:
     )
 
 
-def _format_track_edit(edit: TrackEdit) -> str:
+def _format_track_edit(edit: TrackEdit, naming: Naming) -> str:
     """Format an edit of tracks as a phrase."""
-    ball, place = edit.ball.id or "a ball", _format_place(edit.ball)
-    other = "another ball" if edit.other is None else edit.other.id or "another ball"
+    ball, place = naming.say(edit.ball.id) or "a ball", _format_place(edit.ball)
+    other = (edit.other and naming.say(edit.other.id)) or "another ball"
     span = f"frames {edit.first or 0} to {'the last' if edit.last is None else edit.last}"
     return {
         "rename": f"the name {edit.name} of {ball}, {place}",
@@ -97,10 +101,10 @@ def _format_track_edit(edit: TrackEdit) -> str:
     }[edit.kind]
 
 
-def _format_contact_mark(mark: ContactCorrection) -> str:
+def _format_contact_mark(mark: ContactCorrection, naming: Naming) -> str:
     """Format a mark of a contact as a phrase."""
-    other = "" if mark.other is None else mark.other.id or "another ball"
-    what = _name_contact(mark.ball.id or "a ball", other, mark.cushion)
+    other = "" if mark.other is None else naming.say(mark.other.id) or "another ball"
+    what = _name_contact(naming.say(mark.ball.id) or "a ball", other or naming.say(mark.cushion))
     return {
         "mark": f"{what} at frame {mark.frame:.1f}",
         "move": f"{what} at frame {mark.at:.1f}, not {mark.frame:.1f}",
@@ -108,10 +112,10 @@ def _format_contact_mark(mark: ContactCorrection) -> str:
     }[mark.kind]
 
 
-def _format_outcome(outcome: MarkOutcome) -> str:
+def _format_outcome(outcome: MarkOutcome, naming: Naming) -> str:
     """Format the outcome of a mark as a sentence; empty where the motion agrees."""
-    names = (*outcome.balls, "", "")
-    what = f"{_name_contact(names[0] or 'a ball', names[1], outcome.cushion)} at {outcome.t:.2f} s"
+    names = (*map(naming.say, (*outcome.balls, outcome.cushion)), "", "")
+    what = f"{_name_contact(names[0] or 'a ball', names[1])} at {outcome.t:.2f} s"
     what = f"The {what} {'was deleted' if outcome.kind == 'delete' else 'was set'} by hand"
     return {
         "confirmed": "",
@@ -124,10 +128,8 @@ def _format_outcome(outcome: MarkOutcome) -> str:
     }[outcome.code]
 
 
-def _name_contact(ball: str, other: str, cushion: str) -> str:
+def _name_contact(ball: str, other: str) -> str:
     """Name a contact."""
-    if cushion:
-        return f"contact of {ball} with the {cushion} cushion"
     return f"contact of {ball} and {other}" if other else f"strike of {ball}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from models.core.naming import Naming
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from pipeline.reporting.text.number_format import format_probability, format_with_sigma
 
@@ -61,46 +62,50 @@ def format_number(one: ShotNumber) -> str:
     return f"{shown}{unit}{side}"
 
 
-def format_shot_line(shot: ShotNumbers) -> str:
+def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     """Format the main numbers of a shot in one line.
 
     Args:
         shot: Numbers of the shot.
+        naming: What balls and pockets are called.
 
     Returns:
         One line without a full stop.
     """
-    parts = [f"{shot.cue} at {shot.t:.2f} s"]
+    parts = [f"{naming.name_ball(shot.cue)} at {shot.t:.2f} s"]
     for name, label in (("cue_speed", ""), ("top_spin_share", "spin "), ("side_spin_share", "side ")):
         one = shot.find_number(name)
         if one is not None and one.observable:
             parts.append(label + format_number(one))
     if shot.first:
-        parts.append(f"{STATE_WORDS[shot.spin_state]} at {shot.first}" if shot.spin_state != "unknown" else shot.first)
+        first = naming.say(shot.first)
+        parts.append(f"{STATE_WORDS[shot.spin_state]} at {first}" if shot.spin_state != "unknown" else first)
         for name, label in (("cut_angle", "cut "), ("throw", "throw ")):
             one = shot.find_number(name)
             if one is not None and one.observable:
                 parts.append(label + format_number(one))
     for ball, pocket in zip(shot.potted, shot.pockets, strict=True):
-        parts.append(f"{ball} into the {pocket} pocket")
+        parts.append(f"{naming.say(ball)} into the {naming.name_pocket(pocket)}")
     return ", ".join(parts)
 
 
-def list_number_rows(shot: ShotNumbers) -> list[tuple[str, str, str, bool]]:
+def list_number_rows(shot: ShotNumbers, naming: Naming) -> list[tuple[str, str, str, bool]]:
     """List the numbers of a shot as table rows.
 
     Args:
         shot: Numbers of the shot.
+        naming: What balls and pockets are called.
 
     Returns:
         Words, ball or pocket, value, and whether it is observable.
     """
     rows = []
     for one in shot.numbers:
-        subject = f"{one.ball}, {one.place} pocket" if one.place else one.ball
+        ball = naming.name_ball(one.ball)
+        subject = f"{ball}, {naming.name_pocket(one.place)}" if one.place else ball
         rows.append((NUMBER_NAMES[one.name], subject, format_number(one), one.observable))
         if one.name == "contact_spin_share":
-            rows.append(("State at the first ball", one.ball, _format_state(shot), shot.spin_state != "unknown"))
+            rows.append(("State at the first ball", ball, _format_state(shot), shot.spin_state != "unknown"))
     return rows
 
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.naming import join_names
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
 from pipeline.reporting.text.number_sentences import format_number
-from pipeline.reporting.text.text_formatting import format_event, format_event_time
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, start_sentence
 
 CONTACT_MARGIN = 1e-3
 """s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
@@ -80,20 +81,22 @@ def summarize_shots(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) 
     return [
         replace(
             summary,
-            potted=_format_potted(events, likely, summary.start, end),
+            potted=_format_potted(fit, likely, summary.start, end),
             speed=" ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())]),
         )
         for summary, end in summaries
     ]
 
 
-def _format_potted(events: Events, likely: list[int], start: float, end: float) -> str:
+def _format_potted(fit: Fit, likely: list[int], start: float, end: float) -> str:
     """Format the balls potted between `start` and `end` (s)."""
+    events, naming = fit.events, fit.naming
     potted = [k for k in likely if events.kind[k] == "pocket" and start <= events.t[k] < end]
-    text = _join_names(
-        [f"{events.a[k]} into the {events.b[k]} pocket at {format_event_time(events, k)}" for k in potted]
+    text = join_names(
+        f"{naming.say(events.a[k])} into the {naming.name_pocket(events.b[k])} at {format_event_time(events, k)}"
+        for k in potted
     )
-    return text + "." if text else ""
+    return start_sentence(f"{text}.") if text else ""
 
 
 def _find_first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
@@ -119,7 +122,7 @@ def _summarize_stroke(
     fit: Fit, tracks: Tracks, ball: str, start: float, end: float, likely: list[int], strike: int | None
 ) -> ShotSummary:
     """Summarize the motion of `ball` from its stroke, event `strike`, at `start` to `end` (s)."""
-    events = fit.events
+    events, name = fit.events, start_sentence(fit.naming.say(ball))
     own = [k for k in likely if start <= events.t[k] < end and ball in (events.a[k], events.b[k]) and k != strike]
     touch = next((k for k in own if events.kind[k] == "ball"), None)
     struck = (
@@ -130,7 +133,7 @@ def _summarize_stroke(
     if touch is None:
         then = _format_later_contacts(fit, tracks, ball, own, start, end)
         when = NO_ANSWER if strike is None else f"{format_event_time(events, strike)} (the stroke)"
-        first = f"{ball} touched no other ball.{struck}"
+        first = f"{name} touched no other ball.{struck}"
         return ShotSummary(
             start, first, when, _format_stroke_speed(events, strike), then, _format_confidence(fit, own, strike)
         )
@@ -139,7 +142,7 @@ def _summarize_stroke(
     then = _format_later_contacts(fit, tracks, ball, [k for k in own if events.t[k] > t], t, end)
     return ShotSummary(
         start,
-        f"{ball} hit {other} first{_format_cushions_before(events, own, t)}.{struck}",
+        f"{name} hit {fit.naming.say(other)} first{_format_cushions_before(fit, own, t)}.{struck}",
         f"{format_event_time(events, touch)} (frame {events.frame[touch]:.2f}){_format_delay(events, strike, t)}",
         _format_speeds(fit, ball, other, touch, _find_numbers(fit, ball, other, start)),
         f"{_format_direction_after(fit, ball, touch, own, end)} {then}",
@@ -147,10 +150,11 @@ def _summarize_stroke(
     )
 
 
-def _format_cushions_before(events: Events, own: list[int], t: float) -> str:
+def _format_cushions_before(fit: Fit, own: list[int], t: float) -> str:
     """Format the cushions that the ball touched before t (s); empty if there are none."""
-    cushions = [events.b[k] for k in own if events.kind[k] == "cushion" and events.t[k] < t]
-    return f", after the {_join_names(cushions)} cushion{'s' if len(cushions) > 1 else ''}" if cushions else ""
+    events = fit.events
+    cushions = [fit.naming.say(events.b[k]) for k in own if events.kind[k] == "cushion" and events.t[k] < t]
+    return f", after {join_names(cushions)}" if cushions else ""
 
 
 def _format_delay(events: Events, strike: int | None, t: float) -> str:
@@ -189,17 +193,17 @@ def _format_speeds(fit: Fit, ball: str, other: str, touch: int, numbers: ShotNum
     speed_before = float(np.linalg.norm(before.v[ids.index(ball)]))
     sigma = float(before.sigma_v[ids.index(ball)])
     speed_after = float(np.linalg.norm(after.v[ids.index(other)])) if other in ids else float("nan")
-    parts = []
+    parts, (came, went) = list[str](), map(fit.naming.say, (ball, other))
     if np.isfinite(events.speed[touch]):
         parts.append(f"The closing speed along the line of centres was {events.speed[touch]:.2f} m/s")
     if np.isfinite(speed_before):
-        parts.append(f"{ball} arrived at {_format_speed(numbers, 'contact_speed', speed_before, sigma)}")
+        parts.append(f"{came} arrived at {_format_speed(numbers, 'contact_speed', speed_before, sigma)}")
     elif parts:
-        parts.append(f"the speed of {ball} before the contact was not observed")
+        parts.append(f"the speed of {came} before the contact was not observed")
     if np.isfinite(speed_after):
         sigma_after = float(after.sigma_v[ids.index(other)])
-        parts.append(f"{other} left at {_format_speed(numbers, 'object_speed', speed_after, sigma_after)}")
-    return "; ".join(parts) + "." if parts else "unknown"
+        parts.append(f"{went} left at {_format_speed(numbers, 'object_speed', speed_after, sigma_after)}")
+    return start_sentence("; ".join(parts)) + "." if parts else "unknown"
 
 
 def _contact_margins(events: Events, k: int) -> FloatArray:
@@ -210,7 +214,7 @@ def _contact_margins(events: Events, k: int) -> FloatArray:
 def _format_direction_after(fit: Fit, ball: str, touch: int, own: list[int], end: float) -> str:
     """Format the direction of the ball once it rolls again, or just before its next contact."""
     events, ids = fit.events, fit.trajectory.ids
-    t, k = float(events.t[touch]), ids.index(ball)
+    t, k, name = float(events.t[touch]), ids.index(ball), start_sentence(fit.naming.say(ball))
     ahead = [float(events.t[j] + _contact_margins(events, j)[0]) for j in own if events.t[j] > t + CONTACT_MARGIN]
     before_and_after = t + _contact_margins(events, touch)
     sample_time = max(
@@ -220,16 +224,16 @@ def _format_direction_after(fit: Fit, ball: str, touch: int, own: list[int], end
     before, later = velocities[0], velocities[2]
     speeds = np.linalg.norm(velocities, axis=1)
     if not np.isfinite(speeds[2]):
-        return f"The direction of {ball} after the contact is unknown."
+        return f"The direction of {fit.naming.say(ball)} after the contact is unknown."
     if not speeds[0] > REST_SPEED:
         return (
-            f"{ball} moved at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later;"
+            f"{name} moved at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later;"
             " its direction before the contact was not observed."
         )
     if speeds[2] < REST_SPEED:
-        return f"{ball} stopped at the place of contact ({speeds[2]:.2f} m/s {sample_time - t:.2f} s later)."
+        return f"{name} stopped at the place of contact ({speeds[2]:.2f} m/s {sample_time - t:.2f} s later)."
     slow = f"almost stopped ({speeds[1]:.2f} m/s), then " if speeds[1] < 0.5 * speeds[2] else ""
-    return f"{ball} {slow}{_format_turn(before, later)}, at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later."
+    return f"{name} {slow}{_format_turn(before, later)}, at {speeds[2]:.2f} m/s {sample_time - t:.2f} s later."
 
 
 def _format_turn(before: FloatArray, later: FloatArray) -> str:
@@ -255,12 +259,12 @@ def _format_later_contacts(fit: Fit, tracks: Tracks, ball: str, later: list[int]
     contacts = [k for k in later if events.kind[k] in ("ball", "cushion")]
     selected = _select_later_contacts(events, contacts)
     more = f" and {len(contacts) - len(selected)} more" if len(contacts) > len(selected) else ""
-    words = [f"{_contact_partner(events, k, ball)} at {events.t[k]:.3f} s" for k in selected]
+    words = [f"{_contact_partner(fit, k, ball)} at {events.t[k]:.3f} s" for k in selected]
     none = "It had no further contact. " if start > 0 else ""
-    then = f"Then it touched {_join_names(words)}{more}. " if words else none
+    then = f"Then it touched {join_names(words)}{more}. " if words else none
     for k in later:
         if events.kind[k] == "pocket":
-            return then + f"It fell into the {events.b[k]} pocket at {format_event_time(events, k)}."
+            return then + f"It fell into the {fit.naming.name_pocket(events.b[k])} at {format_event_time(events, k)}."
     return then + _format_final_state(fit, tracks, ball, min(end, float(tracks.t[-1])), later)
 
 
@@ -287,11 +291,10 @@ def _format_final_state(fit: Fit, tracks: Tracks, ball: str, t: float, later: li
     return f"When the clip ends, at {t:.2f} s, it still moves at {speed:.2f} m/s at {place}."
 
 
-def _contact_partner(events: Events, k: int, ball: str) -> str:
+def _contact_partner(fit: Fit, k: int, ball: str) -> str:
     """Return the name of what `ball` touched in event k."""
-    if events.kind[k] == "cushion":
-        return f"the {events.b[k]} cushion"
-    return events.b[k] if events.a[k] == ball else events.a[k]
+    a, b = fit.events.a[k], fit.events.b[k]
+    return fit.naming.say(b if a == ball else a)
 
 
 def _format_confidence(fit: Fit, own: list[int], main: int | None) -> str:
@@ -308,13 +311,7 @@ def _format_confidence(fit: Fit, own: list[int], main: int | None) -> str:
     elif worst is not None:
         parts.append(
             "the least certain other contact of this ball has a probability of"
-            f" {format_probability(float(events.probability[worst]))} ({format_event(events, worst)})"
+            f" {format_probability(float(events.probability[worst]))} ({format_event(events, worst, fit.naming)})"
         )
     parts.append(f"the trust level of the clip is {fit.trust.level}")
-    text = "; ".join(parts) + "."
-    return text[0].upper() + text[1:]
-
-
-def _join_names(names: list[str]) -> str:
-    """Join names by commas and "and"."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""
+    return start_sentence("; ".join(parts) + ".")

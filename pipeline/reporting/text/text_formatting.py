@@ -11,6 +11,7 @@ from rich.markup import escape
 from models.core.errors import TruerollError
 from models.core.events import Events
 from models.core.fit_result import Trust
+from models.core.naming import Naming
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY
 
 TEXTBOOK_RANGES = {
@@ -29,24 +30,31 @@ MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 
 
-def format_event(events: Events, k: int) -> str:
+def format_event(events: Events, k: int, naming: Naming) -> str:
     """Format an event as a sentence without a full stop.
 
     Args:
         events: Events of a shot.
         k: Index of the event.
+        naming: What balls, rails and pockets are called.
 
     Returns:
         Balls, kind of event and, if it is large enough, speed.
     """
+    a, b = naming.say(events.a[k]), events.b[k]
     what = {
-        "strike": f"{events.a[k]} is struck",
-        "ball": f"{events.a[k]} and {events.b[k]} touch",
-        "cushion": f"{events.a[k]} hits the {events.b[k]} cushion",
-        "pocket": f"{events.a[k]} falls into the {events.b[k]} pocket",
-        "rest": f"{events.a[k]} comes to rest",
+        "strike": f"{a} is struck",
+        "ball": f"{a} and {naming.say(b)} touch",
+        "cushion": f"{a} hits {naming.say(b)}",
+        "pocket": f"{a} falls into the {naming.name_pocket(b)}",
+        "rest": f"{a} comes to rest",
     }[events.kind[k]]
-    return what + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= MIN_REPORTED_SPEED else "")
+    return start_sentence(what) + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= MIN_REPORTED_SPEED else "")
+
+
+def start_sentence(text: str) -> str:
+    """Begin a text with a capital letter."""
+    return text[:1].upper() + text[1:]
 
 
 def is_undecided(probability: float) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 from models.core.fit_result import Fit, WholeShotMisfit
+from models.core.naming import Naming
+from pipeline.reporting.text.text_formatting import start_sentence
 
 NOT_ASKED = "Nobody asked which published contact models explain the whole shot; trueroll run --laws finds out."
 """Reason of a run without them."""
@@ -33,27 +35,25 @@ def format_whole_shot(fit: Fit) -> str:
             f"{format_law(fit.whole_shot.cushion_model)} explains the shot to"
             f" {math.sqrt(fit.whole_shot.chi2_per_dof):.1f} times the measurement noise."
         )
-    return fit.laws.refusal if fit.laws.misfit is None else _format_misfit(fit.laws.misfit)
+    return fit.laws.refusal if fit.laws.misfit is None else _format_misfit(fit.laws.misfit, fit.naming)
 
 
-def _format_misfit(misfit: WholeShotMisfit) -> str:
+def _format_misfit(misfit: WholeShotMisfit, naming: Naming) -> str:
     """Format how far the best contact model explains a shot, and the first contact that it does not explain."""
     amount = f"{1000 * misfit.deviation:.1f} mm (RMS), {misfit.times_noise:.1f} times the measurement noise"
-    contact = {
-        "strike": f"the strike of {misfit.ball}",
-        "ball": f"that of {misfit.ball} and {misfit.other}",
-        "cushion": f"that of {misfit.ball} and the {misfit.other} cushion",
-    }.get(misfit.contact)
+    ball, other = naming.say(misfit.ball), naming.say(misfit.other)
+    pair = f"that of {ball} and {other}"
+    contact = {"strike": f"the strike of {ball}", "ball": pair, "cushion": pair}.get(misfit.contact)
     where = (
-        f"{misfit.ball} then deviates from it by {amount}"
+        f"{ball} then deviates from it by {amount}"
         if contact is None
         else f"The first contact whose outcome it does not explain is {contact} at {misfit.t:.2f} s:"
-        f" {misfit.ball} deviates by {amount}"
+        f" {ball} deviates by {amount}"
     )
     sentences = [
         "No published contact model explains the whole shot.",
         f"{format_law(misfit.cushion_model)} explains all positions until {misfit.explained_until:.2f} s.",
-        f"{where[:1].upper() + where[1:]}.",
+        f"{start_sentence(where)}.",
         f"Over the whole shot, the best model leaves {misfit.whole_times_noise:.1f} times the noise.",
     ]
     return " ".join(sentences)

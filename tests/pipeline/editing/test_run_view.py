@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
+from models.core.naming import build_naming
 from pipeline.editing.run_view import ClipRun, compare_runs
 
 
@@ -17,7 +18,7 @@ def run(tmp_path: Path) -> ClipRun:
     clip = shot.write_clip(tmp_path / "shot.mp4")
     scene = shot.make_scene()
     tracks = shot.make_tracks(clip, scene)
-    return ClipRun(clip, scene, tracks, shot.make_fit(tracks.t))
+    return rename(ClipRun(clip, scene, tracks, shot.make_fit(tracks.t)))
 
 
 def rename(run: ClipRun, **names: str) -> ClipRun:
@@ -30,12 +31,13 @@ def rename(run: ClipRun, **names: str) -> ClipRun:
     events = replace(fit.events, a=change(fit.events.a), b=change(fit.events.b))
     trajectory = replace(fit.trajectory, ids=change(fit.trajectory.ids))
     tracks = replace(run.tracks, ids=change(run.tracks.ids), looks=())
-    return replace(run, tracks=tracks, fit=replace(fit, events=events, trajectory=trajectory))
+    naming = build_naming(run.scene.table, run.scene.camera, tracks.ids, tracks.looks)
+    return replace(run, tracks=tracks, fit=replace(fit, events=events, trajectory=trajectory, naming=naming))
 
 
 def test_a_ball_that_is_only_called_otherwise_is_one_line(run: ClipRun) -> None:
     changes = compare_runs(run, rename(run, white="red", red="solid-2"))
-    assert [one["text"] for one in changes] == ["white is now called red", "red is now called solid-2"]
+    assert [one["text"] for one in changes] == ["white is now called red", "red is now called solid 2"]
 
 
 def test_another_table_is_named(run: ClipRun) -> None:
@@ -49,7 +51,7 @@ def test_an_event_that_is_gone_is_named_as_the_ball_is_called_now(run: ClipRun) 
     after = replace(after, fit=replace(after.fit, events=after.fit.events.select_rows([0])))
     changes = compare_runs(run, after)
     assert [one["kind"] for one in changes[:2]] == ["changed", "removed"]
-    assert changes[1]["text"].startswith("0.500 s: cue hits the right cushion")
+    assert changes[1]["text"].startswith("0.500 s: The cue ball hits the right short cushion")
 
 
 def test_a_ball_that_is_no_longer_tracked_is_named(run: ClipRun) -> None:

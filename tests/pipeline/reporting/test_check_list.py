@@ -9,6 +9,7 @@ import pytest
 from support import synthetic_run as shot
 
 from models.core.fit_result import Fit
+from models.core.naming import Naming
 from models.core.shot_explanation import CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from pipeline.reporting.text.check_list import MAX_PLACES, CheckPlace, select_check_places
@@ -59,8 +60,8 @@ def test_an_undecided_contact_is_a_place_with_its_hypotheses_and_missed_frames()
     (place,) = select(make_case({0: slice(9, 11)}), moment("white", 0.33, *touch("red", 0.61), doubts=("hidden",)))
     assert (place.frame, place.balls) == (10, ("white", "red"))
     assert place.uncertainty == pytest.approx(0.39)
-    assert format_check_place(place) == (
-        "white: what it met at 0.33 s is unsure: red 61 %, unexplained 39 %; it was not detected for 2 frames."
+    assert format_check_place(place, Naming()) == (
+        "White: what it met at 0.33 s is unsure: red 61 %, unexplained 39 %; it was not detected for 2 frames."
     )
 
 
@@ -80,13 +81,13 @@ def test_places_of_one_ball_within_two_frames_are_one() -> None:
     first, same, later = (moment("white", t, *touch("red", 0.6)) for t in (0.30, 0.35, 0.50))
     assert codes(select(make_case(), first, same, later)) == [["undecided", "undecided"], ["undecided"]]
     (place, _) = select(make_case(), first, same, later)
-    assert format_check_place(place).endswith("; also unsure at 0.35 s: red 60 %, unexplained 40 %.")
+    assert format_check_place(place, Naming()).endswith("; also unsure at 0.35 s: red 60 %, unexplained 40 %.")
 
 
 def test_a_change_of_velocity_without_a_cause_is_named() -> None:
     (place,) = select(make_case(), moment("white", 0.3, CauseHypothesis("unexplained", "", 1.0), doubts=("no_cause",)))
     assert place.uncertainty == 1.0
-    assert format_check_place(place) == "white: its velocity changes at 0.30 s for no known cause."
+    assert format_check_place(place, Naming()) == "White: its velocity changes at 0.30 s for no known cause."
 
 
 def test_a_sure_contact_explains_the_change_of_the_other_ball_too() -> None:
@@ -101,19 +102,19 @@ def test_a_sure_contact_explains_the_change_of_the_other_ball_too() -> None:
         ((("none", "", 0.8), ("ball", "red", 0.2)), "whether it touched another ball at 0.30 s is unsure: no contact"),
         ((("rest", "", 0.8), ("none", "", 0.2)), "whether it came to rest at 0.30 s is unsure: at rest 80 %, still mo"),
         ((("strike", "", 0.7), ("none", "", 0.3)), "whether it was struck at 0.30 s is unsure: strike 70 %, not str"),
-        ((("pocket", "top", 0.7), ("none", "", 0.3)), "whether it fell into a pocket at 0.30 s is unsure: top pocket"),
+        ((("pocket", "top", 0.7), ("none", "", 0.3)), "whether it fell into a pocket at 0.30 s is unsure: far-side p"),
     ],
 )
 def test_the_sentence_asks_what_the_moment_leaves_open(hypotheses: tuple, words: str) -> None:
     (place,) = select(make_case(), moment("white", 0.3, *(CauseHypothesis(*one) for one in hypotheses)))
-    assert format_check_place(place).startswith(f"white: {words}")
+    assert format_check_place(place, Naming()).startswith(f"White: {words}")
 
 
 def test_long_gaps_of_moving_balls_are_places_and_those_of_resting_ones_are_none() -> None:
     (place,) = select(make_case({0: slice(6, 12), 1: slice(6, 12)}))
     assert (place.balls, place.frame, place.reasons[0].value) == (("white",), 8, 6.0)
     assert place.xy == pytest.approx([0.2 + 8 / shot.RATE, 0.5])
-    assert format_check_place(place) == "white: it moves, but is not detected for 6 frames around 0.27 s."
+    assert format_check_place(place, Naming()) == "White: it moves, but is not detected for 6 frames around 0.27 s."
     assert select(make_case({0: slice(6, 8)})) == []
 
 
@@ -129,7 +130,7 @@ def test_a_gap_that_no_accepted_fit_bridges_is_less_sure() -> None:
 def test_a_track_that_ends_while_its_ball_moves_is_a_place_unless_the_ball_fell() -> None:
     tracks, fit = make_case({0: slice(16, None)})
     (place,) = select((tracks, fit))
-    assert format_check_place(place) == "white: it is not detected any more after 0.50 s, although it moves."
+    assert format_check_place(place, Naming()) == "White: it is not detected any more after 0.50 s, although it moves."
     events = replace(fit.events, kind=("strike", "pocket"))
     assert select((tracks, replace(fit, events=events))) == []
 
@@ -139,7 +140,7 @@ def test_motion_without_an_accepted_fit_is_a_place() -> None:
     accepted = fit.accepted.copy()
     accepted[6:12] = False
     (place,) = select((tracks, replace(fit, accepted=accepted)))
-    assert format_check_place(place) == "white: no accepted fit explains its motion from 0.20 s to 0.40 s."
+    assert format_check_place(place, Naming()) == "White: no accepted fit explains its motion from 0.20 s to 0.40 s."
 
 
 def test_a_detection_far_from_the_path_is_a_place_at_its_largest_distance() -> None:
@@ -148,7 +149,7 @@ def test_a_detection_far_from_the_path_is_a_place_at_its_largest_distance() -> N
     residual[7:9, 1] = [[0.02, 0.0], [0.04, 0.0]]
     (place,) = select((tracks, replace(fit, residual=residual)))
     assert (place.frame, place.balls) == (8, ("red",))
-    assert format_check_place(place) == "red: its detection at 0.27 s is 40 mm beside its fitted path."
+    assert format_check_place(place, Naming()) == "Red: its detection at 0.27 s is 40 mm beside its fitted path."
     residual[7:9, 1] = [0.4 * TABLE.ball_radius, 0.0]  # nearer than half a radius
     assert select((tracks, replace(fit, residual=residual))) == []
 
@@ -161,7 +162,9 @@ def test_balls_that_pass_while_neither_is_detected_may_be_exchanged(offset: floa
     places = select((tracks, replace(fit, trajectory=replace(fit.trajectory, position=position))))
     assert codes(places) == ([["identity"]] if found else [])
     if found:
-        assert "white: it and red pass each other at 0.23 s while neither is detected" in format_check_place(places[0])
+        assert "White: it and red pass each other at 0.23 s while neither is detected" in format_check_place(
+            places[0], Naming()
+        )
 
 
 def test_like_colours_are_exchanged_more_easily() -> None:
@@ -178,7 +181,7 @@ def test_like_colours_are_exchanged_more_easily() -> None:
 def test_a_ball_that_moves_when_it_is_first_detected_is_a_place_there() -> None:
     (place,) = select(make_case({0: slice(0, 5)}), moving_at_start=("white",))
     assert (place.frame, place.uncertainty) == (5, 0.6)
-    assert "already moves when it is first detected, at 0.17 s" in format_check_place(place)
+    assert "already moves when it is first detected, at 0.17 s" in format_check_place(place, Naming())
     (begun,) = select(make_case(), moving_at_start=("white",))
     assert (begun.frame, begun.uncertainty) == (0, 0.3)
 

@@ -14,6 +14,7 @@ from PIL import Image
 from support import synthetic_run as shot
 
 from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
+from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot import Note
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
@@ -25,6 +26,7 @@ from pipeline.reporting.figures.run_figures import build_forecast_figure, build_
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
 from pipeline.reporting.text import text_formatting
+from pipeline.reporting.text.call_sentences import format_call
 from pipeline.reporting.text.text_formatting import format_event
 from video.io.clip import Clip
 from video.overlay import motion_paths
@@ -71,7 +73,7 @@ def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them(
 
 
 def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
-    assert "white hits the right cushion at 0.50 m/s" in page
+    assert "White hits the right short rail at 0.50 m/s" in page
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
     assert "rolling resistance, mu" in page
@@ -80,9 +82,9 @@ def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
 def test_a_touch_of_negligible_speed_is_described_without_it() -> None:
     events = shot.make_fit(np.linspace(0, 0.8, 25)).events
     slow = replace(events, speed=np.array([np.nan, 0.004]))
-    assert format_event(events, 1) == "white hits the right cushion at 0.50 m/s"
-    assert format_event(slow, 1) == "white hits the right cushion"
-    assert format_event(slow, 0) == "white is struck"
+    assert format_event(events, 1, Naming()) == "White hits the right short rail at 0.50 m/s"
+    assert format_event(slow, 1, Naming()) == "White hits the right short rail"
+    assert format_event(slow, 0, Naming()) == "White is struck"
 
 
 @pytest.mark.parametrize(("creep", "lines"), [(0.0, ["white"]), (0.01, ["white"]), (0.1, ["red", "white"])])
@@ -123,14 +125,16 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
     middle = np.asarray(Image.open(io.BytesIO(images[0])).convert("L"))[150:210, 210:270]
     assert middle.max() > 200, "the white ball is in the middle of its close-up"
     assert "frame 15 · 0.50 s · 39 % unsure" in unsure_page
-    assert "white: what it met at 0.50 s is unsure: right cushion 61 %, unexplained 39 %; too few frames" in unsure_page
+    assert (
+        "White: what it met at 0.50 s is unsure: right short rail 61 %, unexplained 39 %; too few frames" in unsure_page
+    )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
     assert "Nothing is unsure" not in unsure_page
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
     assert unsure_page.count("? undecided, 61 %") == 1
-    assert "undecided: white: right cushion 61 %, unexplained 39 %" in unsure_page
+    assert "undecided: white: right short rail 61 %, unexplained 39 %" in unsure_page
 
 
 def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
@@ -145,26 +149,22 @@ def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) ->
     assert "the trust level of the clip is amber" in unsure_page
 
 
-def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    reason = "It cannot be decided from this clip: a ball was hidden."
-    answer = CallAnswer(0.6, *[float("nan")] * 5, f"Inconclusive. {reason}", (), ("white",), (("red", 0.6),), reason)
-    sure = replace(answer, probability=0.99, reason="", sentence="White touched red.")
-    monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: [("first white", answer), ("", sure)])
-    undecided, decided = run_report.answer_calls(None)  # type: ignore[arg-type]
-    assert (undecided.call, undecided.sentence) == ("cannot be decided", "Inconclusive.")
-    assert (undecided.probability, decided.probability) == ("red: 60 %", "99 %")
-    assert (decided.call, decided.sentence) == ("red", "White touched red.")
+def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason() -> None:
+    undecided = CallAnswer("first", ("white",), 0.6, met="red", alternatives=(("red", 0.6),), doubts=("hidden",))
+    words, sure = (format_call(one, Naming()) for one in (undecided, replace(undecided, probability=0.99, doubts=())))
+    assert (words.verdict, words.probability, words.statement) == (
+        "cannot be decided", "red: 60 %", "white touched red first"
+    )  # fmt: skip
+    assert words.reason == "This clip cannot decide it: a ball was not detected around it."
+    assert (sure.verdict, sure.probability, sure.reason) == ("red", "99 %", "")
 
 
-def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margin(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    no = CallAnswer(0.002, 0.5, 0.001, 15.0, -0.0173, 0.0001, "No: white met red first.", (), ("white", "red"))
-    asked = [("cushion-first white", no), ("contact white red", no)]
-    monkeypatch.setattr(run_report, "_answer_standard_questions", lambda _: asked)
-    order, contact = run_report.answer_calls(None)  # type: ignore[arg-type]
-    assert (order.call, order.probability, order.margin) == ("no", "99.8 %", "")
-    assert contact.margin == "-17.3 ± 0.1"
+def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margin() -> None:
+    no = CallAnswer("cushion-first", ("white",), 0.002, 0.5, 0.001, 15.0, -0.0173, 0.0001, met="red")
+    order = format_call(no, Naming())
+    contact = format_call(replace(no, kind="contact", subject=("white", "red")), Naming())
+    assert (order.verdict, order.probability, order.margin) == ("no", "99.8 %", "")
+    assert contact.margin == "17.3 ± 0.1 mm from a miss"
 
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:
@@ -240,7 +240,7 @@ def test_the_error_of_a_prediction_is_drawn_over_time_and_cushions() -> None:
         0.5, ("white",) * 4, np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]),
         np.array([0.001, 0.003, 0.010, 0.020]),
     )  # fmt: skip
-    over_time, over_cushions = build_forecast_figure(errors, {"white": "rgb(1,2,3)"}).data
+    over_time, over_cushions = build_forecast_figure(errors, {"white": "rgb(1,2,3)"}, Naming()).data
     np.testing.assert_allclose(over_time.y, [1, 3, 10, 20])
     assert list(over_cushions.x) == [0, 1]
     np.testing.assert_allclose(over_cushions.y, [2, 15])

@@ -58,7 +58,7 @@ def make_shot(after: tuple[float, float], cushion: float | None = None) -> tuple
 
 def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
     (summary,) = summarize_shots(*make_shot((0.0, 0.5)))
-    assert summary.first.startswith("white hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
+    assert summary.first.startswith("White hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
     assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
     assert "The closing speed along the line of centres was 1.00 m/s" in summary.speed
     assert "white arrived at 1.00 ± 0.01 m/s" in summary.speed
@@ -85,13 +85,13 @@ def test_the_turn_of_the_ball_is_described_as_seen_from_above(after: tuple[float
 
 def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() -> None:
     (before,) = summarize_shots(*make_shot((0.0, 0.5), cushion=0.5))
-    assert "white hit red first, after the top cushion." in before.first
+    assert "White hit red first, after the far long rail." in before.first
     assert "It had no further contact" in before.after
     (after,) = summarize_shots(*make_shot((0.0, 0.5), cushion=1.5))
-    assert "Then it touched the top cushion at 1.500 s." in after.after
+    assert "Then it touched the far long rail at 1.500 s." in after.after
     assert (
         "the least certain other contact of this ball has a probability of 80 %"
-        " (white hits the top cushion at 1.00 m/s)" in after.confidence
+        " (White hits the far long rail at 1.00 m/s)" in after.confidence
     )
 
 
@@ -117,7 +117,7 @@ def test_a_ball_that_is_observed_again_only_later_is_described_from_there() -> N
     motion = fit.trajectory
     again = replace(motion, start=np.where((motion.ball == 0) & (motion.start == TOUCH), 1.0, motion.start))
     (summary,) = summarize_shots(tracks, replace(fit, trajectory=again))
-    assert "white turned 90° to the right, at 0.50 m/s 0.40 s later." in summary.after
+    assert "White turned 90° to the right, at 0.50 m/s 0.40 s later." in summary.after
 
 
 def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
@@ -131,7 +131,7 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
         ("", "white", *("top",) * more, "red"), np.zeros((len(t), 2)), one, -0.01 * one, 1e-3 * one, one,
     )  # fmt: skip
     (summary,) = summarize_shots(tracks, replace(fit, events=many))
-    assert "the top cushion at 1.400 s and red at 1.700 s and 2 more." in summary.after
+    assert "the far long rail at 1.400 s and red at 1.700 s and 2 more." in summary.after
     assert "every other contact of this ball has a probability above 99.9 %" in summary.confidence
 
 
@@ -161,7 +161,7 @@ def test_unlikely_events_are_not_mentioned() -> None:
     tracks, fit = make_shot((0.0, 0.3))
     doubtful = replace(fit, events=replace(fit.events, probability=np.array([1.0, 0.2])))
     (summary,) = summarize_shots(tracks, doubtful)
-    assert summary.first.startswith("white touched no other ball.")
+    assert summary.first.startswith("White touched no other ball.")
 
 
 def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> None:
@@ -170,7 +170,7 @@ def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> 
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
     (summary,) = summarize_shots(tracks, replace(fit, events=late))
-    assert summary.first == "white hit red first. The clip shows no stroke; the motion before it is unknown."
+    assert summary.first == "White hit red first. The clip shows no stroke; the motion before it is unknown."
     assert "after the stroke" not in summary.when
 
 
@@ -186,9 +186,9 @@ def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came(
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
     (summary,) = summarize_shots(tracks, replace(fit, events=late, trajectory=unseen))
-    assert summary.first.startswith("white hit red first.")
+    assert summary.first.startswith("White hit red first.")
     assert "the speed of white before the contact was not observed" in summary.speed
-    assert "white moved at 0.50 m/s 0.40 s later; its direction before the contact was not observed." in summary.after
+    assert "White moved at 0.50 m/s 0.40 s later; its direction before the contact was not observed." in summary.after
 
 
 def test_where_nothing_moves_there_is_no_summary() -> None:
@@ -202,5 +202,5 @@ def test_every_potted_ball_is_mentioned() -> None:
     events = fit.events
     fallen = replace(events, kind=("strike", "ball", "pocket"), a=("white", "red", "red"), b=("", "white", "top-right"))
     (summary,) = summarize_shots(tracks, replace(fit, events=fallen))
-    assert summary.potted == "red into the top-right pocket at 1.5000 s ± 1.0 ms."
+    assert summary.potted == "Red into the far-right pocket at 1.5000 s ± 1.0 ms."
     assert summarize_shots(tracks, fit)[0].potted == ""

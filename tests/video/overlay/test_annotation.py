@@ -120,9 +120,9 @@ def marks_of(*probabilities: float) -> tuple[ContactMark, ...]:
 
 def test_undecided_events_are_faint_with_their_probability_and_improbable_ones_not_drawn() -> None:
     sure, undecided, unlikely = marks_of(0.95, 0.61, 0.05, 0.1)
-    assert (sure.label.name, sure.opacity) == ("cue – cushion", 1.0)
+    assert (sure.label.name, sure.opacity) == ("cue – far long rail", 1.0)
     assert "%" not in sure.label.value
-    assert (undecided.label.name, undecided.opacity) == ("cue – cushion ?", FAINT_OPACITY)
+    assert (undecided.label.name, undecided.opacity) == ("cue – far long rail ?", FAINT_OPACITY)
     assert undecided.label.value.endswith("61 %")
     assert unlikely.label.value.endswith("10 %")
 
