@@ -12,6 +12,7 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError, TruerollError
 from models.core.joint_solution import JointSolution
+from models.core.number_format import format_measured
 from models.core.scene import Table
 from models.core.shot import Shot
 from models.core.tracks import Tracks
@@ -28,7 +29,6 @@ from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
-from pipeline.reporting.text.number_format import format_measured
 
 
 @dataclass(frozen=True, slots=True)

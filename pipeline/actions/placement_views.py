@@ -12,6 +12,7 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming
+from models.core.number_format import format_measured, format_speed
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
@@ -20,7 +21,6 @@ from pipeline.engine.atomic_write import write_json, write_text
 from pipeline.io.image_file import write_image
 from pipeline.io.placement_files import describe_places, write_places
 from pipeline.reporting.pages.page_template import render_template
-from pipeline.reporting.text.number_format import format_measured, format_speed
 from video.drawing.palette import WHITE, Colour
 from video.overlay.placement_overlay import (
     MISPLACED_COLOUR,

@@ -10,6 +10,7 @@ from PIL import Image
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
+from models.core.number_format import format_measured, format_probability
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
@@ -21,7 +22,6 @@ from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.prediction_files import summarize_prediction, write_prediction
 from pipeline.io.strict_json import format_strict_json
-from pipeline.reporting.text.number_format import format_measured, format_probability
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 STEP_S = 0.02

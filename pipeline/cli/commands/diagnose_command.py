@@ -15,6 +15,7 @@ from rich.table import Table as Grid
 
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.number_format import format_probability
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import PROFILE_FILE, build_gap_document, write_gap_files, write_profile_files
@@ -31,7 +32,6 @@ from pipeline.reporting.text.gap_sentences import (
     format_verdict,
     list_causes,
 )
-from pipeline.reporting.text.number_format import format_probability
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.search_display import show_search_progress
 

@@ -11,12 +11,12 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table as Grid
 
+from models.core.number_format import format_probability
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.io.shot_numbers_json import describe_shot_numbers
-from pipeline.reporting.text.number_format import format_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
     format_event,

@@ -10,11 +10,11 @@ from plotly.subplots import make_subplots
 
 from models.core.fit_result import Fit, Parameter
 from models.core.naming import Naming
+from models.core.number_format import format_with_sigma
 from models.core.scene import Scene
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
-from pipeline.reporting.text.number_format import format_with_sigma
 from pipeline.reporting.text.text_formatting import (
     find_textbook_range,
     format_event,

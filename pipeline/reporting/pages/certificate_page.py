@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from models.core.number_format import format_measured, format_value
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.number_format import format_measured, format_value
 
 _SECTIONS = (
     ("Level", ("slope_x", "slope_y")),

@@ -16,6 +16,7 @@ from diagnosis.fitting.display_names import (
     format_phase,
 )
 from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
+from models.core.number_format import format_measured, format_unit
 from models.core.scene import Table
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.gap_files import PROFILE_FILE, has_fitted_model
@@ -38,7 +39,6 @@ from pipeline.reporting.text.gap_sentences import (
     format_verdict,
     list_causes,
 )
-from pipeline.reporting.text.number_format import format_measured, format_unit
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAX_CANDIDATES = 8

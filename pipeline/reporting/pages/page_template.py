@@ -14,7 +14,7 @@ from plotly.io import templates
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
-from pipeline.reporting.text.number_format import format_probability
+from models.core.number_format import format_probability
 
 
 def render_template(template: str, **values: object) -> str:

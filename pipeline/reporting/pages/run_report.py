@@ -12,6 +12,7 @@ import numpy as np
 
 from models.core.fit_result import Fit
 from models.core.naming import Naming
+from models.core.number_format import format_measured, format_probability, format_unit, format_with_sigma
 from models.core.scene import Scene
 from models.core.shot_explanation import Moment
 from models.core.tracks import Tracks
@@ -36,7 +37,6 @@ from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, CallWords, f
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
-from pipeline.reporting.text.number_format import format_measured, format_probability, format_unit, format_with_sigma
 from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.shot_summary import summarize_shots
 from pipeline.reporting.text.text_formatting import (

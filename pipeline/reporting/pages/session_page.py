@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from models.core.number_format import format_value
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.number_format import format_value
 from pipeline.reporting.text.session_sentences import (
     format_level,
     format_own_spread,

@@ -13,12 +13,12 @@ import rerun.blueprint as rrb
 
 from diagnosis.verdicts.verdict import DiagnosisReport, Gap
 from models.core.errors import OptionError
+from models.core.number_format import format_probability
 from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import replace_file
 from pipeline.io.run_folder import read_scene_document
 from pipeline.reporting.recording.recorded_shot import VIDEO_TIME, finish_stream, open_stream
 from pipeline.reporting.text.gap_sentences import format_gap_closure, format_verdict, list_causes
-from pipeline.reporting.text.number_format import format_probability
 from video.drawing.palette import Colour, mix_colours
 
 BEFORE, AFTER = (230, 80, 70), (70, 190, 130)

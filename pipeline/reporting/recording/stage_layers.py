@@ -9,6 +9,7 @@ import rerun as rr
 
 from models.core.detections import Detections
 from models.core.fit_result import Fit, Parameter
+from models.core.number_format import format_measured, format_unit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -28,7 +29,6 @@ from pipeline.reporting.recording.recorded_shot import (
     build_time_columns,
     frame_shown_at,
 )
-from pipeline.reporting.text.number_format import format_measured, format_unit
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import lighten_for_text

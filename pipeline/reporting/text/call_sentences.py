@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.naming import Naming, join_names
+from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
 from models.core.scene import CUSHIONS
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt
-from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1

@@ -21,7 +21,7 @@ from diagnosis.fitting.display_names import (
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
-from pipeline.reporting.text.number_format import (
+from models.core.number_format import (
     EXTREME_PROBABILITY,
     format_probability,
     format_unit,

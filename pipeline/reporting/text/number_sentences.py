@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from models.core.naming import Naming
+from models.core.number_format import format_probability, format_with_sigma
 from models.core.shot_numbers import ShotNumber, ShotNumbers
-from pipeline.reporting.text.number_format import format_probability, format_with_sigma
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.naming import Naming
+from models.core.number_format import EXTREME_PROBABILITY, format_probability
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
-from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
 from pipeline.reporting.text.table_words import format_meeting, format_place
 
 MAX_REST_SHIFT = 0.005

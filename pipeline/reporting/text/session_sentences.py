@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
+from models.core.number_format import format_measured, format_value, format_with_sigma
 from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
-from pipeline.reporting.text.number_format import format_measured, format_value, format_with_sigma
 from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_cushions
 
 SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend per shot")

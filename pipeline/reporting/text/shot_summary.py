@@ -10,10 +10,10 @@ import numpy as np
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import join_names
+from models.core.number_format import EXTREME_PROBABILITY, format_probability
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability
 from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, start_sentence
 

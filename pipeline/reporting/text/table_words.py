@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from models.core.naming import Naming
+from models.core.number_format import format_measured
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
-from pipeline.reporting.text.number_format import format_measured
 
 MAX_CM_DECIMALS = 1
 """Decimals of centimetres: nobody lays a ball to a tenth of a millimetre."""

@@ -6,7 +6,7 @@ from math import ceil
 from typing import Any
 
 from models.core.naming import Naming
-from pipeline.reporting.text.number_format import EXTREME_PROBABILITY, format_probability, format_speed
+from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_speed
 from pipeline.reporting.text.table_words import format_meeting
 
 MIN_PROBABILITY = 0.1

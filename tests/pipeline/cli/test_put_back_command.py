@@ -17,6 +17,7 @@ from PIL import Image
 from support.pseudo_terminal import Terminal, make_terminal
 from support.synthetic_run import save_shot
 
+from models.core.number_format import format_measured
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
@@ -27,7 +28,6 @@ from pipeline.actions import placement_views
 from pipeline.actions.placement_views import MAX_DECIMALS_MM
 from pipeline.chain import write_source
 from pipeline.io.run_tables import write_scene
-from pipeline.reporting.text.number_format import format_measured
 from pipeline.run_options import RunOptions
 from video.io.clip import open_clip
 from video.io.video_writer import VideoWriter

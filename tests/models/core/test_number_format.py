@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from models.core.number_format import format_measured, format_probability, format_value, format_with_sigma
 from models.core.shot_numbers import ShotNumber
-from pipeline.reporting.text.number_format import format_measured, format_probability, format_value, format_with_sigma
 from pipeline.reporting.text.number_sentences import format_number
 
 
