@@ -14,11 +14,13 @@ from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import Naming
+from models.core.number_format import format_probability
 from models.core.scene import Game, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.hand_marks.resolved_marks import update_ball_names
-from pipeline.reporting.pages.run_report import answer_calls
+from pipeline.reporting.pages.run_report import answer_standard_questions
+from pipeline.reporting.text.call_sentences import format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
 from pipeline.reporting.text.correction_sentences import format_outcomes
@@ -109,7 +111,8 @@ def list_calls(run: ClipRun) -> dict[str, str]:
     if not len(fit.trajectory.start):
         return {}
     record = make_shot_record(run.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
-    return {row.question: row.verdict for row in answer_calls(record)}
+    words = [format_call(call, fit.naming) for call in answer_standard_questions(record)]
+    return {row.question: row.verdict for row in words}
 
 
 def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
@@ -218,8 +221,8 @@ def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[s
             changes.append({"kind": "changed", "text": f"{text}, {1000 * abs(moved):.1f} ms "
                             f"{'later' if moved > 0 else 'earlier'} than before"})  # fmt: skip
         elif abs(after.probability[k] - before.probability[i]) > NOTED_SHARE:
-            old, new = (100 * float(p) for p in (before.probability[i], after.probability[k]))
-            changes.append({"kind": "changed", "text": f"{text}: probability {new:.0f} % instead of {old:.0f} %"})
+            old, new = (format_probability(p) for p in (before.probability[i], after.probability[k]))
+            changes.append({"kind": "changed", "text": f"{text}: probability {new} instead of {old}"})
     changes += [
         {"kind": "removed", "text": f"{before.t[i]:.3f} s: {format_event(before, i, naming)}"} for i in unmatched
     ]
@@ -277,6 +280,7 @@ def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
             "frame": round(float(events.frame[k]) + offset, 3), "a": events.a[k], "b": events.b[k],
             "px": _round_pixels(run.scene, events.xy[k], max(int(events.frame[k]), 0)),
             "probability": round(float(events.probability[k]), 4), "text": format_event(events, k, run.fit.naming),
+            "share": format_probability(events.probability[k]),
         }
         for k in range(len(events))
     ]  # fmt: skip

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.naming import Naming
+from models.core.number_format import format_probability
 from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.reconstruction.shot_views import view_shot
@@ -94,4 +95,4 @@ def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: 
         "ball": f"touched {naming.say(hypothesis.other)}",
         "pocket": f"fell into the {naming.name_pocket(hypothesis.other)}",
     }[hypothesis.cause]
-    return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({100 * hypothesis.probability:.0f} %)"
+    return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({format_probability(hypothesis.probability)})"

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.number_format import format_probability
 from models.core.scene import BallSize, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.nominal_ball_size import estimate_preset_ball_size
@@ -119,10 +120,8 @@ def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple
     others = sorted((name for name in probabilities if name != table.name), key=lambda name: -probabilities[name])
     likely = [name for name in others if probabilities[name] > MIN_ALTERNATIVE_PROBABILITY] or others[:1]
     alternatives = " or ".join(f"{name} ({_describe_difference(TABLE_PRESETS[name], table)})" for name in likely)
-    return (
-        f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {100 * probabilities[table.name]:.0f} % probable;"
-        " give --table.",
-    )
+    share = format_probability(probabilities[table.name])
+    return (f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {share} probable; give --table.",)
 
 
 def _describe_difference(other: Table, table: Table) -> str:

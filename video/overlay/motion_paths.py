@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.number_format import format_probability
 from models.core.typing import FloatArray
 from video.drawing.palette import FLASH
 from video.matting.ball_timeline import BallTimeline
@@ -150,7 +151,7 @@ def select_contact_marks(timeline: BallTimeline, fit: Fit) -> tuple[ContactMark,
         ball = fit.trajectory.ids.index(events.a[k])
         xy = _contact_point(timeline, fit, k)
         is_sure = events.probability[k] >= SURE_PROBABILITY
-        probability_text = "" if is_sure else f"  {100 * events.probability[k]:.0f} %"
+        probability_text = "" if is_sure else f"  {format_probability(events.probability[k])}"
         value = f"{events.t[k]:.3f} s {format_time_error(float(events.t_sigma[k]))}{probability_text}"
         a, b = fit.naming.name_ball(events.a[k]), events.b[k]
         title = {

@@ -117,7 +117,7 @@ def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
         raise ValueError(f"a contact is between two balls; got {a} twice")
     candidates = find_ball_candidates(record, one, two)
     unlisted = probability_of_unlisted_contact(record, one, two)
-    probability = 1 - (1 - unlisted) * float(np.prod([1 - candidate.probability for candidate in candidates]))
+    probability = max(unlisted, 1 - float(np.prod([1 - candidate.probability for candidate in candidates])))
     if not candidates:
         return _answer_never_near(record, one, two, probability)
     best = max(candidates, key=lambda candidate: candidate.probability)

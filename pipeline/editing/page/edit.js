@@ -300,7 +300,7 @@ function render(isFirst) {
     () => goToCheck(k), page.check === k)), "There is no doubtful place.");
   fill($("events"), shown.events.map((one) => entry([
     ["when", `${one.t.toFixed(3)} s`], ["", one.text],
-    handMark(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", `${Math.floor(100 * one.probability)} %`],
+    handMark(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", one.share],
   ], () => chooseEvent(one), page.event && isSameEvent(one, page.event))), "Nothing moves in this clip.");
   fill($("balls"), shown.balls.map((ball, k) => {
     const line = entry([["swatch", ""], ["", ball.id], ["when", ball.id.startsWith(ball.kind) ? String(k + 1) : `${ball.kind} · ${k + 1}`]],
@@ -583,7 +583,7 @@ function renderBall(box, ball) {
 function renderEvent(box, event) {
   box.append(element("h2", { textContent: event.text }));
   box.append(element("p", { className: "small",
-    textContent: `${event.t.toFixed(4)} s ± ${(1000 * event.t_sigma).toFixed(1)} ms, frame ${event.frame.toFixed(2)}, probability ${(100 * event.probability).toFixed(1)} %` }));
+    textContent: `${event.t.toFixed(4)} s ± ${(1000 * event.t_sigma).toFixed(1)} ms, frame ${event.frame.toFixed(2)}, probability ${event.share}` }));
   if (!["strike", "ball", "cushion"].includes(event.kind)) {
     box.append(element("p", { className: "small", textContent: "It follows from the motion: correct the contacts before it." }));
     return;

@@ -9,12 +9,13 @@ import numpy as np
 
 from models.core.fit_result import Fit
 from models.core.naming import join_names
+from models.core.number_format import format_probability
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from pipeline.reporting.pages.page_embedding import build_jpeg_uri
 from pipeline.reporting.text.check_list import CheckPlace
-from pipeline.reporting.text.check_sentences import format_check_place, format_share
+from pipeline.reporting.text.check_sentences import format_check_place
 from video.io.clip import Clip, read_frames
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_place
 
@@ -60,7 +61,7 @@ def build_check_views(
     images = dict(read_frames(clip, indices=frames)) if frames else {}
     return [
         CheckView(
-            place.frame, place.t, format_share(place.uncertainty), format_check_place(place, fit.naming),
+            place.frame, place.t, format_probability(place.uncertainty), format_check_place(place, fit.naming),
             _embed_close_up(scene, tracks, fit, place, images[place.frame]),
             f"close-up of {join_names(map(fit.naming.say, place.balls[:MAX_OUTLINES]))} in frame {place.frame}",
         )

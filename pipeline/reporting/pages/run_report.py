@@ -33,7 +33,7 @@ from pipeline.reporting.figures.run_figures import (
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import embed_image_file
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, CallWords, format_call
+from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
@@ -113,12 +113,15 @@ def write_report(
     colours = [darken_for_page(look.colour) for look in tracks.looks]
     by_hand = [note for note in scene.notes if note.startswith(HAND_PREFIX)]
     places = select_check_places(tracks, fit, scene.table)
+    calls = answer_standard_questions(
+        make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
+    )
     html = render_template(
         "report.html",
         name=title,
         trust=fit.trust,
         summaries=summarize_shots(
-            tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
+            tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)], calls
         ),
         balls=list_ball_colours(tracks),
         poster=embed_image_file(files.poster),
@@ -131,9 +134,7 @@ def write_report(
         plan_ratio=round(scene.table.width / scene.table.length, 4),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
-        calls=answer_calls(
-            make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
-        ),
+        calls=[format_call(call, fit.naming) for call in calls],
         shot_numbers=[(shot.t, list_number_rows(shot, fit.naming)) for shot in fit.shot_numbers],
         plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
@@ -233,12 +234,8 @@ def _find_moment(fit: Fit, event: int) -> Moment | None:
     return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
 
 
-def answer_calls(record: ShotRecord) -> list[CallWords]:
+def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
     """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
-    return [format_call(answer, record.naming) for answer in _answer_standard_questions(record)]
-
-
-def _answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
     struck = list(
         dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
     )

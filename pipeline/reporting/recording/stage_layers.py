@@ -9,7 +9,7 @@ import rerun as rr
 
 from models.core.detections import Detections
 from models.core.fit_result import Fit, Parameter
-from models.core.number_format import format_measured, format_unit
+from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -103,7 +103,7 @@ def format_mark(fit: Fit, k: int) -> str:
     if np.isfinite(events.gap[k]):
         parts.append(f"gap {1000 * events.gap[k]:+.1f} mm")
     if is_undecided(events.probability[k]):
-        parts.append(f"undecided, {100 * events.probability[k]:.0f} %")
+        parts.append(f"undecided, {format_probability(events.probability[k])}")
     return " · ".join(parts)
 
 

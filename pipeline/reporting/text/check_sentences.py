@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from models.core.naming import Naming
+from models.core.number_format import format_probability
 from models.core.shot_explanation import CauseHypothesis, Moment
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
 from pipeline.reporting.text.text_formatting import start_sentence
 
 MIN_NAMED_PROBABILITY = 0.005
-"""Least probability of a hypothesis that is named; less would be printed as 0 %."""
+"""Least probability of a hypothesis that is named."""
 MAX_HYPOTHESES = 3
 """Hypotheses that a sentence names."""
 MAX_FURTHER_REASONS = 2
@@ -50,12 +51,7 @@ def format_hypotheses(moment: Moment, naming: Naming) -> str:
     is_strike = all(one.cause in ("strike", "none") for one in moment.hypotheses)
     nothing = "still moving" if is_rest else "not struck" if is_strike else "no contact"
     named = [one for one in moment.hypotheses[:MAX_HYPOTHESES] if one.probability >= MIN_NAMED_PROBABILITY]
-    return ", ".join(f"{_format_cause(one, nothing, naming)} {format_share(one.probability)}" for one in named)
-
-
-def format_share(probability: float) -> str:
-    """Format a probability in whole per cent, e.g. "61 %"."""
-    return f"{100 * probability:.0f} %"
+    return ", ".join(f"{_format_cause(one, nothing, naming)} {format_probability(one.probability)}" for one in named)
 
 
 def _format_cause(hypothesis: CauseHypothesis, nothing: str, naming: Naming) -> str:

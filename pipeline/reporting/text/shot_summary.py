@@ -14,6 +14,8 @@ from models.core.number_format import EXTREME_PROBABILITY, format_probability
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
 from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, start_sentence
 
@@ -50,18 +52,22 @@ class ShotSummary:
     """Potted balls and their pockets; empty if there are none."""
 
 
-def summarize_shots(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) -> list[ShotSummary]:
+def summarize_shots(
+    tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = (), calls: Sequence[CallAnswer] = ()
+) -> list[ShotSummary]:
     """Summarize every stroke of a clip.
 
     Args:
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
         scale_doubts: Sentences on the possible error of all lengths; appended to the speeds.
+        calls: Answers on which ball a ball touched first; a summary states their probability.
 
     Returns:
         One summary per stroke; if the clip begins after the stroke, one for the ball that moves first.
     """
-    events = fit.events
+    events = _state_first_contacts(fit.events, calls)
+    fit = replace(fit, events=events)
     likely = [k for k in range(len(events)) if events.probability[k] >= MIN_PROBABILITY]
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     if strikes:
@@ -86,6 +92,16 @@ def summarize_shots(tracks: Tracks, fit: Fit, scale_doubts: Sequence[str] = ()) 
         )
         for summary, end in summaries
     ]
+
+
+def _state_first_contacts(events: Events, calls: Sequence[CallAnswer]) -> Events:
+    """Give each first contact the probability that its call states: the same ball may be touched again later."""
+    probability = events.probability.copy()
+    for call in calls:
+        pairs = [{a, b} == {*call.subject, call.met} for a, b in zip(events.a, events.b, strict=True)]
+        is_same = np.array(pairs, bool) & (np.abs(events.t - call.t) < SAME_MOMENT_TIME)
+        probability[is_same & (call.kind == "first")] = call.probability
+    return replace(events, probability=probability)
 
 
 def _format_potted(fit: Fit, likely: list[int], start: float, end: float) -> str:
