@@ -18,6 +18,8 @@ cause was found.
 """
 
 
+SURE_PROBABILITY = 0.9
+"""Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
 MIN_LISTED_PROBABILITY = 0.1
 """Least probability of a listed event; below, it is a hypothesis of the explanation only."""
 MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
@@ -61,12 +63,36 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
+class RackBreak:
+    """A rack, or another cluster of balls in contact, that a ball bursts."""
+
+    rest: float
+    start: float
+    t: float
+    end: float
+    """s: since when the rack rests, since when that ball comes in on one path, when it meets the rack, and until when
+    contacts follow each other faster than frames, and no simulation explains them."""
+    ball: str
+    rack: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ShotExplanation:
     """All moments of a shot, sorted by time."""
 
     moments: tuple[Moment, ...] = ()
     moving_at_start: tuple[str, ...] = ()
     """Balls that move when they are first detected: what set them in motion, or what they met before, is not known."""
+    breaks: tuple[RackBreak, ...] = ()
+
+    def is_within_rack(self, t: float, *balls: str) -> bool:
+        """Return whether only balls of a rack take part in a contact at t, s, while it rests or bursts."""
+        return any(one.rest < t < one.end and {*balls} <= {*one.rack} for one in self.breaks)
+
+    def is_due_to_break(self, t: float, ball: str) -> bool:
+        """Return whether a break is the cause of all that a ball does at t, s."""
+        comes_in = any(one.start < t < one.end and one.ball == ball for one in self.breaks)
+        return comes_in or self.is_within_rack(t, ball)
 
     def contacts_of(self, ball: str, other: str) -> list[tuple[Moment, float]]:
         """Return the moments at which two balls may have touched, with the probability of that."""

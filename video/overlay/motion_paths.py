@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.number_format import format_probability
+from models.core.shot_explanation import SURE_PROBABILITY
 from models.core.typing import FloatArray
 from video.drawing.palette import FLASH
 from video.matting.ball_timeline import BallTimeline
@@ -31,9 +32,6 @@ CROWDED_S, MAX_CROWDED = 0.03, 4
 """s, and largest number of contacts within that time that are drawn."""
 OUTSIDE_RADII = 3.0
 """Ball radii outside the noses up to which a path is drawn: includes pockets, excludes diverging fits."""
-SURE_PROBABILITY = 0.9
-"""Probability from which an event is drawn in full; below, it is drawn faintly, with a question mark and its
-probability."""
 FAINT_OPACITY = 0.5
 """Opacity of an event that is drawn faintly."""
 EVENT_STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}

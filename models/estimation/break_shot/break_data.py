@@ -45,6 +45,8 @@ class BreakShot:
     diameter: float
     """Distance at which balls touch, over two radii, estimated from the clip."""
     table: Table
+    rack: tuple[int, ...] = ()
+    """Ball indices in the tracks of the resting balls that lie together."""
 
     @property
     def speed(self) -> float:

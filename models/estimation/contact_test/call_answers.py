@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.scene import CUSHIONS, POCKETS
-from models.core.shot_explanation import Doubt
+from models.core.shot_explanation import SURE_PROBABILITY, Doubt
 from models.estimation.contact_test.candidate_contacts import (
     REST_SPEED,
     CandidateContact,
@@ -27,8 +27,6 @@ from models.estimation.contact_test.unlisted_contacts import (
     probability_of_unlisted_event,
 )
 
-SURE_PROBABILITY = 0.9
-"""Probability from which an answer is a yes, and below 1 - it a no; between, it is inconclusive."""
 UNKNOWN = "unknown"
 """Name of an answer for a contact with an unknown body."""
 UNOBSERVED_PROBABILITY = 0.5

@@ -22,7 +22,7 @@ frames at 30 fps."""
 
 
 def list_unclear_times(record: ShotRecord, ball: int) -> list[float]:
-    """List when a ball moved for an unknown reason: its first detection if it moved then, and unexplained changes.
+    """List when a ball moved for an unknown reason: unexplained changes, breaks, and its first detection if it moved.
 
     Args:
         record: The shot.
@@ -39,6 +39,7 @@ def list_unclear_times(record: ShotRecord, ball: int) -> list[float]:
         for one in moment.hypotheses
         if one.cause == "unexplained" and one.probability >= UNCLEAR_PROBABILITY
     ]
+    times += [one.end for one in explanation.breaks if name in one.rack and one.end > one.t]
     own = record.t[record.ball == ball]
     return times + ([float(own[0])] if name in explanation.moving_at_start and len(own) else [])
 

@@ -47,7 +47,7 @@ _CLEAR_CONTACT_SPEED = 0.3
 """m/s: at this closing speed a ball that turns beside another one has met it."""
 _CONTACT_PLACE_SIGMA = 0.01
 """m: uncertainty of the place of such a contact."""
-_NUDGE_RADII = 0.5
+NUDGE_RADII = 0.5
 """Ball radii: a smaller motion of an object ball by itself is a measurement error."""
 _UNOBSERVED_TIME_SHARE = 0.02
 """Share of the time without samples around a strike: uncertainty of the strike time."""
@@ -59,11 +59,16 @@ def list_events(
     table: Table,
     pocketed: list[EventRow],
     break_contacts: list[EventRow],
+    hidden: set[int],
 ) -> list[EventRow]:
-    """List all events of a clip, including `break_contacts`; their probabilities are not known yet."""
+    """List all events of a clip, including `break_contacts`; their probabilities are not known yet.
+
+    The contacts `hidden` are no events: frames do not show what happened there.
+    """
     layout = layout_parameters(solution.graph)
     events = [*pocketed, *break_contacts]
-    for number, contact in enumerate(solution.graph.contacts):
+    for number in sorted({*range(len(solution.graph.contacts))} - hidden):
+        contact = solution.graph.contacts[number]
         events += _list_contact_events(solution, layout, number, contact, tracks, table)
     vanish = {event.a: event.t for event in pocketed}
     events += _find_rests(solution, layout, tracks, table.ball_radius)
@@ -133,7 +138,7 @@ def _list_contact_events(
         gap = float(times[row] - times[row - 1]) if len(times) > 1 else 0.0
         sigma = float(np.hypot(sigma, _UNOBSERVED_TIME_SHARE * gap))
         distance = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
-        if tracks.kinds[balls[0]] not in CUE_KINDS and distance < _NUDGE_RADII * table.ball_radius:
+        if tracks.kinds[balls[0]] not in CUE_KINDS and distance < NUDGE_RADII * table.ball_radius:
             return []
         category = "strike" if tracks.kinds[balls[0]] in CUE_KINDS else "object_strike"
         return [EventRow("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], category, number, speed=speed)]

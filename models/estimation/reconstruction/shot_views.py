@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import CAUSELESS_KINDS
 from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.naming import Naming
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, ShotExplanation
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
@@ -32,6 +33,7 @@ from models.estimation.joint_fit.trust_level import (
 from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.event_list import collect_events, list_events
 from models.estimation.reconstruction.pocket_events import find_pocketed_balls
+from models.estimation.reconstruction.rack_breaks import find_rack_breaks
 from models.estimation.reconstruction.trajectory_assembly import (
     TrajectoryPiece,
     build_measured_pieces,
@@ -99,8 +101,16 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     pocketed = find_pocketed_balls(solution, tracks, table)
-    rows = list_events(solution, tracks, table, pocketed, _list_break_contacts(shot.breaks, tracks.ids))
-    weighed, explanation = weigh_events(rows, solution, observations, tracks, table, chi2, shot.hypotheses)
+    breaks, first_contacts = find_rack_breaks(shot, solution)
+    hidden = {row.contact for row in first_contacts} | _find_hidden_contacts(solution, breaks, tracks.ids)
+    first_contacts += _list_break_contacts(shot.breaks, tracks.ids)
+    rows = [
+        row for row in list_events(solution, tracks, table, pocketed, first_contacts, hidden)
+        if row.kind != "rest" or not ShotExplanation(breaks=breaks).is_within_rack(row.t, row.a)
+    ]  # fmt: skip
+    weighed, explanation = weigh_events(
+        rows, solution, observations, tracks, table, chi2, shot.hypotheses, breaks, hidden
+    )
     weighed = [
         replace(row, gap=float(shot.gaps[row.contact, 0]), gap_sigma=float(shot.gaps[row.contact, 1]))
         if row.category == "ball" and np.isfinite(shot.gaps[row.contact, 0]) else row
@@ -143,6 +153,17 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
         explanation,
         shot.outcomes,
     )
+
+
+def _find_hidden_contacts(solution: JointSolution, breaks: tuple[RackBreak, ...], ids: tuple[str, ...]) -> set[int]:
+    """Find the contacts of balls of a rack while it bursts, and the velocity changes that the break causes."""
+    graph, explanation = solution.graph, ShotExplanation(breaks=breaks)
+    balls = [tuple(ids[ball] for ball in graph.balls_at(contact)) for contact in graph.contacts]
+    return {
+        number for number, contact in enumerate(graph.contacts)
+        if (contact.kind == "ball" and explanation.is_within_rack(contact.t, *balls[number]))
+        or (contact.kind in CAUSELESS_KINDS and explanation.is_due_to_break(contact.t, balls[number][0]))
+    }  # fmt: skip
 
 
 def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock) -> Fit:
@@ -278,7 +299,13 @@ def _convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExp
         replace(moment, t=float(shown[k]), t_sigma=float(moment.t_sigma * rate[k]))
         for k, moment in enumerate(explanation.moments)
     )
-    return replace(explanation, moments=moments)
+    breaks = tuple(
+        RackBreak(
+            *clock.presentation_time_at(np.array([one.rest, one.start, one.t, one.end])).tolist(), one.ball, one.rack
+        )
+        for one in explanation.breaks
+    )
+    return replace(explanation, moments=moments, breaks=breaks)
 
 
 def _add_close_passes(
@@ -287,6 +314,8 @@ def _add_close_passes(
     """Add possible contacts of close passes to the moments, and to the events if they are probable enough."""
     moments, rows = list(explanation.moments), []
     for one, two, result in ((each.one, each.other, each.result) for each in passes):
+        if explanation.is_within_rack(result.t, tracks.ids[one], tracks.ids[two]):
+            continue
         hypotheses, p = weigh_close_pass(tracks.ids[two], result)
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))

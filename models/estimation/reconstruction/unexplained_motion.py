@@ -50,6 +50,7 @@ def mark_unexplained_motion(explanation: ShotExplanation, trajectory: Trajectory
             middle = t[rows] + reach * step / 2
             if len(causes):
                 middle = middle[np.abs(middle[:, None] - causes).min(axis=1) > SPAN_FRAMES * frame]
+            middle = middle[[not explanation.is_due_to_break(float(one), ball) for one in middle]]
             if len(middle):
                 at = float(np.median(middle))
                 xy = np.array([np.interp(at, t, state.xy[:, k, axis]) for axis in (0, 1)])

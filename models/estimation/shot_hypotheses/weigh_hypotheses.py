@@ -11,7 +11,15 @@ from models.core.joint_solution import JointSolution, Observations, layout_param
 from models.core.options import REQUIRED_GAIN
 from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
+from models.core.shot_explanation import (
+    MIN_LISTED_PROBABILITY,
+    Cause,
+    CauseHypothesis,
+    Doubt,
+    Moment,
+    RackBreak,
+    ShotExplanation,
+)
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
@@ -63,6 +71,8 @@ def weigh_events(
     table: Table,
     chi2: FloatArray,
     hypotheses: tuple[ContactRivals, ...],
+    breaks: tuple[RackBreak, ...],
+    hidden: set[int],
 ) -> tuple[list[EventRow], ShotExplanation]:
     """Weigh all events, their rivals, and velocity changes without a cause.
 
@@ -74,6 +84,8 @@ def weigh_events(
         table: The table.
         chi2: (S,) chi2 per degree of freedom of each segment.
         hypotheses: (C,) what may have happened instead of each contact.
+        breaks: The breaks.
+        hidden: Contacts in the breaks that no frame shows.
 
     Returns:
         The events that are probable enough to be listed, with their probabilities, and all hypotheses.
@@ -83,7 +95,7 @@ def weigh_events(
     shot = _Shot(solution, hypotheses, tracks, table, chi2, count, observations.frame_interval)
     likely: list[EventRow] = []
     moments: list[Moment] = []
-    explained: set[int] = set()
+    explained = set(hidden)
     for row in rows:
         rivals = _find_rivals(shot, row)
         evidence = _collect_evidence(shot, row, rivals)
@@ -105,7 +117,7 @@ def weigh_events(
             likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
             moments.append(_make_moment(shot, [(replace(change, probability=0.0), evidence), *weighed], evidence))
     moments.sort(key=lambda one: one.t)
-    return likely, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids))
+    return likely, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids), breaks)
 
 
 def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tuple[str, ...]:
@@ -117,7 +129,7 @@ def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tupl
 
 def _find_rivals(shot: _Shot, row: EventRow) -> tuple[RivalContact, ...]:
     """Find the rivals of an event that belongs to a fitted contact."""
-    if row.contact < 0 or row.kind in ("rest", "pocket") or row.category == "passing":
+    if row.contact < 0 or row.kind in ("rest", "pocket") or row.category in ("", "passing"):
         return ()
     return shot.hypotheses[row.contact].rivals
 

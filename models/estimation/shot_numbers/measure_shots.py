@@ -66,10 +66,21 @@ def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Tabl
     view = PosteriorView(solution, inflate_covariance(solution, factor), radius)
     cue = tracks.kinds.index("cue") if "cue" in tracks.kinds else None
     shots = []
-    for course in list_shot_courses(solution.graph, cue):
+    for course in list_shot_courses(solution.graph, cue, partial(_is_stroke, fit, tracks.ids)):
         shot = _measure_shot(course, view, fit, tracks, table)
         shots.append(_refine_strike(shot, course, view, observations, factor, fit))
     return tuple(shots)
+
+
+def _is_stroke(fit: Fit, ids: tuple[str, ...], ball: int, t: float) -> bool:
+    """Return whether a ball was struck at a capture time t, s, by the events."""
+    events, shown = fit.events, present_time(t, fit.trajectory.clock)
+    return any(
+        (events.kind[k], events.a[k]) == ("strike", ids[ball])
+        and events.probability[k] >= MIN_PROBABILITY
+        and abs(events.t[k] - shown) < SAME_STRIKE
+        for k in range(len(events))
+    )
 
 
 def _refine_strike(
@@ -87,9 +98,13 @@ def _refine_strike(
 
 
 def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tracks, table: Table) -> ShotNumbers:
-    clock, ids, meeting = fit.trajectory.clock, tracks.ids, course.meeting
+    clock, ids = fit.trajectory.clock, tracks.ids
     begin, end = present_time(course.begin, clock), present_time(course.end, clock)
     cue, first = ids[course.cue], ""
+    for one in fit.explanation.breaks:
+        if one.ball == cue and begin <= one.t < end:  # the laws of a contact of two balls do not hold in a rack
+            course, first = replace(course, meeting=None), _find_first_ball(fit.events, cue, begin)
+    meeting = course.meeting
     chances: tuple[float, ...] = ()
     spin: SpinState = "unknown"
     whole = select_whole_shot(fit.whole_shot, cue, begin) if course.is_struck else None
@@ -171,6 +186,17 @@ def _require_explained(
         if fit.trajectory.at(middle).measured[graph.segments[k].ball]:
             return [replace(one, observable=False) for one in numbers]
     return numbers
+
+
+def _find_first_ball(events: Events, cue: str, begin: float) -> str:
+    """Find the first ball that the cue ball touches from `begin`, s, on; empty if it touches none."""
+    contacts = (
+        {events.a[k], events.b[k]} - {cue}
+        for k in range(len(events))
+        if events.kind[k] == "ball" and events.t[k] >= begin and events.probability[k] >= MIN_PROBABILITY
+        and cue in (events.a[k], events.b[k])
+    )  # fmt: skip
+    return next(contacts, {""}).pop()
 
 
 def _list_potted(events: Events, begin: float, end: float) -> dict[str, str]:

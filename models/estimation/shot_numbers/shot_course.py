@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from models.core.contact_graph import ContactGraph
@@ -38,16 +39,18 @@ class ShotCourse:
     """None if the struck ball meets no other, or a rack."""
 
 
-def list_shot_courses(graph: ContactGraph, cue: int | None) -> tuple[ShotCourse, ...]:
+def list_shot_courses(
+    graph: ContactGraph, cue: int | None, is_stroke: Callable[[int, float], bool]
+) -> tuple[ShotCourse, ...]:
     """List the shots of a clip.
 
     Args:
         graph: Contact graph of the clip.
         cue: Index of the cue ball, which was struck before the clip where it moves from the start; None if unknown.
+        is_stroke: Whether a ball was struck at a time, s, by the events: a start may be that of a rack that bursts.
 
     Returns:
-        Shots by time. A strike while balls move is no new shot. Where the clip begins in motion, the first shot has no
-        strike. None where nothing moves.
+        Shots by time. Where the clip begins in motion, the first shot has no strike. None where nothing moves.
     """
     moving = [k for k, one in enumerate(graph.segments) if not one.static]
     struck = [
@@ -55,7 +58,7 @@ def list_shot_courses(graph: ContactGraph, cue: int | None) -> tuple[ShotCourse,
         for k in moving
         if (start := graph.segments[k].start) is not None
         and graph.contacts[start].kind == "strike"
-        and not graph.contacts[start].pushed
+        and is_stroke(graph.segments[k].ball, graph.contacts[start].t)
     ]
     first_motion = min((graph.start_time(k) for k in moving), default=0.0)
     begun = [k for k in moving if graph.segments[k].start is None]

@@ -87,7 +87,7 @@ def find_break_shots(solution: JointSolution, observations: Observations, table:
             _collect_break_shot(solution, observations, table, *incoming, resting, interval) if incoming else None
         )
         if break_shot is not None:
-            break_shots.append(break_shot)
+            break_shots.append(replace(break_shot, rack=tuple(one.ball for one in rack)))
             end = break_shot.end
     return break_shots
 

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.scene import Table
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Moment
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from pipeline.reporting.text.text_formatting import SURE_PROBABILITY
 
 CheckCode = Literal[
     "undecided", "unexplained", "moving_at_start", "gap", "lost", "unfitted", "outlier", "identity"

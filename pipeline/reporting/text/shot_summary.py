@@ -11,6 +11,7 @@ from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability
+from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -29,6 +30,8 @@ MAX_STRAIGHT_ANGLE, MIN_RETURN_ANGLE = 25.0, 140.0
 """Degrees: a ball that turns by less continues in its direction, one that turns by more comes back."""
 MIN_PROBABILITY = 0.5
 """Probability from which an event is mentioned."""
+LOST_FRAMES = 2.0
+"""Frames without a detection after which a ball is lost."""
 CUE_KINDS = ("cue", "white", "yellow")
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
 MAX_LATER_CONTACTS = 6
@@ -50,6 +53,8 @@ class ShotSummary:
     confidence: str
     potted: str = ""
     """Potted balls and their pockets; empty if there are none."""
+    spread: str = ""
+    """How a rack burst; empty if none did."""
 
 
 def summarize_shots(
@@ -88,6 +93,11 @@ def summarize_shots(
         replace(
             summary,
             potted=_format_potted(fit, likely, summary.start, end),
+            spread=" ".join(
+                _format_break(one, tracks, fit, likely)
+                for one in fit.explanation.breaks
+                if summary.start <= one.t < end
+            ),
             speed=" ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())]),
         )
         for summary, end in summaries
@@ -113,6 +123,23 @@ def _format_potted(fit: Fit, likely: list[int], start: float, end: float) -> str
         for k in potted
     )
     return start_sentence(f"{text}.") if text else ""
+
+
+def _format_break(rack: RackBreak, tracks: Tracks, fit: Fit, likely: list[int]) -> str:
+    """Format how a rack burst: balls that left it, reached a cushion or were potted, and what frames do not show."""
+    events, naming = fit.events, fit.naming
+    later = [k for k in likely if events.t[k] >= rack.t]
+    left = fit.moving[tracks.t > rack.t].any(axis=0)
+    count = len(rack.rack)
+    moved = sum(bool(left[tracks.ids.index(ball)]) for ball in rack.rack)
+    to_rail = {events.a[k] for k in later if events.kind[k] == "cushion"} & {*rack.rack}
+    potted = {events.a[k] for k in later if events.kind[k] == "pocket"} & {*rack.rack}
+    text = f"{naming.say(rack.ball)} broke a cluster of {count} balls: {moved} of them moved, "
+    text += f"{len(to_rail)} reached a {naming.rail_word}"
+    text += f" and {len(potted) or 'none'} {'was' if len(potted) < 2 else 'were'} potted."
+    if rack.end > rack.t:
+        text += f" Which of them touched each other until {rack.end:.2f} s is beyond what the film can show."
+    return start_sentence(text)
 
 
 def _find_first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
@@ -206,7 +233,8 @@ def _format_speeds(fit: Fit, ball: str, other: str, touch: int, numbers: ShotNum
     """Format the closing speed of a contact, the speed of the ball before it and of the other ball after it."""
     events, ids = fit.events, fit.trajectory.ids
     before, after = (fit.trajectory.at(float(t)) for t in events.t[touch] + _contact_margins(events, touch))
-    speed_before = float(np.linalg.norm(before.v[ids.index(ball)]))
+    is_explained = not before.measured[ids.index(ball)]
+    speed_before = float(np.linalg.norm(before.v[ids.index(ball)])) if is_explained else float("nan")
     sigma = float(before.sigma_v[ids.index(ball)])
     speed_after = float(np.linalg.norm(after.v[ids.index(other)])) if other in ids else float("nan")
     parts, (came, went) = list[str](), map(fit.naming.say, (ball, other))
@@ -293,8 +321,11 @@ def _select_later_contacts(events: Events, contacts: list[int]) -> list[int]:
 def _format_final_state(fit: Fit, tracks: Tracks, ball: str, t: float, later: list[int]) -> str:
     """Format the state of the ball at t (s), or its rest before it."""
     events = fit.events
-    state = fit.trajectory.at(t - CONTACT_MARGIN)
     k = fit.trajectory.ids.index(ball)
+    last = float(tracks.t[tracks.is_observed[:, tracks.ids.index(ball)]].max(initial=-np.inf))
+    is_seen = t - last < LOST_FRAMES * float(np.median(np.diff(tracks.t)))
+    t = t if is_seen else last
+    state = fit.trajectory.at(t - CONTACT_MARGIN)
     if not np.isfinite(state.xy[k]).all():
         return "Its final state is unknown."
     place = f"({state.xy[k, 0]:.3f}, {state.xy[k, 1]:.3f}) m"
@@ -304,7 +335,11 @@ def _format_final_state(fit: Fit, tracks: Tracks, ball: str, t: float, later: li
         return f"It came to rest at {events.t[rests[-1]]:.2f} s at {place}."
     if speed < REST_SPEED:
         return f"At {t:.2f} s it was at rest at {place}."
-    return f"When the clip ends, at {t:.2f} s, it still moves at {speed:.2f} m/s at {place}."
+    when = f"It was last seen at {t:.2f} s, when it moved"
+    if is_seen:
+        event = "the next stroke follows" if t < tracks.t[-1] else "the clip ends"
+        when = f"When {event}, at {t:.2f} s, it still moves"
+    return f"{when} at {speed:.2f} m/s at {place}."
 
 
 def _contact_partner(fit: Fit, k: int, ball: str) -> str:

@@ -12,7 +12,7 @@ from models.core.errors import TruerollError
 from models.core.events import Events
 from models.core.fit_result import Trust
 from models.core.naming import Naming
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY
 
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
@@ -24,8 +24,6 @@ TEXTBOOK_RANGES = {
 """Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
 Billiards, 1995."""
 
-SURE_PROBABILITY = 0.9
-"""Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
 MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 

@@ -10,6 +10,7 @@ from support import synthetic_run as shot
 
 from models.core.events import Events
 from models.core.fit_result import Fit
+from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
@@ -65,6 +66,17 @@ def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
     assert summary.confidence.startswith("The first contact has a probability of 97 %")
     assert "trust level of the clip is green" in summary.confidence
+
+
+def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_last_seen() -> None:
+    tracks, fit = make_shot((0.4, 0.5))
+    rack = RackBreak(0.0, 0.2, TOUCH, TOUCH + 0.1, "white", ("red",))
+    hidden = np.where((T > 1.5)[:, None, None], np.nan, tracks.xy)
+    fit = replace(fit, explanation=replace(fit.explanation, breaks=(rack,)), moving=np.ones((len(T), 2), bool))
+    (summary,) = summarize_shots(replace(tracks, xy=hidden), fit)
+    assert summary.spread.startswith("white broke a cluster of 1 balls: 1 of them moved, 0 reached a cushion and none")
+    assert summary.spread.endswith("until 0.90 s is beyond what the film can show.")
+    assert "It was last seen at 1.50 s, when it moved at 0.64 m/s" in summary.after
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ def profile_of(seed: int) -> SlipProfile:
     explained = explain(tracks, SCENE)
     fit, solution = view_shot(explained), explained.solution
     assert solution is not None
-    (course,) = list_shot_courses(solution.graph, 0)
+    (course,) = list_shot_courses(solution.graph, 0, lambda _ball, _t: True)
     view = PosteriorView(solution, inflate_covariance(solution, 1.0), SCENE.table.ball_radius)
     observations = collect_captured_observations(tracks, fit.trajectory.clock, SCENE.table)
     profile = profile_slip(view, observations, course.segments[0][0], 1.0, (0.2, 0.1))
