@@ -8,12 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from skimage.color import rgb2lab
 
-from detectors.measurement.ball_colour import HIGHLIGHT_SHARE, measure_ball_colours, sample_discs
+from detectors.measurement.ball_colour import (
+    DISC_SAMPLES,
+    HIGHLIGHT_SHARE,
+    SAMPLED_RADII,
+    measure_ball_colours,
+    sample_discs,
+)  # fmt: skip
 from models.core.ball_look import BallLook, Colour
 from models.core.scene import Game, Scene
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
-from models.tracking.ball_names import LIGHTNESS_WEIGHT, name_balls
+from models.tracking.ball_names import FIRST_NUMBERS, LIGHTNESS_WEIGHT, name_balls
 from video.io.clip import Clip, read_frames
 
 FRAMES_PER_BALL = 12
@@ -29,15 +35,19 @@ PAPER_WHITE = 0.95
 """Reflectance of a white ball."""
 MIN_WHITE_LIGHTNESS, MAX_WHITE_TINT = 50.0, 18.0
 """L* from which, and distance in a* and b* from a white ball below which, a pixel is white, as number spots are."""
-MIN_PAINTED_SHARE = 0.03
-"""Share of painted pixels below which a ball is white throughout."""
+MIN_PAINTED_SHARE = 0.1
+"""Share of the lit pixels that must be painted for a colour to be seen: in some clips a stripe shows its white side."""
 SHADE_QUANTILE, DULL_QUANTILE = 0.35, 0.75
 """Share of the painted pixels that is in shade, by lightness; and of a stripe, that is mixed with white."""
 CLOTH_HUE, MIN_CLOTH_CHROMA = np.radians(25.0), 10.0
 """Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue."""
-MIN_STRIPE_WHITE = 0.45
-"""White share of the rim and half of that of the disc (as in `ball_classes`) from which a ball is surely striped: the
-number spot of a solid reaches 0.40."""
+MIN_OWN_SHARE = 0.25
+"""Share of the painted pixels that do not have the hue of the cloth, from which these alone are the paint."""
+MAX_SOLID_WHITE, MIN_STRIPE_WHITE = 0.24, 0.4
+"""White share of the rim and half of that of the disc (as in `ball_classes`) up to which a ball is surely a solid, and
+from which it is surely a stripe; medians over frames."""
+MAX_SPREAD = 8.0
+"""Median distance in a* and b* from the paint up to which its pixels are of one paint."""
 MAX_AMBIGUITY = 12.0
 """CIE L*a*b* distance between the paint with and without pixels of the cloth's hue up to which it is certain: that of
 neighbouring colours of a set."""
@@ -52,7 +62,9 @@ class BallPaint:
     corrected: FloatArray
     """(N, 3) CIE L*a*b* in neutral light."""
     is_certain: BoolArray
-    """(N,) whether neither reflected cloth can be mistaken for paint, nor the number spot of a solid for a stripe."""
+    """(N,) whether the pixels are of one paint, and none that the cloth reflects can be mistaken for it."""
+    shows_class: BoolArray
+    """(N,) whether the white of a solid or stripe leaves no doubt that it is one."""
 
 
 def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks) -> tuple[BallLook, ...]:
@@ -68,7 +80,7 @@ def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks) -> tuple[BallLook, .
     """
     rows = select_clear_frames(tracks, scene.table.ball_radius)
     wanted = np.unique(tracks.frame[np.concatenate([*rows, np.empty(0, np.int64)]).astype(np.int64)])
-    paint = measure_paint(read_frames(clip, indices=wanted), tracks, rows, scene.cloth_lab)
+    paint = measure_paint(read_frames(clip, indices=wanted), tracks, rows, scene)
     return describe_balls(paint, tracks, scene.table.game)
 
 
@@ -83,7 +95,7 @@ def describe_balls(paint: BallPaint, tracks: Tracks, game: Game) -> tuple[BallLo
     Returns:
         N looks; a ball without a measured colour keeps the one of its class.
     """
-    named = name_balls(tracks.ids, tracks.kinds, paint.corrected, paint.is_certain, game)
+    named = name_balls(tracks.ids, tracks.kinds, paint.corrected, paint.is_certain, paint.shows_class, game)
     return tuple(
         BallLook(name, _round_colour(rgb) if np.isfinite(rgb).all() else plain.colour, number, kind == "stripe")
         for (name, number), kind, rgb, plain in zip(named, tracks.kinds, paint.colour, tracks.looks, strict=True)
@@ -120,7 +132,7 @@ def select_clear_frames(tracks: Tracks, radius: float) -> list[IntArray]:
 
 
 def measure_paint(
-    frames: Iterable[tuple[int, ByteArray]], tracks: Tracks, rows: list[IntArray], cloth_lab: FloatArray
+    frames: Iterable[tuple[int, ByteArray]], tracks: Tracks, rows: list[IntArray], scene: Scene
 ) -> BallPaint:
     """Measure the paint of balls.
 
@@ -128,12 +140,13 @@ def measure_paint(
         frames: Numbers and images (H, W, 3) of the frames of `rows`.
         tracks: Tracks of N balls.
         rows: N arrays of rows of the tracks, as `select_clear_frames` returns them.
-        cloth_lab: (3,) CIE L*a*b* of the cloth.
+        scene: Table and camera.
 
     Returns:
         The paint.
     """
     samples: list[list[FloatArray]] = [[] for _ in tracks.ids]
+    lit: list[list[BoolArray]] = [[] for _ in tracks.ids]
     stripe_white: list[list[float]] = [[] for _ in tracks.ids]
     row_of_frame = {int(frame): row for row, frame in enumerate(tracks.frame)}
     for frame, image in frames:
@@ -142,23 +155,39 @@ def measure_paint(
         shown = np.flatnonzero(tracks.is_observed[row])
         colours = measure_ball_colours(image, tracks.px[row, shown], tracks.radius_px[row, shown])
         discs = sample_discs(image, tracks.px[row, balls], tracks.radius_px[row, balls])
-        for ball, disc, k in zip(balls, discs, np.searchsorted(shown, balls), strict=True):
+        lit_discs = _find_lit_samples(scene, tracks, row, balls)
+        for ball, disc, lit_disc, k in zip(balls, discs, lit_discs, np.searchsorted(shown, balls), strict=True):
             samples[ball].append(np.asarray(disc, np.float64))
+            lit[ball].append(lit_disc)
             stripe_white[ball].append(float(colours.white_rim[k] + colours.white[k] / 2))
     white = _find_white(tracks, samples)
     light = np.maximum(white, 0.05) ** LIGHT_SHARE / PAPER_WHITE
     white_lab = _to_lab(white / light)
-    unknown = (np.full(3, np.nan), np.full(3, np.nan), False)
     paint = [
-        _measure_ball(np.array(discs), light, white_lab, kind, cloth_lab) if discs else unknown
-        for discs, kind in zip(samples, tracks.kinds, strict=True)
+        _measure_ball(np.array(discs), np.array(shown), light, white_lab, kind, scene.cloth_lab) if discs else _UNKNOWN
+        for discs, shown, kind in zip(samples, lit, tracks.kinds, strict=True)
     ]
     colour, corrected = (np.array([one[column] for one in paint]).reshape(-1, 3) for column in (0, 1))
-    is_certain = [
-        one[2] and (kind != "stripe" or np.median(white) > MIN_STRIPE_WHITE)
-        for one, kind, white in zip(paint, tracks.kinds, stripe_white, strict=True)
-    ]
-    return BallPaint(colour, corrected, np.array(is_certain, np.bool_))
+    whiteness = np.array([np.median(shares) if shares else np.nan for shares in stripe_white])
+    is_stripe = np.array(tracks.kinds) == "stripe"
+    shows_class = np.where(is_stripe, whiteness >= MIN_STRIPE_WHITE, whiteness <= MAX_SOLID_WHITE)
+    return BallPaint(colour, corrected, np.array([one[2] for one in paint], np.bool_), shows_class)
+
+
+def _find_lit_samples(scene: Scene, tracks: Tracks, row: int, balls: IntArray) -> BoolArray:
+    """Find which samples (K, n) of balls in a frame mirror what is above the horizon: lamps light them, the cloth not.
+
+    A sample mirrors the direction r = 2 (n c) n - c for the normal n of the ball and the direction c to the camera.
+    """
+    xy, radius = tracks.xy[row, balls], scene.table.ball_radius
+    low, high = (scene.camera.to_pixels(xy, z, tracks.frame[row]) for z in (radius, 2 * radius))
+    to_camera = scene.camera.position - np.column_stack([xy, np.full(len(balls), radius)])
+    camera_height = to_camera[:, 2:] / np.linalg.norm(to_camera, axis=1, keepdims=True)
+    up = (high - low) / np.maximum(np.linalg.norm(high - low, axis=1, keepdims=True), 1e-9)
+    disc = SAMPLED_RADII * DISC_SAMPLES
+    facing = np.sqrt(1 - np.sum(disc**2, axis=1))
+    normal_height = np.sqrt(1 - camera_height**2) * (up @ disc.T) + camera_height * facing
+    return np.asarray(2 * facing * normal_height > camera_height)
 
 
 def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
@@ -172,24 +201,30 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
     return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
 
 
+_UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
+"""Paint of a ball that no frame shows."""
+
+
 def _measure_ball(
-    discs: FloatArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
+    discs: FloatArray, lit: BoolArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from discs (F, n, 3) of sRGB; and if it is certain."""
     corrected = _to_lab(_to_linear(discs) / light)
     lightness, tint = corrected[..., 0], np.linalg.norm(corrected[..., 1:] - white[1:], axis=-1)
-    painted = lightness <= np.quantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
-    if kind not in ("cue", "white"):
-        coloured = painted & ((tint > MAX_WHITE_TINT) | (lightness < MIN_WHITE_LIGHTNESS))
-        painted = coloured if coloured.mean() > MIN_PAINTED_SHARE else painted
+    painted = lit & (lightness <= np.quantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True))
+    coloured = painted & ((tint > MAX_WHITE_TINT) | (lightness < MIN_WHITE_LIGHTNESS))
+    if kind in FIRST_NUMBERS and coloured.sum() < MIN_PAINTED_SHARE * painted.sum():
+        return _UNKNOWN
+    painted = painted if kind in ("cue", "white") or not coloured.any() else coloured
     purity = np.hypot(LIGHTNESS_WEIGHT * (white[0] - lightness), tint)  # a band is seen mixed with white at its edges
     rank, quantile = (purity, DULL_QUANTILE) if kind == "stripe" else (lightness, SHADE_QUANTILE)
     own = painted & ~_is_cloth(_to_lab(_to_linear(discs)), cloth_lab)
-    choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in (painted, own) if one.any()]
+    sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)
+    choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in sets]
     first, last = (np.median(corrected[one], axis=0) for one in (choices[0], choices[-1]))
-    is_certain = own.mean() <= MIN_PAINTED_SHARE or bool(np.linalg.norm(first - last) < MAX_AMBIGUITY)
-    chosen = choices[-1] if is_certain and own.mean() > MIN_PAINTED_SHARE else choices[0]
-    return np.median(discs[chosen], axis=0), np.median(corrected[chosen], axis=0), is_certain
+    spread = np.median(np.linalg.norm(corrected[choices[-1]][:, 1:] - last[1:], axis=1))
+    is_certain = np.linalg.norm(first - last) < MAX_AMBIGUITY and spread < MAX_SPREAD
+    return np.median(discs[choices[-1]], axis=0), last, bool(is_certain)
 
 
 def _is_cloth(lab: FloatArray, cloth_lab: FloatArray) -> BoolArray:
