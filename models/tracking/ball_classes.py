@@ -79,6 +79,25 @@ def assign_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
     return tuple(ids)
 
 
+def find_missing_colours(kinds: Sequence[str]) -> tuple[str, ...]:
+    """Find the snooker colours that lie on the table by the rules, but that no ball has.
+
+    All six do while a red is left; after the last red, they are potted in the order of their values. A table with half
+    of them or fewer shows no frame but an exercise, of which nothing is known.
+
+    Args:
+        kinds: Classes of all balls.
+
+    Returns:
+        Classes of the missing balls, in the order of their values.
+    """
+    colours = [name for name in SNOOKER_COLOURS if name not in ("cue", "red")]
+    seen = [name for name in colours if name in kinds]
+    due = colours if "red" in kinds or not seen else colours[colours.index(seen[0]) :]
+    missing = tuple(name for name in due if name not in seen)
+    return missing if len(missing) < len(seen) else ()
+
+
 def _classify_snooker(appearance: Appearance, struck_ball: int | None) -> tuple[str, ...]:
     """Classify by the cheapest assignment with one ball of each colour and any number of reds."""
     names = list(SNOOKER_COLOURS)

@@ -45,6 +45,7 @@ from models.estimation.reconstruction.unexplained_motion import mark_unexplained
 from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
 from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
+from models.tracking.ball_classes import find_missing_colours
 
 _MAX_LISTED = 3
 """Velocity changes that a warning lists."""
@@ -64,7 +65,8 @@ def view_shot(shot: Shot) -> Fit:
     """
     fit = _convert_to_presentation_time(view_captured(shot), shot.tracks, shot.clock)
     warnings = (
-        *_warn_of_unexplained_changes(fit.explanation, shot.naming), *shot.scene.warnings,
+        *_warn_of_unexplained_changes(fit.explanation, shot.naming), *_warn_of_missing_balls(shot),
+        *shot.scene.warnings,
         *warn_of_contact_ball_size(fit.parameters, shot.scene),
     )  # fmt: skip
     trust = add_warnings(fit.trust, warnings)
@@ -204,6 +206,14 @@ def _warn_of_unexplained_changes(explanation: ShotExplanation, naming: Naming) -
     places = ", ".join(f"{naming.say(ball)} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
     more = " ..." if len(unknown) > _MAX_LISTED else ""
     return (f"{len(unknown)} unexplained velocity change{'s' if len(unknown) > 1 else ''}: {places}{more}.",)
+
+
+def _warn_of_missing_balls(shot: Shot) -> tuple[str, ...]:
+    """Return a warning that names balls of the set that must be on the table and were not detected."""
+    missing = find_missing_colours(shot.tracks.kinds) if shot.scene.table.game == "snooker" else ()
+    if not missing:
+        return ()
+    return (f"No {' or '.join(missing)} ball was detected, although it belongs on the table.",)
 
 
 def _pixel_size(tracks: Tracks, radius: float) -> float:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from models.core.detections import Detections
 from models.tracking.appearance import Appearance, summarize_appearance
-from models.tracking.ball_classes import SNOOKER_COLOURS, assign_ids, classify_balls
+from models.tracking.ball_classes import SNOOKER_COLOURS, assign_ids, classify_balls, find_missing_colours
 
 
 def _uniform_appearance(colours: list[tuple[float, float, float]], white: list[float]) -> Appearance:
@@ -32,6 +33,20 @@ def test_brown_is_distinguished_from_reds_where_the_camera_makes_both_red() -> N
     assert classify_balls(appearance, "snooker") == ("cue", *["red"] * 8, "brown")
     alone = _uniform_appearance([(97, -1, 10), *map(tuple, reds)], [0.95] + [0.0] * 8)
     assert classify_balls(alone, "snooker") == ("cue", *["red"] * 8)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "missing"),
+    [
+        (("cue", "red", "red", "yellow", "brown", "blue", "pink", "black"), ("green",)),
+        (("cue", "red", "yellow", "green", "brown", "blue", "pink", "black"), ()),
+        (("cue", "blue", "pink", "black"), ()),  # the others were potted
+        (("cue", "brown", "pink", "black"), ("blue",)),
+        (("cue", "red", "pink"), ()),  # an exercise
+    ],
+)
+def test_a_colour_that_the_rules_leave_on_the_table_is_missed(kinds: tuple[str, ...], missing: tuple[str, ...]) -> None:
+    assert find_missing_colours(kinds) == missing
 
 
 def test_carom_balls_are_distinguished_from_each_other() -> None:

@@ -129,7 +129,7 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
         "White: what it met at 0.50 s is unsure: right short rail 61 %, unexplained 39 %; too few frames" in unsure_page
     )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
-    assert "Nothing is unsure" not in unsure_page
+    assert "No place stands out" not in unsure_page
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
@@ -138,7 +138,7 @@ def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> 
 
 
 def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
-    assert "Nothing is unsure" in page
+    assert "No place stands out" in page
     assert "data-check=" not in page
     assert "undecided" not in page
 

@@ -44,6 +44,19 @@ def test_contacts_of_random_shots_are_found_in_time(law: int, fps: int, noise_px
     assert np.median(rms) < 0.6 * noise_px
 
 
+def test_a_missed_colour_of_a_snooker_set_turns_the_trust_level_amber() -> None:
+    kinds = ("cue", "yellow", "brown", "blue", "pink", "black", "red")
+    places = np.column_stack([np.linspace(0.3, 2.1, 7), np.linspace(0.3, 0.9, 7)])
+    shot = film(places, np.zeros((7, 2)), np.zeros((7, 3)), np.random.default_rng(1), seconds=0.5)
+    table = replace(shot.scene.table, game="snooker")
+    for present, level in ((kinds, "amber"), (("cue", "yellow", "green", "brown", "blue", "pink", "black"), "green")):
+        tracks = replace(shot.tracks, kinds=present)
+        trust = view_shot(explain(tracks, replace(shot.scene, table=table))).trust
+        assert trust.level == level
+        is_named = "No green ball was detected, although it belongs on the table." in trust.reasons
+        assert is_named == (level == "amber")
+
+
 def test_a_collision_of_two_balls_is_timed_to_a_millisecond_and_errors_are_honest() -> None:
     z = []
     for seed in range(6):
