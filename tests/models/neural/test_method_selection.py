@@ -11,7 +11,7 @@ from models.core.typing import FloatArray
 from models.neural.common.method_interface import FittedMotion, MotionNotFoundError, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
 from models.neural.common.spline_methods import CUBIC, LINEAR
-from models.neural.method_selection import MethodSelection
+from models.neural.method_catalogue import MethodSelection
 from models.neural.networks.neural_runge_kutta import SMOOTH_NET
 
 TIMES = np.linspace(0, 1, 25)
