@@ -15,6 +15,8 @@ from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_
 from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
 from diagnosis.fitting.gap_closure import GapClosure, measure_closure
 from diagnosis.fitting.hypothesis_fits import (
+    COARSE_FIT,
+    FULL_FIT,
     DiagnosisProblem,
     EffectFit,
     LinearizedFit,
@@ -22,18 +24,13 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_effects,
     fit_start_states,
     linearize_fit,
+    refit_effects,
 )
 from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
 from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
 from diagnosis.fitting.window_continuation import find_unreachable_shots
-from diagnosis.selection.cross_shot_evidence import (
-    confirm_effects,
-    cross_shot_gain,
-    refit_on_shots,
-    select_shot_windows,
-)
-from diagnosis.selection.effect_selection import search_effects
+from diagnosis.selection.effect_selection import fit_without_effect, search_effects, select_hypothesis
 from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis, ProgressCallback
 from diagnosis.selection.hypothesis_trials import restart_disagreeing_shots
 from diagnosis.selection.unknown_effects import (
@@ -45,7 +42,9 @@ from diagnosis.selection.unknown_effects import (
     min_selection_gain,
 )
 from models.core.recording import Recording
+from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene
+from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.numerics.executor import SERIAL, Executor
 
 ENOUGH_SECONDS = 36.0
@@ -270,3 +269,79 @@ def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch
     if chosen is not best:
         body_fit = fit_body_strengths(problem, chosen.fitted)
     return BodyChoice(chosen, body_fit, refuted - chosen.names)
+
+
+def confirm_effects(
+    problem: DiagnosisProblem, search: EffectSearch, first: tuple[Recording, ...], second: tuple[Recording, ...]
+) -> Hypothesis:
+    """Drop effects that `second` shots do not confirm, with strengths from the `first` shots.
+
+    Args:
+        problem: Scene and priors.
+        search: The finished search.
+        first: Fitting shots.
+        second: Selection shots; if empty, each shot is tested with strengths from the others.
+
+    Returns:
+        The hypothesis of the effects that remain.
+    """
+    best, split = select_hypothesis(search), split_folds(first, second)
+    while split and best.size > 1:
+        gains = dict.fromkeys(sorted(best.names), 0.0)
+        # a fit without an effect converges slowly; a coarse fit favours no hypothesis, as it starts from all shots
+        without = {name: fit_without_effect(search, best, name) for name in gains}
+        for others, here in split:
+            whole = refit_on_shots(problem, others, best.fitted)
+            for name in gains:
+                gains[name] += cross_shot_gain(
+                    problem, best.fitted, here, refit_on_shots(problem, others, without[name], COARSE_FIT), whole
+                )
+        least = min(gains, key=lambda name: gains[name])
+        if gains[least] > 0:
+            break
+        best = search.hypotheses[best.names - {least}]
+    return best
+
+
+def split_folds(
+    first: tuple[Recording, ...], second: tuple[Recording, ...]
+) -> list[tuple[tuple[Recording, ...], tuple[Recording, ...]]]:
+    """Split shots into pairs of shots that estimate strengths and shots that test them."""
+    if second:
+        return [(first, second)]
+    numbers = sorted({one.shot for one in first})
+    split = (
+        (tuple(one for one in first if one.shot != n), tuple(one for one in first if one.shot == n)) for n in numbers
+    )
+    return [fold for fold in split if fold[0]]
+
+
+def cross_shot_gain(
+    problem: DiagnosisProblem, whole: EffectFit, recordings: tuple[Recording, ...], base: EffectFit, best: EffectFit
+) -> float:
+    """Return the chi2 that shots gain from effects whose parameters were fitted to other shots.
+
+    Windows and initial start states are those of the fit to the `whole`.
+    """
+    segments, starts = select_shot_windows(whole, recordings)
+    if not segments:
+        return 0.0
+    before, after = fit_start_states(problem, segments, base, starts), fit_start_states(problem, segments, best, starts)
+    return (before.cost - after.cost) / max(best.lack_of_fit, 1.0)
+
+
+def refit_on_shots(
+    problem: DiagnosisProblem, recordings: tuple[Recording, ...], like: EffectFit, options: ShootingOptions = FULL_FIT
+) -> EffectFit:
+    """Refit a hypothesis to some of its shots."""
+    segments, starts = select_shot_windows(like, recordings)
+    return refit_effects(problem, segments, like, starts, options=options)
+
+
+def select_shot_windows(
+    fitted: EffectFit, recordings: tuple[Recording, ...]
+) -> tuple[tuple[Recording, ...], tuple[FloatArray, ...]]:
+    """Select the windows of some shots of a fit, and their start states."""
+    shots = {one.shot for one in recordings}
+    here = [k for k, segment in enumerate(fitted.segments) if segment.shot in shots]
+    return tuple(fitted.segments[k] for k in here), tuple(fitted.starts[k] for k in here)

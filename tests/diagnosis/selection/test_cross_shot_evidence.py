@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from support.reference_frames import PLANE
 
-from diagnosis.selection.cross_shot_evidence import split_folds
+from diagnosis.selection.study import split_folds
 from models.core.recording import Recording
 
 ONE = Recording(0, np.arange(9), np.arange(9) / 60, ("a",), np.zeros((9, 1, 2)), np.full((9, 1), 1e-3), PLANE)
