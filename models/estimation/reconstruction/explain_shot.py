@@ -26,7 +26,7 @@ from models.estimation.hand_marks.graph_marks import (
     settle_marks,
 )
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
-from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations
+from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.joint_refinement import (
     add_covariance,
     condition_on_contact_times,
@@ -41,7 +41,6 @@ from models.estimation.reconstruction.break_refinement import (
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
-from models.estimation.reconstruction.noise_reestimation import reestimate_noise
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
@@ -127,7 +126,7 @@ def _explain_tracks(
     progress(0.6)
     solution = log("structure search", revise_graph(solution, observations, table, *prices))
     solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
-    reestimated = reestimate_noise(selected, tracks, noise, solution, observations)
+    reestimated = _reestimate_noise(selected, tracks, noise, solution, observations)
     if reestimated is not None:
         selected = reestimated
         observations = replace(observations, whiten=collect_observations(selected).whiten)
@@ -213,3 +212,49 @@ def _excess_chi2(solution: JointSolution, observations: Observations) -> FloatAr
     """
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[assign_observations(solution.graph, observations)]
+
+
+_NOISE_WINDOW_SAMPLES = 25
+"""Samples of a ball over which the residuals are averaged."""
+_NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal number."""
+_FITTED_SHARE = 0.85
+"""Residuals over errors where a segment of about fifteen samples is fitted with five parameters and its contacts."""
+_NOTABLE_SHRINKAGE = 0.8
+"""Errors that shrink by less than this factor are left unchanged."""
+
+
+def _reestimate_noise(
+    tracks: Tracks, original: Tracks, noise: TrackNoise, solution: JointSolution, observations: Observations
+) -> Tracks | None:
+    """Reduce the errors of `tracks` where the residuals are smaller; None if they hardly are.
+
+    No error becomes smaller than that of `original` times the usual noise of the clip. `observations` are the samples
+    of `tracks` in the order of `fit_solution.collect_observations`.
+    """
+    usual_scale = float(np.median(noise.scale))
+    residual = np.abs(
+        np.einsum("kij,kj->ki", observations.whiten, evaluate_residuals(solution, observations))
+    )  # along, across
+    sizes = np.stack([tracks.sigma_along, tracks.sigma], axis=-1)  # (T, N, 2)
+    stated = np.stack([original.sigma_along, original.sigma], axis=-1)
+    least = np.hypot(stated * usual_scale, noise.floor)
+    reduced = sizes.copy()
+    for ball in np.unique(observations.ball):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        ratio = _running_median(residual[observations.ball == ball]) / (_NORMAL_MEDIAN * _FITTED_SHARE)
+        reduced[rows, ball] = np.clip(
+            sizes[rows, ball] * ratio, np.minimum(least, sizes)[rows, ball], sizes[rows, ball]
+        )
+    shrunk = (reduced < _NOTABLE_SHRINKAGE * sizes)[tracks.is_observed]
+    if not shrunk.any():
+        return None
+    return replace(tracks, sigma_along=reduced[..., 0], sigma=reduced[..., 1])
+
+
+def _running_median(values: FloatArray) -> FloatArray:
+    """Return the median (n, 2) of the values (n, 2) around each."""
+    half = min(_NOISE_WINDOW_SAMPLES, len(values)) // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="reflect" if half < len(values) else "edge")
+    medians: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
+    return medians
