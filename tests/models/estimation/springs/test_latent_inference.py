@@ -12,8 +12,12 @@ from scipy.interpolate import CubicSpline
 from models.core.recording import record_points
 from models.core.typing import FloatArray
 from models.estimation.springs.colliding_particles import find_nearest_jolt
-from models.estimation.springs.latent_inference import LatentSprings, format_not_identifiable, infer_springs
-from models.estimation.springs.model_reduction import REST_AT_START
+from models.estimation.springs.latent_inference import (
+    REST_AT_START,
+    LatentSprings,
+    format_not_identifiable,
+    infer_springs,
+)
 from models.physics.springs.spring_system import SpringSystem, build_springs, evaluate_spring_rate, simulate_springs
 
 NOISE = 0.1
