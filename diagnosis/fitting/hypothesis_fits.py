@@ -306,7 +306,6 @@ class ShotInformation:
 class LinearizedFit:
     """A fit linearised by the start states and by every parameter of the catalogue."""
 
-    shooting_problem: ShootingProblem
     point: Iterate
     shot_information: ShotInformation
 
@@ -338,7 +337,7 @@ def linearize_fit(problem: DiagnosisProblem, fitted: EffectFit) -> LinearizedFit
         information[k] += block.schur_complement()
         score[k] -= block.shared_gradient - block.coupling.T @ solve_damped(block.states, block.gradient, 0.0)
     responses = _compute_start_responses(shooting_problem, point, blocks)
-    return LinearizedFit(shooting_problem, point, ShotInformation(shots, information, score, responses))
+    return LinearizedFit(point, ShotInformation(shots, information, score, responses))
 
 
 def _compute_start_responses(

@@ -47,12 +47,10 @@ class Registration:
 
     homography: FloatArray
     """(3, 3) reference pixels to pixels of the image"""
-    inliers: int
-    """Number of features that agree on it"""
     share: float
-    """Their share of the tracked features"""
+    """Share of the tracked features that agree on it"""
     residual: float
-    """px of the original image, median error of the inliers"""
+    """px of the original image, median error of these features"""
     shift: float
     """px of the original image, median motion of the features"""
 
@@ -105,9 +103,7 @@ def register_image(
     residual = float(np.median(np.linalg.norm(error, axis=1))) / reference.scale
     shift = float(np.median(np.linalg.norm(target - source, axis=1))) / reference.scale
     share = float(is_inlier.sum() / is_tracked.sum())
-    return Registration(
-        _rescale_homography(homography, 1 / reference.scale), int(is_inlier.sum()), share, residual, shift
-    )
+    return Registration(_rescale_homography(homography, 1 / reference.scale), share, residual, shift)
 
 
 def warp_camera(camera: Camera, homography: FloatArray) -> Camera:

@@ -79,8 +79,6 @@ class PendulumFit:
     """(10,) as in `models.physics.pendulum.double_pendulum`."""
     sigma: FloatArray
     """(10,) standard deviations of the parameters."""
-    link_residual: FloatArray
-    """(4,) RMS difference between the motion from a sample and the next sample: rad, rad/s."""
 
     def states_at(self, t: FloatArray) -> FloatArray:
         """Compute the states (M, 4) at times between the first and the last sample, or after it."""
@@ -141,5 +139,4 @@ def _summarize_fit(
     numbers = model.physical_parameters(chain.shared)
     sigma = np.sqrt(np.diag(invert_semidefinite(information_of_shared(build_normal_equations(observed, chain)))))
     sigma[LOGARITHMIC] *= numbers[LOGARITHMIC]
-    link_residual = np.sqrt(np.mean((chain.states[1:] - chain.prediction.ends) ** 2, axis=0))
-    return PendulumFit(t, chain.states, numbers, sigma, link_residual)
+    return PendulumFit(t, chain.states, numbers, sigma)

@@ -18,7 +18,7 @@ def smoothed_shift(shift: FloatArray, monkeypatch: pytest.MonkeyPatch) -> FloatA
     def register(reference: ReferenceFeatures, grey: np.ndarray, guess: FloatArray | None) -> Registration:
         homography = np.eye(3)
         homography[0, 2] = shift[int(grey[0, 0])]
-        return Registration(homography, 100, 1.0, 0.1, 0.0)
+        return Registration(homography, 1.0, 0.1, 0.0)
 
     monkeypatch.setattr(camera_motion, "register_image", register)
     reference = ReferenceFeatures(np.zeros((4, 4), np.uint8), np.empty((0, 1, 2), np.float32), CORNERS, 1.0)
