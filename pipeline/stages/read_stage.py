@@ -12,7 +12,7 @@ from models.core.progress import Progress
 from pipeline.engine.process_setup import available_cores, available_memory
 from pipeline.engine.stage import Inputs, Stage
 from video.io.clip import FPS_RANGE, Clip, open_clip
-from video.io.frame_memory import FrameMemory, MemoryLimits
+from video.io.frame_memory import FrameMemory, frame_memory_budget
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class ReadOptions:
             raise ValueError(f"{FPS_RANGE[0]} to {FPS_RANGE[1]} frames per second were expected")
 
 
-def open_frame_memory(limits: MemoryLimits | None = None) -> FrameMemory:
+def open_frame_memory() -> FrameMemory:
     """Open the memory for the decoded frames of a run; leaving it as a context frees them."""
-    return FrameMemory((limits or MemoryLimits()).budget(available_memory(), available_cores()))
+    return FrameMemory(frame_memory_budget(available_memory(), available_cores()))
 
 
 def read_stage(path: Path, digest: str, options: ReadOptions, memory: FrameMemory | None = None) -> Stage:

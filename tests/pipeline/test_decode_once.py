@@ -24,7 +24,7 @@ from pipeline.stages.read_stage import open_frame_memory
 from video.io import decoder
 from video.io.clip import open_clip
 from video.io.clip_digest import CLOCK_TICK_NS
-from video.io.frame_memory import FrameMemory, MemoryLimits
+from video.io.frame_memory import FrameMemory, frame_memory_budget
 from video.matting import ball_timeline, hidden_background
 
 DEFAULTS = {name: setting.default for name, setting in list_settings().items()}
@@ -117,4 +117,4 @@ def test_the_run_of_a_batch_uses_the_frames_from_the_search_for_shots(clip: Path
 def test_the_processes_of_all_cores_take_a_quarter_of_the_memory_at_most(
     available: float, cores: int, budget: float
 ) -> None:
-    assert MemoryLimits().budget(int(available), cores) == budget
+    assert frame_memory_budget(int(available), cores) == budget

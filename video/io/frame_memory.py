@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
+MAX_BYTES = 1_000_000_000
+"""720 frames of 720p, or 320 of 1080p. A run takes 0.7 GB without them; a batch ends a clip that takes 4 GB."""
+MAX_SHARE_PER_CORE = 0.25
+"""Share of the available memory per core: a batch runs a clip on every core, and most memory is for other programs."""
 
-@dataclass(frozen=True, slots=True)
-class MemoryLimits:
-    """Limits of the memory for the decoded frames of one process."""
 
-    most_bytes: int = 1_000_000_000
-    """720 frames of 720p, or 320 of 1080p. A run takes 0.7 GB without them; a batch ends a clip that takes 4 GB."""
-    share_per_core: float = 0.25
-    """Share of the available memory per core: a batch runs a clip on every core, and most memory is for other programs.
-    """
-
-    def budget(self, available_bytes: int, cores: int) -> int:
-        """Compute the bytes that one process may use."""
-        return min(self.most_bytes, int(self.share_per_core * available_bytes / cores))
+def frame_memory_budget(available_bytes: int, cores: int) -> int:
+    """Compute the bytes that the decoded frames of one process may take."""
+    return min(MAX_BYTES, int(MAX_SHARE_PER_CORE * available_bytes / cores))
 
 
 class FrameMemory:

@@ -119,7 +119,7 @@ def build_flight_scene(
     Returns:
         The scene.
     """
-    march = build_integrator(build_flight_acceleration(coordinates, gravity, has_spin_axis), True)
+    march = build_integrator(build_flight_acceleration(coordinates, gravity, has_spin_axis))
     return ContactFreeScene(
         "flight",
         "flight",

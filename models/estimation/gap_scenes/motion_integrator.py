@@ -55,16 +55,12 @@ def fill_curves(first: FloatArray, last: FloatArray, length: float, curves: Floa
 
 @cache
 def build_integrator(
-    acceleration: AccelerationFunction,
-    has_brake_probe: bool = False,
-    has_walls: bool = False,
-    wall_parameters: tuple[int, int] | None = None,
+    acceleration: AccelerationFunction, has_walls: bool = False, wall_parameters: tuple[int, int] | None = None
 ) -> Integrator:
-    """Build a compiled integrator of an acceleration.
+    """Build a compiled integrator of an acceleration, and of a brake probe, which has the last four parameters.
 
     Args:
         acceleration: Acceleration of one body.
-        has_brake_probe: Whether the last four parameters are those of a brake probe.
         has_walls: Whether walls reflect the bodies.
         wall_parameters: Indices of the restitution and the friction of walls; without them, walls are elastic and
             smooth.
@@ -85,7 +81,7 @@ def build_integrator(
         size = len(now)
         half = size // 2
         probe = p[-4:]
-        braked = has_brake_probe and (probe != 0).any()
+        braked = (probe != 0).any()
         sum_of_rates[:] = 0.0
         for stage in range(4):
             part = 0.0 * h if stage == 0 else (h if stage == 3 else 0.5 * h)

@@ -126,7 +126,7 @@ def build_pendulum_scene(angles: int, simulator_effects: tuple[str, ...] = ()) -
     Returns:
         The scene.
     """
-    march = build_integrator(one_rod_acceleration if angles == 1 else two_rod_acceleration, True)
+    march = build_integrator(one_rod_acceleration if angles == 1 else two_rod_acceleration)
     present = ("rods", *(name for name in simulator_effects if name != "rods"))
     return ContactFreeScene(
         "pendulum",

@@ -144,7 +144,7 @@ def build_sliding_scene(
         "slide",
         (*SLIDING_EFFECTS, *offered, LOCAL_PATCH, build_brake_probe("m", "slide")),
         simulator_effects,
-        build_integrator(sliding_acceleration, True, bool(walls), _WALL_PARAMETERS if offered else None),
+        build_integrator(sliding_acceleration, bool(walls), _WALL_PARAMETERS if offered else None),
         untested,
         input_count=INPUT_COUNT,
         walls=walls,
