@@ -25,6 +25,7 @@ import numpy as np
 
 from benchmarks.diagnosis.billiards_gap_cases import CASES, NEAR, BilliardsGapCase, film_case
 from benchmarks.diagnosis.billiards_gap_table import BilliardsGapRow, format_report
+from benchmarks.diagnosis.gap_trial import measure_strength
 from benchmarks.fitting.foreign_shots import TABLE
 from benchmarks.support.figures import Figure, add_quick_option, estimate_share, run_quick
 from benchmarks.support.row_files import append_row, read_rows
@@ -67,7 +68,7 @@ def weak_strength(case: BilliardsGapCase, seed: int) -> float:
         natural[effect.name][prior.name] for effect in scene.effects if effect.name in case.kind.missing
         for prior in effect.parameters
     ]  # fmt: skip
-    deviations = build_oracle(scene, absent).strength_sigmas(case.kind.withheld, np.array(wanted))
+    deviations = measure_strength(build_oracle(scene, absent), case.kind.withheld, np.array(wanted))
     return float(np.random.default_rng([7181, seed, *case.name.encode()]).uniform(*NEAR)) / deviations
 
 

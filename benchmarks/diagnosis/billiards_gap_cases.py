@@ -19,7 +19,6 @@ from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
 from pipeline.experiments.gapcheck.billiards_cases import (
     BILLIARDS_KINDS,
-    OPTIONAL_EFFECTS,
     SINGLE_EFFECTS,
     BilliardsKind,
     Effects,
@@ -29,6 +28,8 @@ from pipeline.io.track_folder import read_track_folders
 
 FPS = 62.5
 """Frame rate; a frame is 16 samples of the simulator."""
+OPTIONAL_EFFECTS = SINGLE_EFFECTS[:13]
+"""Effects that a table or a camera may lack entirely."""
 NEAR = (4.0, 6.0)
 """Standard deviations of a strength just above the noise."""
 

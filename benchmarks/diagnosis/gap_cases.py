@@ -5,12 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, TRAP_KINDS, WALL_KINDS, BodyKind
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRAG, DRIVEN_KINDS, FRICTION, WALL_KINDS, BodyKind
 
 NEAR = (4.0, 6.0)
 """Standard deviations of a strength just above the noise."""
 SLOW_CLOCK = 1.04
 """True frame rate over the stated one."""
+
+
+TRAP_KINDS = (
+    BodyKind(
+        "slide, slope along the one way of all bodies",
+        "slide",
+        {**FRICTION, "slope": {"slope_x": (2.0, 6.0), "slope_y": (0.0, 0.0)}},
+        ("sliding_friction",),
+        throw={"angle": 0.0},
+    ),
+    BodyKind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
+)
+"""Kinds whose shots are alike in everything that would show the cause: the right answer names none, or a group."""
 
 
 @dataclass(frozen=True)

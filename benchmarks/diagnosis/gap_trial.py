@@ -15,8 +15,11 @@ import numpy as np
 
 from benchmarks.diagnosis.gap_cases import NEAR, GapCase
 from diagnosis.diagnose import diagnose
+from diagnosis.fitting.hypothesis_fits import linearize_fit
+from diagnosis.selection.signatures import compute_signatures
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
+from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.physics.effect import Effect
 from pipeline.experiments.gapcheck.blind_case import WORLDS, Oracle, build_oracle, grade_report
@@ -119,9 +122,19 @@ def _weaken_effects(case: GapCase, drawn: dict[str, Any], rng: np.random.Generat
         if effect.name in missing
         for prior in effect.parameters
     ]
-    factor = rng.uniform(*NEAR) / oracle.strength_sigmas(case.kind.withheld, np.array(wanted))
+    factor = rng.uniform(*NEAR) / measure_strength(oracle, case.kind.withheld, np.array(wanted))
     weak = {name: {key: value * factor for key, value in values.items()} for name, values in missing.items()}
     return {**drawn, "effects": absent | weak}
+
+
+def measure_strength(oracle: Oracle, names: frozenset[str], strengths: FloatArray) -> float:
+    """Return how many standard deviations the strengths (p,) of missing effects are, all else adjusted."""
+    problem, base = oracle.problem, oracle.base
+    information = linearize_fit(problem, base).shot_information
+    mask = problem.mask(tuple(names))
+    signatures = compute_signatures(problem, information, base.free, base.lack_of_fit)
+    size = float(strengths @ signatures.information[np.ix_(mask, mask)] @ strengths)
+    return float(np.sqrt(max(size, 0.0)))
 
 
 def _format_answer(report: DiagnosisReport) -> str:

@@ -203,8 +203,6 @@ SINGLE_EFFECTS = (
     "unequal_mass", "unequal_radius", "lens_distortion", "perspective", "scale", "rolling_shutter", "dropped_frames",
     "rolling_resistance", "sliding_friction", "cushion_restitution", "ball_restitution",
 )  # fmt: skip
-OPTIONAL_EFFECTS = SINGLE_EFFECTS[:13]
-"""Effects that a table or a camera may lack entirely."""
 _CUSHION = ("cushion_friction",)
 BILLIARDS_KINDS = (
     BilliardsKind("none"),

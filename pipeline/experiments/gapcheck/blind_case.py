@@ -18,20 +18,12 @@ import numpy as np
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
 from diagnosis.fitting.gap_closure import GapClosure, measure_closure
-from diagnosis.fitting.hypothesis_fits import (
-    DiagnosisProblem,
-    EffectFit,
-    build_diagnosis_problem,
-    fit_effects,
-    linearize_fit,
-)
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
 from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
 from diagnosis.fitting.shot_split import split_shots
-from diagnosis.selection.signatures import compute_signatures
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import TruerollError
 from models.core.recording import Recording
-from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 from pipeline.experiments.gapcheck.case_kind import CaseKind
@@ -187,15 +179,6 @@ class Oracle:
         """Return whether other effects explain the same shots worse than the true ones."""
         rival = fit_effects(self.problem, truth.segments, tuple(sorted(other)))
         return (rival.cost - truth.cost) / truth.lack_of_fit > SEPARATION_CHI2
-
-    def strength_sigmas(self, names: frozenset[str], strengths: FloatArray) -> float:
-        """Return how many standard deviations the strengths (p,) of missing effects are, all else adjusted."""
-        mask = self.problem.mask(tuple(names))
-        effect_signatures = compute_signatures(
-            self.problem, linearize_fit(self.problem, self.base).shot_information, self.base.free, self.base.lack_of_fit
-        )
-        size: float = float(strengths @ effect_signatures.information[np.ix_(mask, mask)] @ strengths)
-        return float(np.sqrt(max(size, 0.0)))
 
 
 def build_oracle(scene: GapScene, recordings: tuple[Recording, ...]) -> Oracle:

@@ -223,15 +223,3 @@ DRIVEN_KINDS = (
              drive=AXIS, stated=False),
 )  # fmt: skip
 """Kinds with known inputs."""
-
-TRAP_KINDS = (
-    BodyKind(
-        "slide, slope along the one way of all bodies",
-        "slide",
-        {**FRICTION, "slope": {"slope_x": (2.0, 6.0), "slope_y": (0.0, 0.0)}},
-        ("sliding_friction",),
-        throw={"angle": 0.0},
-    ),
-    BodyKind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
-)
-"""Kinds whose shots are alike in everything that would show the cause: the right answer names none, or a group."""
