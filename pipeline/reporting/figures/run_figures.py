@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from models.core.ball_look import BallLook
 from models.core.fit_result import Fit, Parameter
 from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
@@ -41,17 +42,21 @@ def darken_for_page(colour: Colour) -> str:
     Returns:
         CSS colour; light colours are darkened.
     """
-    red, green, blue = mix_colours(colour, INK, 0.35 if min(colour) > 150 else 0.0)
-    return f"rgb({red},{green},{blue})"
+    return format_css(mix_colours(colour, INK, 0.35 if min(colour) > 150 else 0.0))
 
 
-def build_plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
+def format_css(colour: Colour) -> str:
+    """Format a colour as CSS."""
+    return "rgb({},{},{})".format(*colour)
+
+
+def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:
     """Build the plan of the table with the fitted paths and the final positions of the balls.
 
     Args:
         scene: Table and camera.
         fit: The fit of N balls.
-        colours: CSS colours of the balls.
+        looks: How they look.
 
     Returns:
         The figure; y runs down, as in the image.
@@ -73,7 +78,8 @@ def build_plan_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figu
         for shown, mode in ((rows if moves[k] else rows[:0], "lines"), (rows[-1:], "markers")):
             figure.add_scatter(
                 x=state.xy[shown, k, 0], y=state.xy[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
-                marker_size=10, showlegend=mode == "markers", line_color=colours[k], marker_color=colours[k],
+                showlegend=mode == "markers", line_color=darken_for_page(looks[k].colour),
+                marker={"size": 10, "color": format_css(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1}},
                 customdata=hover[shown, k], hovertemplate=f"{HOVER_TEMPLATE}<extra>{ball}</extra>",
             )  # fmt: skip
     _add_contacts(figure, fit)

@@ -29,6 +29,7 @@ from pipeline.reporting.figures.run_figures import (
     build_plan_figure,
     build_speed_figure,
     darken_for_page,
+    format_css,
 )
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import embed_image_file
@@ -130,7 +131,7 @@ def write_report(
         start=files.start,
         events=build_event_rows(fit, files),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
-        plan=embed_figure(build_plan_figure(scene, fit, colours), "plan", 440),
+        plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
         plan_ratio=round(scene.table.width / scene.table.length, 4),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
@@ -156,7 +157,7 @@ def write_report(
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
     """List the names of the balls with their CSS colours."""
-    return [(look.name, "rgb({},{},{})".format(*look.colour)) for look in tracks.looks]
+    return [(look.name, format_css(look.colour)) for look in tracks.looks]
 
 
 def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str, str, str, str]]]]:

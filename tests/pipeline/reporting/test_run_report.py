@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 from support import synthetic_run as shot
 
+from models.core.ball_look import BallLook
 from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
 from models.core.naming import Naming
 from models.core.scene import Scene
@@ -93,7 +94,7 @@ def test_the_plan_shows_every_ball_and_the_ways_of_those_that_get_somewhere(cree
     position = fit.trajectory.position.copy()
     position[1, 1] = [0, creep]
     fit = replace(fit, trajectory=replace(fit.trajectory, position=position))
-    drawn = build_plan_figure(shot.make_scene(), fit, ["white", "red"]).data[:-1]
+    drawn = build_plan_figure(shot.make_scene(), fit, (BallLook("white"), BallLook("red"))).data[:-1]
     assert sorted(trace.name for trace in drawn if trace.mode == "markers") == ["red", "white"]
     assert sorted(trace.name for trace in drawn if trace.mode == "lines" and len(trace.x)) == lines
     assert sorted(trace.name for trace in build_speed_figure(shot.make_scene(), fit, ["white", "red"]).data) == lines
