@@ -9,9 +9,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from skimage.color import deltaE_ciede2000, rgb2lab
+from skimage.color import rgb2lab
 from support.sample_clips import read_sample_truth
 
+from benchmarks.detection.ball_looks import compare_colours, measure_colour
 from detectors.measurement.ball_paint import look_at_balls
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
@@ -57,18 +58,6 @@ def make_shot() -> tuple[Scene, Tracks, FloatArray]:
     return scene, replace(tracks, looks=look_at_balls(clip, scene, tracks)), shown
 
 
-def measure_colour(frame: ByteArray, centre: FloatArray, radius: float, kind: str) -> FloatArray:
-    """Measure the median sRGB (3,) of the unshaded painted pixels of a ball."""
-    y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
-    pixels = frame[np.hypot(x - centre[0], y - centre[1]) < 0.7 * radius].astype(float)
-    if kind in ("solid", "stripe"):  # without white, and what lies between white and paint in the coded picture
-        _, a, b = rgb2lab(pixels[None] / 255)[0].T
-        pixels = pixels[np.hypot(a, b) > 0.85 * np.quantile(np.hypot(a, b), 0.95)]
-    brightness = pixels.sum(axis=1)
-    low, high = np.quantile(brightness, [0.25, 0.9])
-    return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
-
-
 def draw_plan(scene: Scene, tracks: Tracks) -> ByteArray:
     """The plan of a shot."""
     paths = [tracks.xy[:, k] for k in range(len(tracks.ids))]
@@ -109,11 +98,6 @@ def name_all(scene: Scene, tracks: Tracks) -> Naming:
     return build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
 
 
-def compare(drawn: FloatArray, shown: FloatArray) -> FloatArray:
-    """CIEDE2000 (N,) of sRGB colours (N, 3)."""
-    return np.asarray(deltaE_ciede2000(rgb2lab(np.asarray(drawn) / 255), rgb2lab(shown / 255)))
-
-
 @pytest.mark.parametrize("draw", [draw_plan, draw_fans, draw_what_if, draw_placement, draw_inset])
 def test_a_plan_draws_each_ball_in_its_colour_in_the_clip(draw: Callable[[Scene, Tracks], ByteArray]) -> None:
     scene, tracks, shown = make_shot()
@@ -121,7 +105,7 @@ def test_a_plan_draws_each_ball_in_its_colour_in_the_clip(draw: Callable[[Scene,
     naming = name_all(scene, tracks)
     inset = build_empty_inset(scene.table, CLOTH_COLOUR, naming.view, max(image.shape[1], image.shape[0]))
     column, row = (inset.to_fixed_point(tracks.xy[0]) // (SUPERSAMPLE << SHIFT)).T
-    differences = compare(image[row, column], shown)
+    differences = compare_colours(image[row, column], shown)
     assert differences.max() < MAX_DIFFERENCE, dict(zip(tracks.ids, differences.round(1), strict=True))
 
 
@@ -141,6 +125,6 @@ def test_the_plan_of_the_report_draws_each_ball_in_its_colour_in_the_clip() -> N
     )  # fmt: skip
     markers = [trace for trace in build_plan_figure(scene, fit, tracks.looks).data[:-1] if trace.mode == "markers"]
     drawn = np.array([re.findall(r"\d+", trace.marker.color) for trace in markers], float)
-    differences = compare(drawn, shown)
+    differences = compare_colours(drawn, shown)
     assert [trace.name for trace in markers] == list(tracks.ids)
     assert differences.max() < MAX_DIFFERENCE, dict(zip(tracks.ids, differences.round(1), strict=True))
