@@ -15,14 +15,16 @@ import atexit
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import pyarrow as pa
 from pyarrow import csv
 
+from models.core.answer import format_html
 from models.core.errors import OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust, WholeShotFit
+from models.core.number_format import format_probability
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.shot import Shot
@@ -35,7 +37,9 @@ from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
-from pipeline.run_options import build_options, list_settings
+from pipeline.reporting.text.table_words import format_meeting
+from pipeline.reporting.text.text_formatting import format_event_time
+from pipeline.run_options import RunSettings, build_options, list_settings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,8 +58,24 @@ class Run:
     laws: WholeShotFit | None = None
     """What published contact models make of it; None if neither `laws=True` nor `trueroll what-if` asked for them."""
 
+    def __fspath__(self) -> str:
+        """Return the folder, so that `trueroll.call` and the other questions take a run instead."""
+        return str(self.folder)
+
     def __repr__(self) -> str:
-        return f"Run({str(self.folder)!r}: trust {self.trust.level}, {len(self.events)} events)"
+        return f"Run({str(self.folder)!r}: trust {self.trust.level}, {self.events!r}, {self.tracks!r})"
+
+    def _repr_html_(self) -> str:
+        """Show the trust level and the events in a notebook."""
+        events, naming = self.events, self.shot.naming
+        rows = [
+            (format_event_time(events, k),
+             f"{naming.say(events.a[k])} {format_meeting(events.kind[k], events.b[k], naming)}",
+             format_probability(float(events.probability[k])))
+            for k in range(len(events))
+        ]  # fmt: skip
+        lines = (f"{self.folder}: trust {self.trust.level}. {' '.join(self.trust.reasons)}", repr(self.tracks))
+        return format_html(lines, [("time", "what", "probability"), *rows])
 
     @property
     def scene(self) -> Scene:
@@ -143,7 +163,7 @@ def run(
     *,
     cache: str | Path | None = None,
     progress: Callable[[str, float], None] | None = None,
-    **settings: Any,
+    **settings: Unpack[RunSettings],
 ) -> Run:
     """Run the chain on a clip. Results of earlier runs come from the cache.
 

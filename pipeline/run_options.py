@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Literal, TypedDict, get_type_hints
 
 from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
@@ -35,6 +35,31 @@ class RunOptions:
     forecast: ForecastOptions = field(default_factory=ForecastOptions)
     corrections: Corrections = NO_CORRECTIONS
     """What a person corrected in this clip; not an option of the command line."""
+
+
+class RunSettings(TypedDict, total=False):
+    """The settings of a run as keyword arguments of Python; a test compares them with the options of all stages."""
+
+    fps: str | None
+    corners: str | None
+    table: str | None
+    ball_radius: float | None
+    profile: str
+    detector: Literal["auto", "hough", "onnx"]
+    model: str | None
+    breadth: int
+    patience: float
+    balls: int
+    break_price: float
+    free_price: float
+    laws: bool
+    moving_speed: float
+    slow: float
+    quick: bool
+    no_video: bool
+    trim_still: bool
+    style: Literal["clean", "coach", "umpire"]
+    fans: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@
     shot = trueroll.run("shot.mp4")
     shot.events                       # strikes, contacts, pockets, rests, with their errors
     shot.trajectory.at(1.25).xy       # where every ball was at 1.25 s, m
+    trueroll.call(shot, "first cue")  # an umpire's question; so what_if, predict, put_back, compare, ...
     report = trueroll.diagnose("out/shot-1", "out/shot-2")
 
 This package is the public API: it re-exports documented names of other packages, and imports them at their first use.
@@ -15,11 +16,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from models.core.answer import Answer
     from models.core.errors import TruerollError
     from pipeline.analysis_api import detect, diagnose, simulate
     from pipeline.api import Run, load, run
+    from pipeline.cli.answer_api import call, certify, compare, fit_table, predict, put_back, what_if
 
-__all__ = ["Run", "TruerollError", "detect", "diagnose", "load", "run", "simulate"]
+    __version__: str
+
+__all__ = [
+    "Answer", "Run", "TruerollError", "__version__", "call", "certify", "compare", "detect", "diagnose", "fit_table",
+    "load", "predict", "put_back", "run", "simulate", "what_if",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
@@ -29,6 +37,10 @@ def __getattr__(name: str) -> Any:
             from pipeline import api
 
             return getattr(api, name)
+        case "call" | "certify" | "compare" | "fit_table" | "predict" | "put_back" | "what_if":
+            from pipeline.cli import answer_api
+
+            return getattr(answer_api, name)
         case "detect" | "diagnose" | "simulate":
             from pipeline import analysis_api
 
@@ -37,6 +49,10 @@ def __getattr__(name: str) -> Any:
             from importlib.metadata import version
 
             return version("trueroll")
+        case "Answer":
+            from models.core import answer
+
+            return answer.Answer
         case "TruerollError":
             from models.core import errors
 

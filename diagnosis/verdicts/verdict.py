@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
+from models.core.answer import format_html
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
@@ -153,7 +155,7 @@ class ShotUse:
     """Typical standard deviation of an observed coordinate, in m or rad; NaN where it is unknown."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class DiagnosisReport:
     """The result of a diagnosis."""
 
@@ -178,6 +180,17 @@ class DiagnosisReport:
     """Probability that the residuals of the user's simulator are noise."""
     notes: tuple[str, ...]
     shot_use: ShotUse = ShotUse()
+
+    def __repr__(self) -> str:
+        answer = ", ".join(self.effects) or self.verdict
+        closed = self.gap.closure.closed
+        gap = f", gap closed by {closed:.1%}" if math.isfinite(closed) else ""
+        return f"DiagnosisReport({self.scene}: {answer} ({self.probability:.3f}){gap})"
+
+    def _repr_html_(self) -> str:
+        """Show the candidates in a notebook."""
+        rows = [(one.effect, f"{one.probability:.3f}") for one in self.candidates]
+        return format_html([repr(self), self.film_next], [("missing effect", "probability"), *rows])
 
     @property
     def probability(self) -> float:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from base64 import b64encode
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
-from pathlib import Path
 from typing import Any
 
 
@@ -44,8 +45,8 @@ class Answer:
     """What was left out because it could not be used, and why."""
     document: Mapping[str, Any] = field(default_factory=dict)
     """The answer as JSON values."""
-    figures: tuple[Path, ...] = ()
-    """Pictures, pages and tables that were written."""
+    figures: tuple[str, ...] = ()
+    """Files of the pictures, pages and tables that were written."""
 
     def __getitem__(self, name: str) -> Quantity:
         """Return the quantity with a name.
@@ -59,12 +60,29 @@ class Answer:
         raise KeyError(f"this answer has {', '.join(one.name for one in self.quantities) or 'no quantity'}; not {name}")
 
     def __repr__(self) -> str:
-        verdict = f" {self.verdict} ({self.probability:.3f})" if self.verdict else f" {self.sentences[0]}"
-        return f"Answer({self.question}{verdict})"
+        verdict = f"{self.verdict} ({self.probability:.3f})" if self.verdict else self.sentences[0]
+        return f"Answer({self.question} {verdict})"
 
     def _repr_html_(self) -> str:
         """Show the answer in a notebook: its sentences, its table and its pictures."""
-        parts = [f"<p><b>{escape(self.question)}</b></p>", *(f"<p>{escape(text)}</p>" for text in self.sentences)]
-        rows = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self.rows]
-        parts += [f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"] if rows else []
+        parts = [format_html((self.question, *self.sentences), self.rows), format_html(self.notes)]
+        for path in self.figures:
+            if path.endswith(".png"):
+                with suppress(OSError), open(path, "rb") as file:
+                    parts.append(f'<img src="data:image/png;base64,{b64encode(file.read()).decode()}"/>')
         return "".join(parts)
+
+
+def format_html(sentences: Iterable[str], rows: Sequence[Sequence[str]] = ()) -> str:
+    """Format sentences and a table for a notebook.
+
+    Args:
+        sentences: One paragraph each.
+        rows: The headings, then the rows; empty for no table.
+
+    Returns:
+        HTML.
+    """
+    parts = [f"<p>{escape(text)}</p>" for text in sentences]
+    lines = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+    return "".join([*parts, f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>" if lines else ""])

@@ -12,7 +12,7 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 EVENT_KINDS = ("strike", "ball", "cushion", "pocket", "rest")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Events:
     """E events in columns, sorted by time."""
 
@@ -57,6 +57,10 @@ class Events:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def __repr__(self) -> str:
+        counts = [f"{self.kind.count(kind)} {kind}" for kind in EVENT_KINDS if kind in self.kind]
+        return f"Events({', '.join(counts) or 'none'})"
 
     def select_rows(self, rows: IntArray | BoolArray) -> Events:
         """Return the events of a mask (E,) or of rows in their order."""

@@ -83,6 +83,11 @@ def format_probability(probability: float) -> str:
     return f"{100 * probability:.{0 if is_middling else 1}f} %"
 
 
+def format_doubt(probability: float) -> str:
+    """Format a probability in brackets after what is probable; empty where it is as good as certain."""
+    return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"
+
+
 def format_unit(unit: str) -> str:
     """Format a unit with a raised square, such as rad/s² for `rad/s2`; nothing for a dimensionless number."""
     return "" if unit == "1" else unit.replace("s2", "s²")

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from models.core.answer import format_html
 from models.core.capture_clock import CaptureClock
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.joint_solution import JointSolution, Observations
@@ -155,7 +156,7 @@ def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBre
     return observations.select_rows(is_outside)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Shot:
     """Explanation of the recording of N balls over T frames, with S segments and C contacts.
 
@@ -198,6 +199,14 @@ class Shot:
         contacts = 0 if self.solution is None else len(self.solution.graph.contacts)
         if len(self.hypotheses) != contacts or self.gaps.shape != (contacts, 2):
             raise ValueError(f"Shot.hypotheses and gaps must have one entry for each of {contacts} contacts")
+
+    def __repr__(self) -> str:
+        contacts = "no physics" if self.solution is None else f"{len(self.solution.graph.contacts)} contacts"
+        return f"Shot({self.scene.table.name}, {contacts}, {self.tracks!r})"
+
+    def _repr_html_(self) -> str:
+        """Show the balls in a notebook."""
+        return format_html([repr(self)]) + self.tracks._repr_html_()
 
     @property
     def naming(self) -> Naming:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.answer import format_html
 from models.core.ball_look import BallLook, describe_unseen_balls
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
@@ -17,7 +18,7 @@ KINDS = ("cue", "solid", "stripe", "eight", "red", "yellow", "white", "green", "
 """Ball classes. `cue` is the cue ball of pool and snooker; `white` and `yellow` are the cue balls of carom."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Tracks:
     """Tracks of N balls over T frames, without duplicate frames; NaN where a ball was not observed.
 
@@ -73,6 +74,16 @@ class Tracks:
             raise ValueError(f"Tracks.image_jacobian must be {(frames, balls, 2, 2)}; got {self.image_jacobian.shape}")
         if frames > 1 and (np.any(np.diff(self.frame) <= 0) or np.any(np.diff(self.t) <= 0)):
             raise ValueError("Tracks must go forward in frame and time")
+
+    def __repr__(self) -> str:
+        span = f", {self.t[0]:.2f} to {self.t[-1]:.2f} s" if len(self.t) else ""
+        return f"Tracks({len(self.frame)} frames{span}: {', '.join(look.name for look in self.looks)})"
+
+    def _repr_html_(self) -> str:
+        """Show the balls in a notebook."""
+        shares = (f"{share:.0%}" for share in self.is_observed.mean(axis=0))
+        rows = zip((look.name for look in self.looks), self.ids, self.kinds, shares, strict=True)
+        return format_html([repr(self)], [("ball", "id", "class", "frames that show it"), *rows])
 
     def truncate_after(self, t: float) -> Tracks:
         """Return the tracks up to time t (s): earlier frames, and the balls observed in them."""

@@ -120,7 +120,7 @@ def certify_table(
         rows=(("quantity", "value", "±", "unit"), *((NAMES[key], *format_number(key, one)) for key, one in numbers)),
         notes=tuple(filter(None, notes)),
         document=document,
-        figures=(folder / PAGE_FILE,),
+        figures=(str(folder / PAGE_FILE),),
     )
 
 

@@ -158,7 +158,7 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         notes=tuple(f"Note: {sentence}." for sentence in repetitions),
         refusals=refusals,
         document={"folder": str(folder), **document},
-        figures=(folder / "session.html",),
+        figures=(str(folder / "session.html"),),
     )
 
 

@@ -132,7 +132,7 @@ def learn_table_profile(
             f"The next prediction on this table can start from it: trueroll predict DIR --profile {path}",
         ),
         document={"profile": str(path), "refused": list(fitted.refusals), **json.loads(path.read_text())},
-        figures=(page,),
+        figures=(str(page),),
     )
 
 

@@ -72,7 +72,7 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         ),
         rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No picture of the clip: {wanted.no_image}"))),
-        document=document, figures=tuple(figures),
+        document=document, figures=tuple(map(str, figures)),
     )  # fmt: skip
 
 
@@ -232,7 +232,7 @@ def write_state(wanted: WantedPlaces, state: PlacementState, folder: Path, first
     return Answer(
         "Which balls do not lie where they lay?", (f"{count}{missing and f'; {missing}'}.",),
         notes=tuple(filter(None, (state.note, extra))), document={**first.document, "live": document},
-        figures=(folder / LIVE_IMAGE,),
+        figures=(str(folder / LIVE_IMAGE),),
     )  # fmt: skip
 
 

@@ -140,7 +140,7 @@ def play_otherwise(
     )
     return Answer(
         format_what_if_question(document, naming), format_what_if(document, naming), quantities=quantities,
-        document={"folder": str(folder), **document}, figures=(folder / "what_if.png",),
+        document={"folder": str(folder), **document}, figures=(str(folder / "what_if.png"),),
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def predict_particles(
          *format_physics_lines(physics)),
         document={"prediction": str(target), "shot": shot.shot, "from": float(past.t[-1]), "motion": prediction.kind,
                   "sigma_at_end": sigma, **physics},
-        figures=(target,),
+        figures=(str(target),),
     )  # fmt: skip
 
 

@@ -86,7 +86,7 @@ def predict_shot(
         rows=(("seen later", "at", "off by", "expected ±", "inside the 90 % area"), *compared) if compared else (),
         notes=(f"Do not trust this: {why}",) if why else (),
         document={"folder": str(folder), **document},
-        figures=(folder / "prediction.png", folder / "prediction.csv"),
+        figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
     )  # fmt: skip
 
 

@@ -71,7 +71,7 @@ def print_answer(answer: Answer, as_json: bool) -> None:
     for note in answer.notes:
         screen.print(escape(note))
     if answer.figures:
-        print(f"Look at {join_names(str(path) for path in answer.figures)}", flush=True)
+        print(f"Look at {join_names(answer.figures)}", flush=True)
 
 
 def ignore_activity(activity: str) -> None:
@@ -117,7 +117,15 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
             [_make_terminal_parameter(one) for one in own]
             + [Parameter(key, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for key, kind in flags.items()]
         )
-        command.__doc__ = cleandoc(function.__doc__ or "").partition("\n\nArgs:")[0].partition("\n\nReturns:")[0]
+        command.__doc__ = cleandoc(function.__doc__ or "")
+        described = "\n".join(f"    {one.name}: {get_args(one.annotation)[1].help}" for one in own)
+        function.__doc__ = f"{command.__doc__}\n\nArgs:\n{described}"
+        function.__signature__ = whole.replace(  # type: ignore[attr-defined]
+            parameters=[
+                one.replace(annotation=get_args(one.annotation)[0]) if one in own else one
+                for one in whole.parameters.values()
+            ]
+        )
         app.command(name, **settings)(command)
         return function
 

@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
 from pyarrow import csv
 from support.carom_start import SAMPLE, Home
 
+import trueroll
+from models.core.answer import Answer
 from models.core.errors import ClipError, OptionError
 from pipeline import api
 from pipeline.api import Run, run
+from pipeline.cli.execute import execute_command_line
+from pipeline.io.strict_json import format_strict_json
+from pipeline.run_options import RunSettings, list_settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = (ROOT / "docs" / "tutorials" / "python.md").read_text(encoding="utf-8")
+
+
+def run_command(*words: object) -> str:
+    """Run `trueroll WORDS...`, and return what it prints."""
+    with redirect_stdout(StringIO()) as out:
+        assert execute_command_line([str(word) for word in words]) == 0
+    return out.getvalue()
 
 
 class FakeViewer:
@@ -118,3 +133,40 @@ def test_a_clip_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
 def test_importing_it_opens_no_window_and_needs_no_pandas() -> None:
     code = "import sys, pipeline.api; sys.exit('pandas' in sys.modules or 'rerun' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_typed_settings_of_a_run_are_the_options_of_its_command() -> None:
+    assert get_type_hints(RunSettings) == {name: setting.type for name, setting in list_settings().items()}
+
+
+def test_every_public_name_is_there() -> None:
+    assert re.fullmatch(r"\d+\.\d+.*", trueroll.__version__)
+    assert all(getattr(trueroll, name) for name in trueroll.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'guess'"):
+        _ = trueroll.guess  # type: ignore[attr-defined]
+
+
+def test_a_question_of_python_has_the_answer_of_the_command(home: Home, tmp_path: Path) -> None:
+    loaded = trueroll.load(home.out)
+    answer = trueroll.call(loaded, "contact white yellow", out=tmp_path / "python")
+    home_words = ("call", home.out, "contact", "white", "yellow", "-o", tmp_path / "python", "--json")
+    assert json.loads(run_command(*home_words)) == json.loads(format_strict_json(answer.document))
+    assert run_command(*home_words[:-1]).splitlines()[0] == answer.sentences[0]
+    places = trueroll.put_back(loaded, out=tmp_path / "places")
+    assert places["x"].sigma > 0
+    assert [row[0] for row in places.rows[1:]] == [look.name for look in loaded.tracks.looks]
+    assert trueroll.compare(loaded, out=tmp_path / "session").rows[0][0] == "number"
+
+
+def test_results_show_one_line_in_a_script_and_a_table_in_a_notebook(home: Home, tmp_path: Path) -> None:
+    loaded = trueroll.load(home.out)
+    answer = trueroll.call(loaded, "first white", out=tmp_path)
+    values = (loaded, loaded.shot, loaded.tracks, answer, loaded.events)
+    for value in values:
+        assert "\n" not in repr(value)
+        assert "array" not in repr(value)
+        assert len(repr(value)) < 300
+    for value in values[:-1]:
+        assert "<table>" in value._repr_html_() or isinstance(value, Answer)
+    assert "touched the yellow first" in repr(answer) or "yellow (" in repr(answer)
+    assert "data:image/png" in answer._repr_html_()

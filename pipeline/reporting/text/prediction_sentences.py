@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.naming import Naming
-from models.core.number_format import EXTREME_PROBABILITY, format_probability
+from models.core.number_format import EXTREME_PROBABILITY, format_doubt, format_probability
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
 from pipeline.reporting.text.table_words import format_meeting, format_place
 
@@ -33,14 +33,14 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     name = naming.say(state.ids[k])
     name = name[0].upper() + name[1:]
     contacts = [
-        f"{format_meeting(kind, other, naming)}{'' if kind == 'pocket' else ' first'}{_format_doubt(p)}"
+        f"{format_meeting(kind, other, naming)}{'' if kind == 'pocket' else ' first'}{format_doubt(p)}"
         for (kind, _, other), p in prediction.first_contacts[k][:2]
         if p >= MIN_REPORTED_PROBABILITY
     ]
     here = prediction.path[0, k]
     if not state.moving[k] and not contacts:
         moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
-        stays = _format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
+        stays = format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
         return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}."
     begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
     if contacts:
@@ -53,12 +53,7 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     rest = next((one for one in prediction.events if one.event == ("rest", state.ids[k], "")), None)
     when = f"at {prediction.t[-1]:.2f} s it is"
     if rest is not None and rest.probability >= 0.5:
-        when = f"it comes to rest at {rest.t:.2f} s{_format_doubt(rest.probability)},"
+        when = f"it comes to rest at {rest.t:.2f} s{format_doubt(rest.probability)},"
     place = format_place(prediction.path[-1, k], float(prediction.sigma[-1, k]), table, naming)
     unless = f", unless it is potted ({format_probability(potted)})" if potted >= MIN_REPORTED_POT else ""
     return f"{begin}; {when} {place}{unless}."
-
-
-def _format_doubt(probability: float) -> str:
-    """Format a probability in brackets; empty where it is as good as certain."""
-    return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"

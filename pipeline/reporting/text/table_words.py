@@ -16,10 +16,12 @@ def format_meeting(kind: str, other: str, naming: Naming) -> str:
     """Format what a ball does, such as `touches red 3`, `hits the far long rail` or `falls into the far-left pocket`.
 
     Args:
-        kind: Kind of the event: ball, cushion or pocket.
-        other: Id of the other ball, or canonical name of the cushion or pocket.
+        kind: Kind of the event, one of `EVENT_KINDS`.
+        other: Id of the other ball, or canonical name of the cushion or pocket; empty for a strike and a rest.
         naming: What balls, rails and pockets are called.
     """
+    if kind in ("strike", "rest"):
+        return "is struck" if kind == "strike" else "comes to rest"
     if kind == "pocket":
         return f"falls into the {naming.name_pocket(other)}"
     return f"{'touches' if kind == 'ball' else 'hits'} {naming.say(other)}"

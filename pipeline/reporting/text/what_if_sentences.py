@@ -6,7 +6,7 @@ from math import ceil
 from typing import Any
 
 from models.core.naming import Naming
-from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_speed
+from models.core.number_format import format_doubt, format_speed
 from pipeline.reporting.text.table_words import format_meeting
 
 MIN_PROBABILITY = 0.1
@@ -57,7 +57,7 @@ def format_what_if(document: dict[str, Any], naming: Naming) -> tuple[str, ...]:
     ]
     events = [
         f"{one['t']:.2f} s {naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"
-        f"{_format_doubt(one['probability'])}"
+        f"{format_doubt(one['probability'])}"
         for one in changed["events"]
         if one["probability"] >= MIN_PROBABILITY and one["kind"] != "rest"
     ]
@@ -88,11 +88,6 @@ def _format_goal(goal: dict[str, str], naming: Naming) -> str:
         return GOAL_WORDS[goal["game"]]
     ball = naming.say(goal["ball"]) if goal["ball"] else "a ball"
     return f"{ball} is potted" if not goal["pocket"] else f"{ball} falls into the {naming.name_pocket(goal['pocket'])}"
-
-
-def _format_doubt(probability: float) -> str:
-    """Format the probability of an event in brackets; empty where it is as good as certain."""
-    return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"
 
 
 def _list_changes(document: dict[str, Any]) -> list[str]:
