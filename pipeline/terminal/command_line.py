@@ -16,12 +16,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from models.core.answer import Answer
 from models.core.errors import OptionError
-from models.core.naming import join_names
-from pipeline.io.strict_json import format_strict_json
 
 if TYPE_CHECKING:
+    from models.core.answer import Answer
     from models.estimation.table_learning.learned_table import LearnedTable
 
 app = typer.Typer(
@@ -55,6 +53,9 @@ def print_answer(answer: Answer, as_json: bool) -> None:
         answer: The answer.
         as_json: Whether to print JSON.
     """
+    from models.core.naming import join_names  # numpy is slow to import
+    from pipeline.io.strict_json import format_strict_json
+
     for refusal in answer.refusals:
         console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
     if as_json:
