@@ -42,8 +42,8 @@ ALONG_SPEED = 1.5
 """Speed of shots that are all alike, m/s."""
 
 
-@dataclass(frozen=True)
-class Experiment:
+@dataclass(frozen=True, kw_only=True)
+class Experiment(Flaws):
     """Content of EXPERIMENT.json, see above."""
 
     effects: Mapping[str, Mapping[str, float]]
@@ -54,10 +54,6 @@ class Experiment:
     fps: float
     said: float
     seconds: float
-    noise: float
-    correlation: float = 0.0
-    outliers: float = 0.0
-    missing: float = 0.0
     along: bool = False
 
     @property
@@ -127,8 +123,7 @@ def simulate_shots(shots: list[dict[str, Any]]) -> list[Floats]:
 def film_shot(experiment: Experiment, number: int, path: Floats, chance: np.random.Generator) -> Floats:
     """Return observed positions (T, N, 2) m, NaN where a ball is missing."""
     t = experiment.camera.capture_times(round(experiment.fps * experiment.seconds), number)
-    flaws = Flaws(experiment.noise, experiment.correlation, experiment.outliers, experiment.missing)
-    return add_flaws(experiment.camera.film_path(path, t), flaws, chance)
+    return add_flaws(experiment.camera.film_path(path, t), experiment, chance)
 
 
 def write_track_folder(experiment: Experiment, observed: list[Floats], out: Path) -> None:

@@ -20,7 +20,7 @@ import csv
 import json
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -40,8 +40,21 @@ OUTLIER_SIGMAS = 20.0
 """Size of an outlier in standard deviations of the noise."""
 
 
-@dataclass(frozen=True)
-class Experiment:
+@dataclass(frozen=True, kw_only=True)
+class Flaws:
+    """Measurement errors."""
+
+    noise: float = 1e-3
+    correlation: float = 0.0
+    outliers: float = 0.0
+    missing: float = 0.0
+    tails: float = 0.0
+    resolution: float = 0.0
+    smoothing: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(Flaws):
     """Number and length of shots, quality of the film, and acting effects."""
 
     effects: Effects
@@ -50,13 +63,6 @@ class Experiment:
     shots: int = 12
     fps: float = 60.0
     seconds: float = 1.5
-    noise: float = 1e-3
-    correlation: float = 0.0
-    outliers: float = 0.0
-    missing: float = 0.0
-    tails: float = 0.0
-    resolution: float = 0.0
-    smoothing: int = 0
     throw: Throw = field(default_factory=dict)
     facts: Mapping[str, object] = field(default_factory=dict)
     """Further entries of scene.json; the simulator gets them as keywords."""
@@ -84,19 +90,6 @@ class Waves:
 
 
 STILL = Waves({}, {})
-
-
-@dataclass(frozen=True)
-class Flaws:
-    """Measurement errors, as in `Experiment`."""
-
-    noise: float
-    correlation: float = 0.0
-    outliers: float = 0.0
-    missing: float = 0.0
-    tails: float = 0.0
-    resolution: float = 0.0
-    smoothing: int = 0
 
 
 def read_experiment(path: Path, effects: Mapping[str, tuple[str, ...]]) -> Experiment:
@@ -134,8 +127,7 @@ def integrate_motion(
 
 def film_shots(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
     """Return times (T,) and observed positions (T, D) of each shot, NaN where missing."""
-    flaws = Flaws(**{one.name: getattr(experiment, one.name) for one in fields(Flaws)})
-    return [(np.arange(len(places)) / experiment.fps, add_flaws(places, flaws, chance)) for places in truth]
+    return [(np.arange(len(places)) / experiment.fps, add_flaws(places, experiment, chance)) for places in truth]
 
 
 def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
