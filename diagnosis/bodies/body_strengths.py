@@ -13,13 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import (
-    FULL_FIT,
-    DiagnosisProblem,
-    EffectFit,
-    build_window_model,
-    linearize_fit,
-)
+from diagnosis.fitting.hypothesis_fits import FULL_FIT, DiagnosisProblem, EffectFit, build_window_model, linearize_fit
 from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray

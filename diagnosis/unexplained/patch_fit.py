@@ -12,13 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import (
-    DiagnosisProblem,
-    EffectFit,
-    fit_effects,
-    fit_start_states,
-    refit_effects,
-)
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_effects, fit_start_states, refit_effects
 from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
 from diagnosis.unexplained.local_patch import PATCH_SIGNIFICANCE, Disc, LocalPatch, propose_discs
 from models.core.typing import FloatArray

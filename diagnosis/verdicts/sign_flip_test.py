@@ -21,11 +21,7 @@ _MIN_SHOTS = 3
 
 
 def flip_signs(
-    problem: DiagnosisProblem,
-    shot_information: ShotInformation,
-    free: BoolArray,
-    name: str,
-    rng: np.random.Generator,
+    problem: DiagnosisProblem, shot_information: ShotInformation, free: BoolArray, name: str, rng: np.random.Generator
 ) -> float:
     """Return the probability that shots without a missing effect agree about some effect as well as about this one.
 

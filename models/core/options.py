@@ -127,8 +127,7 @@ class FitOptions:
         " friction and ball size; it takes up to a minute. Without it, trueroll what-if does so when it needs them.",
     )
     profile: str = option(
-        "",
-        help="Of trueroll fit-table, diagnose or run: contact models and parameters of the fit of whole shots.",
+        "", help="Of trueroll fit-table, diagnose or run: contact models and parameters of the fit of whole shots."
     )
     moving_speed: float = option(
         0.02, help="Speed above which a ball counts as moving.", unit="m/s", above=0, maximum=1

@@ -75,6 +75,5 @@ def _find_kept_folder(source: Path | None) -> Path | None:
 def _build_key(name: str, facts: Mapping[str, Any], code: str) -> CacheKey:
     """Build the key of a value."""
     return CacheKey(
-        name,
-        {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions(), "format": FORMAT},
+        name, {"facts": dict(facts), "source": hash_sources(code), "libraries": library_versions(), "format": FORMAT}
     )

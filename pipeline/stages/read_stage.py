@@ -20,8 +20,7 @@ class ReadOptions:
     """Options of reading a clip."""
 
     fps: str | None = option(
-        None,
-        help="Frame rate to use instead of the container's, in frames per second, such as 29.97 or 30000/1001.",
+        None, help="Frame rate to use instead of the container's, in frames per second, such as 29.97 or 30000/1001."
     )
 
     def __post_init__(self) -> None:

@@ -15,8 +15,7 @@ class CalibrateOptions:
     """Options of table localisation and camera calibration."""
 
     corners: str | None = option(
-        None,
-        help="Corners of the playing surface, between the cushion noses, in any order: x,y,x,y,x,y,x,y in px.",
+        None, help="Corners of the playing surface, between the cushion noses, in any order: x,y,x,y,x,y,x,y in px."
     )
     table: str | None = option(
         None, help="Playing surface as LENGTHxWIDTH in m, such as 2.54x1.27, or a preset such as pool-9ft."

@@ -16,9 +16,7 @@ from models.estimation.forecast.solution_state import (
     collect_captured_observations,
     estimate_lack_of_fit,
 )
-from models.estimation.forecast.state_estimate import (
-    StateEstimate,
-)
+from models.estimation.forecast.state_estimate import StateEstimate
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import LearnedTable

@@ -10,11 +10,7 @@ from functools import cache
 import numpy as np
 
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
-from models.estimation.gap_scenes.motion_integrator import (
-    AccelerationFunction,
-    RealOrComplexArray,
-    build_integrator,
-)
+from models.estimation.gap_scenes.motion_integrator import AccelerationFunction, RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 

@@ -42,11 +42,7 @@ from models.estimation.multiple_shooting.shooting_problem import (
     replace_chains,
 )
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
-from models.estimation.multiple_shooting.state_elimination import (
-    ChainBlock,
-    eliminate_states,
-    log_determinant,
-)
+from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import Minimum, SearchOptions, minimize_cost, solve_damped
 from models.numerics.robust import evaluate_huber_loss
@@ -337,11 +333,7 @@ def _fit_best_guess(
 
 
 def _fit_guesses(
-    problem: ShootingProblem,
-    now: Iterate,
-    chain: int,
-    options: ShootingOptions,
-    guesses: list[tuple[FloatArray, ...]],
+    problem: ShootingProblem, now: Iterate, chain: int, options: ShootingOptions, guesses: list[tuple[FloatArray, ...]]
 ) -> Iterate:
     """Fit the states of one chain from each of these start states of all windows and return the best."""
     own = problem.chains[chain]

@@ -104,12 +104,7 @@ def collect_events(rows: list[EventRow], tracks: Tracks) -> Events:
 
 
 def _list_contact_events(
-    solution: JointSolution,
-    layout: ParameterLayout,
-    number: int,
-    contact: Contact,
-    tracks: Tracks,
-    table: Table,
+    solution: JointSolution, layout: ParameterLayout, number: int, contact: Contact, tracks: Tracks, table: Table
 ) -> list[EventRow]:
     """List the events of one contact."""
     ids = tracks.ids
@@ -248,16 +243,7 @@ def _list_stopped_balls(
     segments = solution.graph.segments
     sigma = float(np.sqrt(solution.covariance[layout.contact + number, layout.contact + number]))
     return [
-        EventRow(
-            "rest",
-            contact.t,
-            sigma,
-            ids[segments[two].ball],
-            "",
-            segments[two].state[:2],
-            "rest",
-            number,
-        )
+        EventRow("rest", contact.t, sigma, ids[segments[two].ball], "", segments[two].state[:2], "rest", number)
         for one, two in zip(contact.before, contact.after, strict=True)
         if segments[two].static and not segments[one].static and sigma < _MAX_TIME_SIGMA
     ]

@@ -27,17 +27,9 @@ from models.estimation.hand_marks.graph_marks import (
 )
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
-from models.estimation.joint_fit.joint_refinement import (
-    add_covariance,
-    condition_on_contact_times,
-    refine_graph,
-)
-from models.estimation.joint_fit.trust_level import (
-    evaluate_segment_chi2,
-)
-from models.estimation.reconstruction.break_refinement import (
-    reconstruct_breaks,
-)
+from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
+from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
+from models.estimation.reconstruction.break_refinement import reconstruct_breaks
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.contact_time_refinement import refine_contact_times

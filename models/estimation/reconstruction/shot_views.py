@@ -174,10 +174,7 @@ def _convert_to_presentation_time(fit: Fit, tracks: Tracks, clock: CaptureClock)
         return fit
     t = clock.presentation_time_at(fit.events.t)
     events = replace(
-        fit.events,
-        t=t,
-        t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t),
-        frame=tracks.frame_at(t),
+        fit.events, t=t, t_sigma=fit.events.t_sigma * clock.presentation_rate_at(fit.events.t), frame=tracks.frame_at(t)
     )
     explanation = _convert_times(fit.explanation, clock)
     outcomes = tuple(

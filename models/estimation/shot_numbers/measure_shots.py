@@ -24,11 +24,7 @@ from models.estimation.shot_numbers.contact_numbers import classify_spin, measur
 from models.estimation.shot_numbers.posterior_view import LinearState, PosteriorView
 from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses
 from models.estimation.shot_numbers.slip_profile import profile_slip
-from models.estimation.shot_numbers.strike_numbers import (
-    measure_strike,
-    measure_strike_of_samples,
-    replace_strike,
-)
+from models.estimation.shot_numbers.strike_numbers import measure_strike, measure_strike_of_samples, replace_strike
 from models.estimation.shot_numbers.struck_samples import rewind_samples
 from models.physics.billiards.cloth.closed_form_motion import duration_until_rest, evaluate_kinematics
 from models.physics.billiards.cushion_geometry import MouthLine, find_mouth_line

@@ -11,11 +11,7 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.structure_search.ball_encounters import (
-    LOCAL_ITERATIONS,
-    SearchCache,
-    total_cost,
-)
+from models.estimation.structure_search.ball_encounters import LOCAL_ITERATIONS, SearchCache, total_cost
 from models.estimation.structure_search.contact_partners import find_partners, join_by_ball_contact
 from models.estimation.structure_search.local_costs import refine_differences
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions

@@ -82,11 +82,7 @@ def _insert_chain(
     if all(_is_in_graph(item, known_contacts, 2 * horizon * interval) for item in contacts[1:]):
         return None
     extended = insert_cascade(
-        reduced,
-        observations,
-        assign_observations(reduced, observations),
-        contacts,
-        TIME_TOLERANCE * interval,
+        reduced, observations, assign_observations(reduced, observations), contacts, TIME_TOLERANCE * interval
     )
     return None if extended is None else extended.mark_pushed_strikes()
 

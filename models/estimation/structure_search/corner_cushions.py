@@ -19,11 +19,7 @@ from models.estimation.joint_fit.fit_solution import assign_observations, end_st
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
-from models.estimation.structure_search.ball_encounters import (
-    copy_refined_states,
-    refine_subgraph,
-    total_cost,
-)
+from models.estimation.structure_search.ball_encounters import copy_refined_states, refine_subgraph, total_cost
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 MAX_CORNER_INTERVALS = 2.5

@@ -180,11 +180,7 @@ def _fit_model(
         return 0.5 * float(coordinates @ coordinates) - float(result.log_likelihood.sum())
 
     best = minimize(
-        cost,
-        first,
-        method="L-BFGS-B",
-        bounds=list(zip(low, high, strict=True)),
-        options={"maxiter": _ITERATIONS},
+        cost, first, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options={"maxiter": _ITERATIONS}
     )
     hessian = _differentiate_twice(cost, best.x, low, high)
     curvatures, vectors = np.linalg.eigh(hessian)

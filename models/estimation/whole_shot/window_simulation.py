@@ -16,12 +16,7 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails, build_rails
-from models.physics.billiards.parameter_vector import (
-    NAP_MU,
-    PARAMETER_NAMES,
-    PATH_BENDING_PARAMETERS,
-    ROLLING_MU,
-)
+from models.physics.billiards.parameter_vector import NAP_MU, PARAMETER_NAMES, PATH_BENDING_PARAMETERS, ROLLING_MU
 from models.physics.billiards.simulation.event_engine import EVENT_FIRST, EVENT_KIND, EVENT_SECOND, EVENT_TIME, HOLE
 from models.physics.billiards.simulation.parametrised_shot import (
     MASS_RATIO,

@@ -373,16 +373,7 @@ def simulate_events(start, radius, mass, p, models, table, seconds, bends, corre
                 a, b = b, a
                 event[EVENT_FIRST], event[EVENT_SECOND] = a, b
             resolve_ball_contact(
-                state[a],
-                state[b],
-                radius[a],
-                radius[b],
-                mass[a],
-                mass[b],
-                p,
-                models[1],
-                event[EVENT_GENTLE] > 0,
-                out,
+                state[a], state[b], radius[a], radius[b], mass[a], mass[b], p, models[1], event[EVENT_GENTLE] > 0, out
             )
             copy_numbers(out[:7], state[a])
             copy_numbers(out[7:], state[b])
