@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Literal, Protocol, final
+from typing import Literal, final
 
 Phase = Literal["free_roll", "after_strike", "ball_contact", "cushion_contact", "rest", "image_region", "time_jump"]
 """Phases of a billiards shot in which an effect shows."""
@@ -43,58 +43,38 @@ class Prior:
             raise ValueError(f"{self.name}: a prior lies within its bounds and has a sigma above 0")
 
 
-class Effect(Protocol):
+@dataclass(frozen=True, slots=True)
+class Effect:
     """An effect of a catalogue, of billiards or of another scene."""
 
-    @property
-    def name(self) -> str:
-        """Name in files and options."""
-        ...
+    name: str
+    """Name in files and options."""
+    parameters: tuple[Prior, ...]
+    """Parameters that a fit may determine; sigma is the scale of natural strengths."""
+    neutral: tuple[float, ...]
+    """Per parameter, the value at which the effect is absent; it may lie outside the bounds of its prior."""
+    phases: tuple[str, ...]
+    """Phases in which the effect shows; every scene has its own, billiards has those of `Phase`."""
+    reference: str
+    """Source of the equation and of the usual values."""
+    partners: tuple[str, ...] = ()
+    """Effects and model choices with a similar signature."""
+    kind: EffectKind = "physics"
 
-    @property
-    def kind(self) -> EffectKind:
-        """Whether the effect changes the motion or its measurement."""
-        ...
-
-    @property
-    def phases(self) -> tuple[str, ...]:
-        """Phases in which the effect shows; every scene has its own, billiards has those of `Phase`."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[Prior, ...]:
-        """Parameters that a fit may determine; sigma is the scale of natural strengths."""
-        ...
-
-    @property
-    def neutral(self) -> tuple[float, ...]:
-        """Per parameter, the value at which the effect is absent; it may lie outside the bounds of its prior."""
-        ...
-
-    @property
-    def partners(self) -> tuple[str, ...]:
-        """Effects and model choices with a similar signature."""
-        ...
-
-    @property
-    def reference(self) -> str:
-        """Source of the equation and of the usual values."""
-        ...
+    def __post_init__(self) -> None:
+        if len(self.neutral) != len(self.parameters):
+            raise ValueError(
+                f"{self.name} has {len(self.parameters)} parameters and {len(self.neutral)} neutral values"
+            )
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class BilliardsEffect:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BilliardsEffect(Effect):
     """An effect of billiards; every file in `models.physics.effects` defines one as `EFFECT`."""
 
-    name: str
-    kind: EffectKind
-    site: Site
     phases: tuple[Phase, ...]
-    parameters: tuple[Prior, ...]
-    neutral: tuple[float, ...]
-    reference: str
-    partners: tuple[str, ...] = ()
+    site: Site
     phrase: str = ""
     """Words for reports; empty where the name with spaces for underscores is clear."""
     limits: tuple[float, float] = (0.0, float("inf"))
@@ -105,12 +85,6 @@ class BilliardsEffect:
     """Position in the catalogue, which orders candidates in reports; effects of equal rank are sorted by name."""
     slot: int = LAST
     """Order of the parameters in the engine's vector; effects of equal slot are sorted by name."""
-
-    def __post_init__(self) -> None:
-        if len(self.neutral) != len(self.parameters):
-            raise ValueError(
-                f"{self.name} has {len(self.parameters)} parameters and {len(self.neutral)} neutral values"
-            )
 
     @property
     def is_in_engine(self) -> bool:

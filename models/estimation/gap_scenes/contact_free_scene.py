@@ -16,7 +16,7 @@ from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.gap_scenes.motion_integrator import MAX_STEP, Integrator, RealOrComplexArray
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
-from models.physics.effect import Effect, EffectKind, Prior
+from models.physics.effect import Effect, Prior
 
 BRAKE_PROBE = "brake_over_speed"
 _COMPLEX_STEP = 1e-30
@@ -28,20 +28,7 @@ _CONTACT_DURATION = 0.25
 """s for which an observation counts as affected by a contact with a wall."""
 
 
-@dataclass(frozen=True, slots=True)
-class SceneEffect:
-    """An effect of a scene of bodies that do not touch each other."""
-
-    name: str
-    parameters: tuple[Prior, ...]
-    neutral: tuple[float, ...]
-    phases: tuple[str, ...]
-    reference: str
-    partners: tuple[str, ...] = ()
-    kind: EffectKind = "physics"
-
-
-def build_brake_probe(unit: str, phase: str) -> SceneEffect:
+def build_brake_probe(unit: str, phase: str) -> Effect:
     """Build a probe for an unnamed brake: minus the direction of motion times a cubic in speed.
 
     If it explains more than the named effects, the library lacks a law of resistance.
@@ -50,7 +37,7 @@ def build_brake_probe(unit: str, phase: str) -> SceneEffect:
         Prior(f"c{n}", f"{unit}^{1 - n} s^{n - 2}", 0.0, sigma, False, (-100.0, 100.0))
         for n, sigma in enumerate((1.0, 0.5, 0.2, 0.05))
     )
-    return SceneEffect(BRAKE_PROBE, powers, (0.0,) * len(powers), (phase,), "a cubic in speed", (), "probe")
+    return Effect(BRAKE_PROBE, powers, (0.0,) * len(powers), (phase,), "a cubic in speed", (), "probe")
 
 
 @dataclass(frozen=True)

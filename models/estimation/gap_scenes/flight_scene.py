@@ -9,16 +9,16 @@ from functools import cache
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
 from models.estimation.gap_scenes.motion_integrator import AccelerationFunction, RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
-from models.physics.effect import Prior
+from models.physics.effect import Effect, Prior
 
 MIN_DRAG_SPEED = 1e-3
 """m/s below which drag by the square of the speed vanishes."""
 
 
-def flight_effects(coordinates: int) -> tuple[SceneEffect, ...]:
+def flight_effects(coordinates: int) -> tuple[Effect, ...]:
     """Build the catalogue of effects of a flight.
 
     Args:
@@ -30,11 +30,11 @@ def flight_effects(coordinates: int) -> tuple[SceneEffect, ...]:
     level = ("wind_x", "wind_y")[: coordinates - 1]
     wind = tuple(Prior(name, "m/s", 0.0, 1.0, False, (-20.0, 20.0)) for name in level)
     drags = (
-        SceneEffect(
+        Effect(
             "air_drag", (Prior("k", "1/m", 0.0, 0.1, False, (0.0, 5.0)),), (0.0,), ("flight",),
             "a = -k u u against the air; k = g / (terminal speed)^2", ("viscous_drag",),
         ),
-        SceneEffect(
+        Effect(
             "viscous_drag", (Prior("k", "1/s", 0.0, 0.3, False, (0.0, 20.0)),), (0.0,), ("flight",),
             "a = -k u against the air, Stokes 1851", ("air_drag",),
         ),
@@ -42,12 +42,12 @@ def flight_effects(coordinates: int) -> tuple[SceneEffect, ...]:
     probe = build_brake_probe("m", "flight")
     if coordinates == 1:
         return (*drags, probe)
-    magnus = SceneEffect(
+    magnus = Effect(
         "magnus", (Prior("s", "1/s", 0.0, 0.3, False, (-20.0, 20.0)),), (0.0,), ("flight",),
         "a = s n x v with the spin axis n; without it, v rotated by 90 degrees, upwards for motion towards +x: lift",
         ("wind",),
     )  # fmt: skip
-    blown = SceneEffect(
+    blown = Effect(
         "wind", wind, (0.0,) * len(wind), ("flight",),
         "steady air, relative to which drag acts; it accelerates by 0.1 1/s of its speed where there is no other drag",
         ("magnus",),

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
 from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
-from models.physics.effect import Prior
+from models.physics.effect import Effect, Prior
 
 GRAVITY = 9.81
 """m/s^2"""
@@ -31,7 +31,7 @@ _DRY = Prior("dry", "rad/s2", 0.0, 0.5, False, (0.0, 50.0))
 _FRICTION = "Viscous c w and dry friction d sign(w) of each joint, over the moment of inertia"
 
 
-def pendulum_effects(angles: int) -> tuple[SceneEffect, ...]:
+def pendulum_effects(angles: int) -> tuple[Effect, ...]:
     """Build the catalogue of effects of a pendulum with one or two angles.
 
     Args:
@@ -42,19 +42,19 @@ def pendulum_effects(angles: int) -> tuple[SceneEffect, ...]:
     """
     if angles == 1:
         return (
-            SceneEffect("rods", (_PULL,), (50.0,), ("swing",), "w'' = -pull sin(theta)"),
-            SceneEffect("joint_friction", (_VISCOUS, _DRY), (0.0, 0.0), ("swing",), _FRICTION, ("air_drag",)),
-            SceneEffect(
+            Effect("rods", (_PULL,), (50.0,), ("swing",), "w'' = -pull sin(theta)"),
+            Effect("joint_friction", (_VISCOUS, _DRY), (0.0, 0.0), ("swing",), _FRICTION, ("air_drag",)),
+            Effect(
                 "air_drag", (Prior("k", "1", 0.0, 0.05, False, (0.0, 5.0)),), (0.0,), ("swing",), "w' = -k w w",
                 ("joint_friction",),
             ),
-            SceneEffect(
+            Effect(
                 "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
                 "the vertical of the image is not that of gravity",
             ),
             build_brake_probe("rad", "swing"),
         )  # fmt: skip
-    rods = SceneEffect(
+    rods = Effect(
         "rods",
         (
             _PULL,
@@ -64,13 +64,13 @@ def pendulum_effects(angles: int) -> tuple[SceneEffect, ...]:
         ),
         (50.0, 0.3, 0.3, 20.0), ("swing",), "Lagrange's equations of two rods",
     )  # fmt: skip
-    friction = SceneEffect(
+    friction = Effect(
         "joint_friction",
         (_VISCOUS, _DRY, Prior("viscous_2", "1/s", 0.0, 0.1, False, (0.0, 20.0)),
          Prior("dry_2", "rad/s2", 0.0, 0.2, False, (0.0, 50.0))),
         (0.0, 0.0, 0.0, 0.0), ("swing",), _FRICTION, ("air_drag",),
     )  # fmt: skip
-    tilt = SceneEffect(
+    tilt = Effect(
         "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
         "the vertical of the image is not that of gravity",
     )  # fmt: skip

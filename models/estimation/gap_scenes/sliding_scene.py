@@ -10,10 +10,10 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, SceneEffect, build_brake_probe
+from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
 from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
 from models.numerics.jit import compile_kernel
-from models.physics.effect import Prior
+from models.physics.effect import Effect, Prior
 
 GRAVITY = 9.81
 """m/s^2"""
@@ -23,19 +23,19 @@ _STICK_SHARE = 0.98
 """Slope over mu up to which a stopped body sticks."""
 
 SLIDING_EFFECTS = (
-    SceneEffect(
+    Effect(
         "sliding_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("slide",),
         "Coulomb 1785: a = -mu g, independent of speed", ("viscous_drag",),
     ),
-    SceneEffect(
+    Effect(
         "viscous_drag", (Prior("k", "1/s", 0.0, 1.0, False, (0.0, 50.0)),), (0.0,), ("slide",),
         "a = -k v: a lubricated contact", ("sliding_friction", "air_drag"),
     ),
-    SceneEffect(
+    Effect(
         "air_drag", (Prior("k", "1/m", 0.0, 0.3, False, (0.0, 20.0)),), (0.0,), ("slide",),
         "a = -k v v", ("viscous_drag",),
     ),
-    SceneEffect(
+    Effect(
         "slope", (Prior("slope_x", "mm/m", 0.0, 10.0, False, (-200.0, 200.0)),
                   Prior("slope_y", "mm/m", 0.0, 10.0, False, (-200.0, 200.0))), (0.0, 0.0), ("slide",),
         "g times the slope, in the downhill direction", ("sliding_friction",),
@@ -43,18 +43,18 @@ SLIDING_EFFECTS = (
 )  # fmt: skip
 """Effects between the walls."""
 WALL_EFFECTS = (
-    SceneEffect(
+    Effect(
         "wall_restitution", (Prior("e", "1", 0.7, 0.2, False, (0.05, 1.0)),), (1.0,), ("wall_contact",),
         "share of the normal speed that is returned, Newton 1687", ("wall_friction", "sliding_friction"),
     ),
-    SceneEffect(
+    Effect(
         "wall_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("wall_contact",),
         "the tangential speed drops by mu (1 + e) times the normal speed, at most to 0: Coulomb friction, no spin",
         ("wall_restitution", "sliding_friction"),
     ),
 )  # fmt: skip
 """Effects of walls; their parameters follow those of `SLIDING_EFFECTS`."""
-LOCAL_PATCH = SceneEffect(
+LOCAL_PATCH = Effect(
     "local_patch", (Prior("mu", "1", 0.0, 0.3, False, (-2.0, 2.0)), Prior("x", "m", 0.0, 1.0, False, (-1e3, 1e3)),
                     Prior("y", "m", 0.0, 1.0, False, (-1e3, 1e3)), Prior("radius", "m", 0.2, 0.5, False, (1e-3, 1e3)),
                     Prior("border", "m", 0.005, 0.01, False, (1e-3, 1e3))),

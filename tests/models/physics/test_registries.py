@@ -25,7 +25,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="glue",
-    kind="physics",
     site="cushion",
     phases=("cushion_contact",),
     parameters=(Prior("share", "1", 0.0, 0.1, False, (0.0, 1.0)),),

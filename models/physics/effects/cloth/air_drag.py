@@ -6,7 +6,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="air_drag",
-    kind="physics",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
     parameters=(Prior("k", "1/m", 0.0, 0.03, False, (0.0, 1.0)),),

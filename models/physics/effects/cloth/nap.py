@@ -12,7 +12,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="nap",
-    kind="physics",
     site="cloth",
     phases=("free_roll",),
     parameters=(Prior("mu", "1", 0.0, 0.002, False, (-0.02, 0.02)),),

@@ -6,7 +6,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="rolling_resistance",
-    kind="physics",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
     parameters=(Prior("mu", "1", 0.01, 0.4, True, (0.001, 0.05)),),

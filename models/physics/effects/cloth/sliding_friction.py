@@ -9,7 +9,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="sliding_friction",
-    kind="physics",
     site="cloth",
     phases=("after_strike", "ball_contact", "cushion_contact"),
     parameters=(Prior("mu", "1", 0.2, 0.25, True, (0.05, 0.5)),),

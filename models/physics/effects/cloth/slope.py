@@ -12,7 +12,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="slope",
-    kind="physics",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
     parameters=(

@@ -9,7 +9,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="spin_decay",
-    kind="physics",
     site="cloth",
     phases=("cushion_contact", "ball_contact"),
     parameters=(Prior("rate", "rad/s2", 10.0, 0.5, True, (0.1, 60.0)),),

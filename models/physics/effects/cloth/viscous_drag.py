@@ -6,7 +6,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="viscous_drag",
-    kind="physics",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
     parameters=(Prior("k", "1/s", 0.0, 0.05, False, (0.0, 2.0)),),

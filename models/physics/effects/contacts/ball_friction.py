@@ -10,7 +10,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="ball_friction",
-    kind="physics",
     site="ball",
     phases=("ball_contact",),
     parameters=(Prior("mu", "1", 0.05, 0.5, True, (0.001, 0.4)),),

@@ -6,7 +6,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="ball_restitution",
-    kind="physics",
     site="ball",
     phases=("ball_contact",),
     parameters=(Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),),

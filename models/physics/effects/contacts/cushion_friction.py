@@ -10,7 +10,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="cushion_friction",
-    kind="physics",
     site="cushion",
     phases=("cushion_contact",),
     parameters=(Prior("mu", "1", 0.17, 0.4, True, (0.01, 0.6)),),

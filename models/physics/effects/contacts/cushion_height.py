@@ -11,7 +11,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="cushion_height",
-    kind="physics",
     site="cushion",
     phases=("cushion_contact",),
     parameters=(Prior("ratio", "1", 1.27, 0.1, False, (1.0, 1.5)),),

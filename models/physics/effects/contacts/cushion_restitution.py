@@ -9,7 +9,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="cushion_restitution",
-    kind="physics",
     site="cushion",
     phases=("cushion_contact",),
     parameters=(Prior("e", "1", 0.75, 0.2, False, (0.2, 1.0)),),

@@ -11,7 +11,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="cushion_restitution_speed",
-    kind="physics",
     site="cushion",
     phases=("cushion_contact",),
     parameters=(Prior("slope", "s/m", 0.0, 0.05, False, (-0.2, 0.2)),),

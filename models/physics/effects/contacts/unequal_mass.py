@@ -9,7 +9,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="unequal_mass",
-    kind="physics",
     site="set",
     phases=("ball_contact",),
     parameters=(Prior("ratio", "1", 1.0, 0.05, False, (0.5, 2.0)),),

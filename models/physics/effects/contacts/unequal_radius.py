@@ -10,7 +10,6 @@ from models.physics.effect import BilliardsEffect, Prior
 
 EFFECT = BilliardsEffect(
     name="unequal_radius",
-    kind="physics",
     site="set",
     phases=("ball_contact", "cushion_contact"),
     parameters=(Prior("ratio", "1", 1.0, 0.02, False, (0.8, 1.25)),),
