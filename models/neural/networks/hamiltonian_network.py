@@ -7,7 +7,7 @@ together with the network (`models.neural.networks.neural_flow`). The separable 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
@@ -58,30 +58,20 @@ class SeparableHamiltonianFlow(nn.Module):
         return torch.cat([by_p, -evaluate_gradient(self.layers, q)], dim=-1)
 
 
-@dataclass(frozen=True, slots=True)
-class HamiltonianArchitecture:
-    """Architecture of the network for H."""
-
-    widths: tuple[int, ...] = (64, 64)
-    activation: type[nn.Module] = nn.Tanh
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build an untrained network."""
-        return HamiltonianFlow(Perceptron(2 * sizes.coordinates, 1, self.widths, self.activation, generator))
+def build_hamiltonian_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64)
+) -> nn.Module:
+    """Build an untrained network for H."""
+    return HamiltonianFlow(Perceptron(2 * sizes.coordinates, 1, widths, nn.Tanh, generator))
 
 
-@dataclass(frozen=True, slots=True)
-class SeparableArchitecture:
-    """Architecture of the network for V."""
-
-    widths: tuple[int, ...] = (64, 64)
-    activation: type[nn.Module] = nn.Tanh
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build an untrained network."""
-        layers = Perceptron(sizes.coordinates, 1, self.widths, self.activation, generator)
-        return SeparableHamiltonianFlow(layers, sizes.points, sizes.axes)
+def build_separable_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64)
+) -> nn.Module:
+    """Build an untrained network for V."""
+    layers = Perceptron(sizes.coordinates, 1, widths, nn.Tanh, generator)
+    return SeparableHamiltonianFlow(layers, sizes.points, sizes.axes)
 
 
-HAMILTONIAN = NeuralFlowMethod("Hamiltonian net", HamiltonianArchitecture(), RungeKuttaStep())
-SEPARABLE = NeuralFlowMethod("Hamiltonian net, symplectic", SeparableArchitecture(), YoshidaStep())
+HAMILTONIAN = NeuralFlowMethod("Hamiltonian net", build_hamiltonian_flow, RungeKuttaStep())
+SEPARABLE = NeuralFlowMethod("Hamiltonian net, symplectic", build_separable_flow, YoshidaStep())

@@ -8,7 +8,6 @@ traits of each point represent properties such as its mass, or that it is fixed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -21,26 +20,23 @@ TRAIT_COUNT = 2
 """Learned traits per point."""
 MESSAGE_SIZE = 16
 """Components of a message."""
+MAX_NEIGHBOURS = 8
+"""Most senders per point: those nearest to it, on average over the samples. The cost grows with it."""
 
 
 class InteractionFlow(nn.Module):
     """Vector field of N points in D axes with E directed pairs."""
 
     def __init__(
-        self,
-        sizes: FlowDimensions,
-        pairs: tuple[Tensor, Tensor],
-        widths: Sequence[int],
-        activation: type[nn.Module],
-        generator: torch.Generator,
+        self, sizes: FlowDimensions, pairs: tuple[Tensor, Tensor], widths: Sequence[int], generator: torch.Generator
     ) -> None:
         super().__init__()
         self.points, self.axes = sizes.points, sizes.axes
         self.target, self.source = pairs  # (E,) receivers and senders
         self.traits = nn.Parameter(torch.randn(sizes.points, TRAIT_COUNT, generator=generator, dtype=torch.float64))
         state = 2 * sizes.axes
-        self.relation = Perceptron(state + 2 * TRAIT_COUNT, MESSAGE_SIZE, widths, activation, generator)
-        self.response = Perceptron(state + TRAIT_COUNT + MESSAGE_SIZE, sizes.axes, widths, activation, generator)
+        self.relation = Perceptron(state + 2 * TRAIT_COUNT, MESSAGE_SIZE, widths, nn.Tanh, generator)
+        self.response = Perceptron(state + TRAIT_COUNT + MESSAGE_SIZE, sizes.axes, widths, nn.Tanh, generator)
 
     def forward(self, z: Tensor) -> Tensor:
         """Evaluate dz/dt (B, 2 C) at z (B, 2 C)."""
@@ -73,19 +69,12 @@ def find_nearest(q: Tensor, count: int) -> tuple[Tensor, Tensor]:
     return torch.arange(points).repeat_interleave(neighbour_count), source.reshape(-1)
 
 
-@dataclass(frozen=True, slots=True)
-class InteractionArchitecture:
-    """Architecture of the two networks."""
-
-    widths: tuple[int, ...] = (32, 32)
-    activation: type[nn.Module] = nn.Tanh
-    neighbours: int = 8
-    """Most senders per point: those nearest to it, on average over the samples. The cost grows with it."""
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build untrained networks."""
-        pairs = find_nearest(sizes.samples.reshape(-1, sizes.points, sizes.axes), self.neighbours)
-        return InteractionFlow(sizes, pairs, self.widths, self.activation, generator)
+def build_interaction_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (32, 32)
+) -> nn.Module:
+    """Build untrained networks of accelerations and messages."""
+    pairs = find_nearest(sizes.samples.reshape(-1, sizes.points, sizes.axes), MAX_NEIGHBOURS)
+    return InteractionFlow(sizes, pairs, widths, generator)
 
 
-INTERACTION = NeuralFlowMethod("interaction net", InteractionArchitecture(), RungeKuttaStep())
+INTERACTION = NeuralFlowMethod("interaction net", build_interaction_flow, RungeKuttaStep())

@@ -9,8 +9,8 @@ doi:10.1016/S1474-6670(17)61205-9.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -48,11 +48,8 @@ class FlowDimensions:
         return self.points * self.axes
 
 
-class FlowArchitecture(Protocol):
-    """Architecture of a vector field: a frozen dataclass of the sizes of its network."""
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build a network from z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p, dq/dt are about 1."""
+FlowArchitecture = Callable[[FlowDimensions, torch.Generator], nn.Module]
+"""Builds a network from z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p, dq/dt are about 1."""
 
 
 class ShootingNetwork(nn.Module):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
@@ -25,44 +25,20 @@ class AccelerationFlow(nn.Module):
         return torch.cat([v, self.layers(z)], dim=-1)
 
 
-class FirstOrderFlow(nn.Module):
-    """Vector field dz/dt = net(z) without any structure of mechanics: the baseline of Greydanus et al. 2019."""
-
-    def __init__(self, layers: Perceptron) -> None:
-        super().__init__()
-        self.layers = layers
-
-    def forward(self, z: Tensor) -> Tensor:
-        """Evaluate dz/dt (..., 2 C) at z (..., 2 C)."""
-        derivative: Tensor = self.layers(z)
-        return derivative
+def build_acceleration_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64, 64)
+) -> nn.Module:
+    """Build an untrained net(x, v)."""
+    count = sizes.coordinates
+    return AccelerationFlow(Perceptron(2 * count, count, widths, nn.Tanh, generator))
 
 
-@dataclass(frozen=True, slots=True)
-class SecondOrderArchitecture:
-    """Architecture of net(x, v)."""
-
-    widths: tuple[int, ...] = (64, 64, 64)
-    activation: type[nn.Module] = nn.Tanh
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build an untrained network."""
-        count = sizes.coordinates
-        return AccelerationFlow(Perceptron(2 * count, count, self.widths, self.activation, generator))
+def build_first_order_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64, 64)
+) -> nn.Module:
+    """Build an untrained dz/dt = net(z) without any structure of mechanics: the baseline of Greydanus et al. 2019."""
+    return Perceptron(2 * sizes.coordinates, 2 * sizes.coordinates, widths, nn.Tanh, generator)
 
 
-@dataclass(frozen=True, slots=True)
-class FirstOrderArchitecture:
-    """Architecture of net(z)."""
-
-    widths: tuple[int, ...] = (64, 64, 64)
-    activation: type[nn.Module] = nn.Tanh
-
-    def __call__(self, sizes: FlowDimensions, generator: torch.Generator) -> nn.Module:
-        """Build an untrained network."""
-        count = 2 * sizes.coordinates
-        return FirstOrderFlow(Perceptron(count, count, self.widths, self.activation, generator))
-
-
-SECOND_ORDER = NeuralFlowMethod("net(x, v)", SecondOrderArchitecture(), RungeKuttaStep())
-PLAIN_FLOW = NeuralFlowMethod("net(x, v), first order", FirstOrderArchitecture(), RungeKuttaStep())
+SECOND_ORDER = NeuralFlowMethod("net(x, v)", build_acceleration_flow, RungeKuttaStep())
+PLAIN_FLOW = NeuralFlowMethod("net(x, v), first order", build_first_order_flow, RungeKuttaStep())
