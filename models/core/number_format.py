@@ -8,6 +8,8 @@ import numpy as np
 
 MAX_DECIMALS = 9
 """Decimals of a number at most: no value of a clip is known better, in any unit that is printed."""
+SPEED_DECIMALS = 2
+"""Decimals of a speed in m/s."""
 TWO_DIGITS_BELOW = 3.55
 """First digits of a standard deviation below which it has two significant digits, else one (rounding rule of the
 Particle Data Group, Phys. Rev. D 110, 030001, 2024, introduction, section 5.3)."""
@@ -61,9 +63,10 @@ def format_value(value: float, digits: int = 3) -> str:
     return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
 
 
-def format_speed(speed: float) -> str:
-    """Format a speed, in m/s, such as `1.8 m/s (6.5 km/h)`."""
-    return f"{format_value(speed)} m/s ({3.6 * speed:.1f} km/h)"
+def format_speed(speed: float, sigma: float = float("nan")) -> str:
+    """Format a speed and its standard deviation, in m/s, such as `1.80 m/s (6.5 km/h)`."""
+    shown = format_with_sigma(speed, sigma, SPEED_DECIMALS) if sigma > 0 else f"{speed:.{SPEED_DECIMALS}f}"
+    return f"{shown} m/s ({3.6 * speed:.1f} km/h)"
 
 
 def format_probability(probability: float) -> str:

@@ -136,10 +136,9 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
     old_name, new_name = before.fit.naming.name_ball, after.fit.naming.name_ball
     names = {old_name(one): new_name(two) for one, two in matched.items() if old_name(one) != new_name(two)}
     changes += [{"kind": "changed", "text": f"{one} is now called {two}"} for one, two in names.items()]
-    added = [new_name(one) for one in after.tracks.ids if one not in matched.values()]
-    changes += [{"kind": "added", "text": f"a ball: {one}"} for one in added]
-    removed = [old_name(one) for one in before.tracks.ids if one not in matched]
-    changes += [{"kind": "removed", "text": f"a ball: {one}"} for one in removed]
+    added = {new_name(one): "added" for one in after.tracks.ids if one not in matched.values()}
+    removed = [(old_name(one), "removed") for one in before.tracks.ids if one not in matched]
+    changes += [{"kind": kind, "text": f"a ball: {one}"} for one, kind in (*added.items(), *removed)]
     events = before.fit.events
     a, b = (tuple(matched.get(one, one) for one in column) for column in (events.a, events.b))
     calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}

@@ -17,7 +17,7 @@ from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
 from pipeline.reporting.text.text_formatting import (
-    find_textbook_range,
+    TEXTBOOK_RANGES,
     format_event,
     format_event_time,
     format_parameter_name,
@@ -212,7 +212,7 @@ def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
             hovertemplate=f"{format_with_sigma(p.value, p.sigma)}<extra>{format_parameter_name(p.name)}</extra>",
         )  # fmt: skip
         ends = [p.value - 2 * p.sigma, p.value + 2 * p.sigma]
-        usual = find_textbook_range(p.name)
+        usual = TEXTBOOK_RANGES.get(p.name)
         if usual is not None:
             figure.add_vrect(
                 x0=usual[0], x1=usual[1], fillcolor="#bcd9cb", opacity=0.7, line_width=0, layer="below", row=row, col=1

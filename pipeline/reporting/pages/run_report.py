@@ -12,7 +12,7 @@ import numpy as np
 
 from models.core.fit_result import Fit
 from models.core.naming import Naming
-from models.core.number_format import format_measured, format_probability, format_unit, format_with_sigma
+from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
 from models.core.shot_explanation import Moment
 from models.core.tracks import Tracks
@@ -34,7 +34,7 @@ from pipeline.reporting.figures.run_figures import (
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import embed_image_file
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.call_sentences import MAX_MM_DECIMALS, format_call
+from pipeline.reporting.text.call_sentences import format_call, format_gap
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_hypotheses
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
@@ -117,13 +117,12 @@ def write_report(
     calls = answer_standard_questions(
         make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
     )
+    doubts = [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
     html = render_template(
         "report.html",
         name=title,
         trust=fit.trust,
-        summaries=summarize_shots(
-            tracks, fit, [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)], calls
-        ),
+        summaries=summarize_shots(tracks, fit, scene.table, doubts, calls),
         balls=list_ball_colours(tracks),
         poster=embed_image_file(files.poster),
         video=files.slow,
@@ -196,7 +195,6 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
     events, naming = fit.events, fit.naming
     rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
-        gap = format_with_sigma(1000 * events.gap[k], 1000 * events.gap_sigma[k], MAX_MM_DECIMALS)
         undecided = is_undecided(events.probability[k])
         moment = _find_moment(fit, k) if undecided else None
         rows.append(
@@ -207,7 +205,7 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
                 "sentence": format_event(events, k, naming),
                 "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
-                "gap": gap,
+                "gap": format_gap(events.gap[k], events.gap_sigma[k]) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),
                 "undecided": undecided,
                 "hypotheses": f"{naming.name_ball(moment.ball)}: {format_hypotheses(moment, naming)}" if moment else "",

@@ -22,6 +22,7 @@ from pipeline.reporting.recording.recorded_shot import (
     build_time_columns,
     frame_shown_at,
 )
+from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import lighten_for_text
@@ -90,11 +91,11 @@ def log_events(stream: rr.RecordingStream, shot: RecordedShot) -> None:
 
 
 def format_mark(fit: Fit, k: int) -> str:
-    """Format time, sentence, the gap of the free paths if it is known, and the probability of an undecided event."""
+    """Format time, sentence, how nearly balls missed each other, and the probability of an undecided event."""
     events = fit.events
     parts = [format_event_time(events, k), format_event(events, k, fit.naming)]
-    if np.isfinite(events.gap[k]):
-        parts.append(f"gap {1000 * events.gap[k]:+.1f} mm")
+    if events.kind[k] == "ball" and np.isfinite(events.gap[k]):
+        parts.append(format_gap(events.gap[k], events.gap_sigma[k]))
     if is_undecided(events.probability[k]):
         parts.append(f"undecided, {format_probability(events.probability[k])}")
     return " · ".join(parts)

@@ -133,11 +133,21 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
     """Format how close a call was."""
     if call.kind in ("first", "cushion-first") or not np.isfinite(call.margin):
         return ""
-    amount = f"{format_with_sigma(1e3 * abs(call.margin), 1e3 * call.margin_sigma, MAX_MM_DECIMALS)} mm"
     if call.kind == "contact":
-        return f"{amount} {'from a miss' if call.margin < 0 else 'of air between them at the closest'}"
+        return format_gap(call.margin, call.margin_sigma)
     target = "the pocket" if call.kind == "pocket" else "the line"
-    return f"{amount} {'short of' if call.margin > 0 else 'past'} {target}"
+    return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else 'past'} {target}"
+
+
+def format_gap(gap: float, sigma: float) -> str:
+    """Format how nearly two balls missed or touched each other, by the gap of their free paths (m); empty for NaN."""
+    words = "from a miss" if gap < 0 else "of air between them at the closest"
+    return f"{_format_mm(gap, sigma)} {words}" if np.isfinite(gap) else ""
+
+
+def _format_mm(length: float, sigma: float) -> str:
+    """Format the amount of a length (m) in mm."""
+    return f"{format_with_sigma(1e3 * abs(length), 1e3 * sigma, MAX_MM_DECIMALS)} mm"
 
 
 def _format_reason(call: CallAnswer) -> str:

@@ -114,12 +114,12 @@ def _format_further_clause(reason: CheckReason, ball: str, naming: Naming) -> st
         return f"{first} and {other} pass each other at {when} while neither is detected, so they may be exchanged"
     return {
         "undecided": f"{it} is unsure at {when}",
-        "unexplained": f"{its} velocity changes at {when} for no known cause",
+        "unexplained": f"{it} changes its speed or direction at {when} for no known cause",
         "moving_at_start": f"{it} already moves when it is first detected, at {when}; the cause is not known",
         "gap": f"{it} moves, but is not detected for {_format_frames(reason.value)} around {when}",
         "lost": f"{it} is not detected any more after {when}, although it moves",
-        "unfitted": f"no accepted fit explains {its} motion from {when} to {reason.value:.2f} s",
-        "outlier": f"{its} detection at {when} is {1000 * reason.value:.0f} mm beside its fitted path",
+        "unfitted": f"{its} motion from {when} to {reason.value:.2f} s is not explained",
+        "outlier": f"{it} is detected {1000 * reason.value:.0f} mm beside {its} path at {when}",
     }[reason.code]
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from models.core.naming import Naming
-from models.core.number_format import format_probability, format_with_sigma
+from models.core.number_format import format_probability, format_speed, format_with_sigma
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 
 NUMBER_NAMES = {
@@ -26,7 +28,7 @@ NUMBER_NAMES = {
 }
 """Words by name of a number."""
 STATE_WORDS = {
-    "draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll", "unknown": "not observable",
+    "draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll", "unknown": "not measurable",
 }  # fmt: skip
 SIDES = {
     "top_spin": ("top", "back"), "top_spin_share": ("top", "back"), "side_spin": ("right", "left"),
@@ -38,7 +40,17 @@ DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
 """Most decimals by unit that a player can use."""
 UNSURE_CUSHIONS = 0.1
 """Deviation from a whole number, and standard deviation, of a number of cushions from which it has a decimal."""
-NOT_OBSERVABLE = "not observable"
+NOT_OBSERVABLE = "not measurable"
+SURE_SIGMAS = 2.0
+"""Standard deviations from 0 from which the side of a number is known."""
+FULLNESS_WORDS = (
+    (0.74, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
+)  # fmt: skip
+"""Words by the least share of the object ball that the cue ball covers at the contact, 1 - sin(cut angle)."""
+MAX_CUT_SIGMA = 3.0
+"""Degrees, standard deviation of a cut angle from which its fullness has no word."""
+MIN_STATE_PROBABILITY = 0.95
+"""Probability from which the spin of the cue ball at the first ball has a word."""
 
 
 def format_number(one: ShotNumber) -> str:
@@ -48,18 +60,47 @@ def format_number(one: ShotNumber) -> str:
         one: The number.
 
     Returns:
-        Such as `12.3 ± 0.4° right`; `not observable` where the data do not determine it.
+        Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `either way` for its side.
     """
     if not one.observable:
         return NOT_OBSERVABLE
     if one.name == "cushions":
         return format_cushions(one.value, one.sigma)
+    if one.unit == "m/s":
+        return format_speed(one.value, one.sigma)
     sides = SIDES.get(one.name)
     value = one.value if sides is None else abs(one.value)
     unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
     shown = format_with_sigma(value, one.sigma, DECIMALS[one.unit])
-    side = "" if sides is None or shown.startswith("0 ") else f" {sides[one.value < 0]}"
-    return f"{shown}{unit}{side}"
+    if sides is None or shown.startswith("0 "):
+        return f"{shown}{unit}"
+    return f"{shown}{unit} {sides[one.value < 0] if _is_sure(one) else 'either way'}"
+
+
+def _is_sure(one: ShotNumber) -> bool:
+    """Return whether a number is known to differ from 0."""
+    return one.observable and abs(one.value) > SURE_SIGMAS * one.sigma
+
+
+def format_hit(shot: ShotNumbers) -> str:
+    """Format how full the first ball was hit and with which spin, such as `half ball, draw, left side`.
+
+    Args:
+        shot: Numbers of the shot.
+
+    Returns:
+        The words that the data determine; empty without any.
+    """
+    cut, side = (shot.find_number(name) for name in ("cut_angle", "side_spin_share"))
+    words = []
+    if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
+        fullness = 1 - abs(math.sin(math.radians(cut.value)))
+        words.append(next(word for least, word in FULLNESS_WORDS if fullness >= least))
+    if max(shot.spin_state_probabilities, default=0.0) >= MIN_STATE_PROBABILITY and shot.spin_state != "unknown":
+        words.append(STATE_WORDS[shot.spin_state])
+    if side is not None and _is_sure(side):
+        words.append(f"{SIDES[side.name][side.value < 0]} side")
+    return ", ".join(words)
 
 
 def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
@@ -72,18 +113,16 @@ def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     Returns:
         One line without a full stop.
     """
-    parts = [f"{naming.name_ball(shot.cue)} at {shot.t:.2f} s"]
-    for name, label in (("cue_speed", ""), ("top_spin_share", "spin "), ("side_spin_share", "side ")):
-        one = shot.find_number(name)
-        if one is not None and one.observable:
-            parts.append(label + format_number(one))
+    parts = [f"{naming.say(shot.cue)} at {shot.t:.2f} s"]
+    labels = {"cue_speed": "", "top_spin_share": "spin ", "side_spin_share": "side ", "cut_angle": "cut "}
+    parts += [
+        label + format_number(one)
+        for name, label in labels.items()
+        if (one := shot.find_number(name)) is not None and _is_sure(one)
+    ]
     if shot.first:
-        first = naming.say(shot.first)
-        parts.append(f"{STATE_WORDS[shot.spin_state]} at {first}" if shot.spin_state != "unknown" else first)
-        for name, label in (("cut_angle", "cut "), ("throw", "throw ")):
-            one = shot.find_number(name)
-            if one is not None and one.observable:
-                parts.append(label + format_number(one))
+        hit = format_hit(shot)
+        parts.append(f"{naming.say(shot.first)} first{hit and f' ({hit})'}")
     for ball, pocket in zip(shot.potted, shot.pockets, strict=True):
         parts.append(f"{naming.say(ball)} into the {naming.name_pocket(pocket)}")
     return ", ".join(parts)

@@ -12,6 +12,7 @@ from models.core.errors import TruerollError
 from models.core.events import Events
 from models.core.fit_result import Trust
 from models.core.naming import Naming
+from models.core.number_format import format_speed
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY
 
 TEXTBOOK_RANGES = {
@@ -39,7 +40,7 @@ def format_event(events: Events, k: int, naming: Naming) -> str:
     Returns:
         Balls, kind of event and, if it is large enough, speed.
     """
-    a, b = naming.say(events.a[k]), events.b[k]
+    a, b, speed = naming.say(events.a[k]), events.b[k], float(events.speed[k])
     what = {
         "strike": f"{a} is struck",
         "ball": f"{a} and {naming.say(b)} touch",
@@ -47,7 +48,7 @@ def format_event(events: Events, k: int, naming: Naming) -> str:
         "pocket": f"{a} falls into the {naming.name_pocket(b)}",
         "rest": f"{a} comes to rest",
     }[events.kind[k]]
-    return start_sentence(what) + (f" at {events.speed[k]:.2f} m/s" if events.speed[k] >= MIN_REPORTED_SPEED else "")
+    return start_sentence(what) + (f" at {format_speed(speed)}" if speed >= MIN_REPORTED_SPEED else "")
 
 
 def start_sentence(text: str) -> str:
@@ -71,18 +72,6 @@ def format_event_time(events: Events, k: int) -> str:
         The time in s, the standard deviation in ms.
     """
     return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
-
-
-def find_textbook_range(name: str) -> tuple[float, float] | None:
-    """Find the textbook range of a fitted parameter.
-
-    Args:
-        name: Name of the parameter, `effect.parameter`.
-
-    Returns:
-        Lower and upper end; None if there is none.
-    """
-    return TEXTBOOK_RANGES.get(name)
 
 
 def format_textbook_range(name: str) -> str:

@@ -87,7 +87,9 @@ def test_places_of_one_ball_within_two_frames_are_one() -> None:
 def test_a_change_of_velocity_without_a_cause_is_named() -> None:
     (place,) = select(make_case(), moment("white", 0.3, CauseHypothesis("unexplained", "", 1.0), doubts=("no_cause",)))
     assert place.uncertainty == 1.0
-    assert format_check_place(place, Naming()) == "White: its velocity changes at 0.30 s for no known cause."
+    assert (
+        format_check_place(place, Naming()) == "White: it changes its speed or direction at 0.30 s for no known cause."
+    )
 
 
 def test_a_sure_contact_explains_the_change_of_the_other_ball_too() -> None:
@@ -140,7 +142,7 @@ def test_motion_without_an_accepted_fit_is_a_place() -> None:
     accepted = fit.accepted.copy()
     accepted[6:12] = False
     (place,) = select((tracks, replace(fit, accepted=accepted)))
-    assert format_check_place(place, Naming()) == "White: no accepted fit explains its motion from 0.20 s to 0.40 s."
+    assert format_check_place(place, Naming()) == "White: its motion from 0.20 s to 0.40 s is not explained."
 
 
 def test_a_detection_far_from_the_path_is_a_place_at_its_largest_distance() -> None:
@@ -149,7 +151,7 @@ def test_a_detection_far_from_the_path_is_a_place_at_its_largest_distance() -> N
     residual[7:9, 1] = [[0.02, 0.0], [0.04, 0.0]]
     (place,) = select((tracks, replace(fit, residual=residual)))
     assert (place.frame, place.balls) == (8, ("red",))
-    assert format_check_place(place, Naming()) == "Red: its detection at 0.27 s is 40 mm beside its fitted path."
+    assert format_check_place(place, Naming()) == "Red: it is detected 40 mm beside its path at 0.27 s."
     residual[7:9, 1] = [0.4 * TABLE.ball_radius, 0.0]  # nearer than half a radius
     assert select((tracks, replace(fit, residual=residual))) == []
 

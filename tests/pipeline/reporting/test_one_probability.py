@@ -53,7 +53,7 @@ def test_all_outputs_state_one_probability_of_an_event(tmp_path: Path, probabili
     fit = replace(make_fit(tracks.t, probability), naming=naming)
     record = make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
     calls = answer_standard_questions(record)
-    (summary,) = summarize_shots(tracks, fit, calls=calls)
+    (summary,) = summarize_shots(tracks, fit, scene.table, calls=calls)
     first = next(format_call(call, naming) for call in calls if call.kind == "first")
     touched = format_call(answer_contact(record, "white", "red"), naming)
     view = describe_run(ClipRun(clip, scene, tracks, fit), 0, None)
@@ -61,7 +61,7 @@ def test_all_outputs_state_one_probability_of_an_event(tmp_path: Path, probabili
 
     assert [rows[2]["probability"], view["events"][2]["share"]] == [text, text]
     assert touched.probability.endswith(text)
-    assert f"probability of {first.probability.removeprefix('red: ')}" in summary.confidence
+    assert f"First contact: {first.probability.removeprefix('red: ')}." in summary.confidence
 
     places = [format_check_place(one, naming) for one in select_check_places(tracks, fit, scene.table)]
     timeline = SimpleNamespace(scene=scene, state_at=fit.trajectory.at)

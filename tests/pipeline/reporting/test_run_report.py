@@ -74,7 +74,7 @@ def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them(
 
 
 def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
-    assert "White hits the right short rail at 0.50 m/s" in page
+    assert "White hits the right short rail at 0.50 m/s (1.8 km/h)" in page
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
     assert "rolling resistance, mu" in page
@@ -83,7 +83,7 @@ def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
 def test_a_touch_of_negligible_speed_is_described_without_it() -> None:
     events = shot.make_fit(np.linspace(0, 0.8, 25)).events
     slow = replace(events, speed=np.array([np.nan, 0.004]))
-    assert format_event(events, 1, Naming()) == "White hits the right short rail at 0.50 m/s"
+    assert format_event(events, 1, Naming()) == "White hits the right short rail at 0.50 m/s (1.8 km/h)"
     assert format_event(slow, 1, Naming()) == "White hits the right short rail"
     assert format_event(slow, 0, Naming()) == "White is struck"
 
@@ -147,7 +147,7 @@ def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
 def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) -> None:
     assert "Trust: amber" in unsure_page
     assert "Undecided: white touched red at 0.70 s (20 %)." in unsure_page
-    assert "the trust level of the clip is amber" in unsure_page
+    assert "Trust level of the clip: amber." in unsure_page
 
 
 def test_calls_that_the_clip_does_not_decide_say_so_with_the_reason() -> None:

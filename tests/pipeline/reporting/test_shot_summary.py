@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from pipeline.reporting.text.shot_summary import summarize_shots
+from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 
 T = np.linspace(0, 2, 61)
 TOUCH = 0.8
@@ -57,15 +58,20 @@ def make_shot(after: tuple[float, float], cushion: float | None = None) -> tuple
     return tracks, fit
 
 
+def summarize(tracks: Tracks, fit: Fit, doubts: Sequence[str] = ()) -> list[ShotSummary]:
+    return summarize_shots(tracks, fit, shot.make_scene().table, doubts)
+
+
 def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
-    (summary,) = summarize_shots(*make_shot((0.0, 0.5)))
-    assert summary.first.startswith("White hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s")
+    (summary,) = summarize(*make_shot((0.0, 0.5)))
+    assert summary.first.startswith(
+        "White hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s (3.6 km/h)"
+    )
     assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
-    assert "The closing speed along the line of centres was 1.00 m/s" in summary.speed
-    assert "white arrived at 1.00 ± 0.01 m/s" in summary.speed
+    assert "White arrived at 1.00 ± 0.01 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
-    assert summary.confidence.startswith("The first contact has a probability of 97 %")
-    assert "trust level of the clip is green" in summary.confidence
+    assert summary.confidence.startswith("First contact: 97 %.")
+    assert "Trust level of the clip: green." in summary.confidence
 
 
 def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_last_seen() -> None:
@@ -73,8 +79,8 @@ def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_la
     rack = RackBreak(0.0, 0.2, TOUCH, TOUCH + 0.1, "white", ("red",))
     hidden = np.where((T > 1.5)[:, None, None], np.nan, tracks.xy)
     fit = replace(fit, explanation=replace(fit.explanation, breaks=(rack,)), moving=np.ones((len(T), 2), bool))
-    (summary,) = summarize_shots(replace(tracks, xy=hidden), fit)
-    assert summary.spread.startswith("white broke a cluster of 1 balls: 1 of them moved, 0 reached a cushion and none")
+    (summary,) = summarize(replace(tracks, xy=hidden), fit)
+    assert summary.spread.startswith("White broke a cluster of 1 balls: 1 of them moved, 0 reached a rail and none")
     assert summary.spread.endswith("until 0.90 s is beyond what the film can show.")
     assert "It was last seen at 1.50 s, when it moved at 0.64 m/s" in summary.after
 
@@ -82,29 +88,26 @@ def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_la
 @pytest.mark.parametrize(
     ("after", "expected"),
     [
-        ((0.3, 0.05), "continued in its direction (9° to the right), at 0.30 m/s"),
-        ((0.0, 0.5), "turned 90° to the right, at 0.50 m/s"),
-        ((0.0, -0.5), "turned 90° to the left, at 0.50 m/s"),
-        ((-0.4, 0.0), "came back, at 0.40 m/s"),
+        ((0.3, 0.05), "continued in its direction (9° to the right), at 0.30 m/s (1.1 km/h)"),
+        ((0.0, 0.5), "turned 90° to the right, at 0.50 m/s (1.8 km/h)"),
+        ((0.0, -0.5), "turned 90° to the left, at 0.50 m/s (1.8 km/h)"),
+        ((-0.4, 0.0), "came back, at 0.40 m/s (1.4 km/h)"),
         ((0.01, 0.0), "stopped at the place of contact"),
     ],
 )
 def test_the_turn_of_the_ball_is_described_as_seen_from_above(after: tuple[float, float], expected: str) -> None:
     """y runs down: a ball that goes along x and then along y has turned to its right."""
-    (summary,) = summarize_shots(*make_shot(after))
+    (summary,) = summarize(*make_shot(after))
     assert expected in summary.after
 
 
 def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() -> None:
-    (before,) = summarize_shots(*make_shot((0.0, 0.5), cushion=0.5))
+    (before,) = summarize(*make_shot((0.0, 0.5), cushion=0.5))
     assert "White hit red first, after the far long rail." in before.first
     assert "It had no further contact" in before.after
-    (after,) = summarize_shots(*make_shot((0.0, 0.5), cushion=1.5))
+    (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.500 s." in after.after
-    assert (
-        "the least certain other contact of this ball has a probability of 80 %"
-        " (White hits the far long rail at 1.00 m/s)" in after.confidence
-    )
+    assert "White hits the far long rail at 1.00 m/s (3.6 km/h): 80 %, its least sure other event." in after.confidence
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
@@ -119,8 +122,8 @@ def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_
         tuple(motion.phase[k] for k in rows), motion.covariance[rows],
     )  # fmt: skip
     vague = replace(fit.events, t_sigma=np.array([1e-3, 1e-3, 0.02]))
-    (summary,) = summarize_shots(tracks, replace(fit, trajectory=still, events=vague))
-    assert "turned 90° to the right, at 0.50 m/s" in summary.after
+    (summary,) = summarize(tracks, replace(fit, trajectory=still, events=vague))
+    assert "turned 90° to the right, at 0.50 m/s (1.8 km/h)" in summary.after
     assert "stopped" not in summary.after
 
 
@@ -128,8 +131,8 @@ def test_a_ball_that_is_observed_again_only_later_is_described_from_there() -> N
     tracks, fit = make_shot((0.0, 0.5))
     motion = fit.trajectory
     again = replace(motion, start=np.where((motion.ball == 0) & (motion.start == TOUCH), 1.0, motion.start))
-    (summary,) = summarize_shots(tracks, replace(fit, trajectory=again))
-    assert "White turned 90° to the right, at 0.50 m/s 0.40 s later." in summary.after
+    (summary,) = summarize(tracks, replace(fit, trajectory=again))
+    assert "White turned 90° to the right, at 0.50 m/s (1.8 km/h) 0.40 s later." in summary.after
 
 
 def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
@@ -142,9 +145,9 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
         (*events.kind, *("cushion",) * more, "ball"), t, 1e-3 * one, 30 * t, ("white", "red", *("white",) * (more + 1)),
         ("", "white", *("top",) * more, "red"), np.zeros((len(t), 2)), one, -0.01 * one, 1e-3 * one, one,
     )  # fmt: skip
-    (summary,) = summarize_shots(tracks, replace(fit, events=many))
+    (summary,) = summarize(tracks, replace(fit, events=many))
     assert "the far long rail at 1.400 s and red at 1.700 s and 2 more." in summary.after
-    assert "every other contact of this ball has a probability above 99.9 %" in summary.confidence
+    assert "Every other event of this ball: above 99.9 %." in summary.confidence
 
 
 def test_speeds_are_those_of_the_table_of_numbers() -> None:
@@ -152,27 +155,32 @@ def test_speeds_are_those_of_the_table_of_numbers() -> None:
     numbers = (
         ShotNumber("contact_speed", 0.98, 0.02, "m/s", True, "white"),
         ShotNumber("object_speed", 0.69, 0.01, "m/s", False, "red"),
+        ShotNumber("cut_angle", -31.0, 0.5, "deg", True, "red"),
     )
-    listed = ShotNumbers(0.2, "white", "red", "roll", (), (), (), numbers)
-    (summary,) = summarize_shots(tracks, replace(fit, shot_numbers=(listed,)))
-    assert "white arrived at 0.98 ± 0.02 m/s" in summary.speed
+    listed = ShotNumbers(0.2, "white", "red", "stun", (0.02, 0.96, 0.02, 0.0), (), (), numbers)
+    (summary,) = summarize(tracks, replace(fit, shot_numbers=(listed,)))
+    assert summary.first.startswith("White hit red first: half ball, stun.")
+    assert "White arrived at 0.98 ± 0.02 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
 
 
 def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
-    (summary,) = summarize_shots(*make_shot((0.0, 0.5)), ("Every length may be 8 % smaller.",))
-    assert summary.speed.endswith("red left at 0.70 ± 0.01 m/s. Every length may be 8 % smaller.")
+    (summary,) = summarize(*make_shot((0.0, 0.5)), ("Every length may be 8 % smaller.",))
+    assert summary.speed.endswith("red left at 0.70 ± 0.01 m/s (2.5 km/h). Every length may be 8 % smaller.")
 
 
 def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
-    (summary,) = summarize_shots(*make_shot((0.0, 0.3)))
-    assert "When the clip ends, at 2.00 s, it still moves at 0.30 m/s at (1.000, 0.860) m." in summary.after
+    (summary,) = summarize(*make_shot((0.0, 0.3)))
+    assert (
+        "When the clip ends, at 2.00 s, it still moves at 0.30 m/s (1.1 km/h), 14 cm from the near long rail and 100 cm"
+        in summary.after
+    )
 
 
 def test_unlikely_events_are_not_mentioned() -> None:
     tracks, fit = make_shot((0.0, 0.3))
     doubtful = replace(fit, events=replace(fit.events, probability=np.array([1.0, 0.2])))
-    (summary,) = summarize_shots(tracks, doubtful)
+    (summary,) = summarize(tracks, doubtful)
     assert summary.first.startswith("White touched no other ball.")
 
 
@@ -181,7 +189,7 @@ def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> 
     events = fit.events
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
-    (summary,) = summarize_shots(tracks, replace(fit, events=late))
+    (summary,) = summarize(tracks, replace(fit, events=late))
     assert summary.first == "White hit red first. The clip shows no stroke; the motion before it is unknown."
     assert "after the stroke" not in summary.when
 
@@ -197,22 +205,25 @@ def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came(
     events = fit.events
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
-    (summary,) = summarize_shots(tracks, replace(fit, events=late, trajectory=unseen))
+    (summary,) = summarize(tracks, replace(fit, events=late, trajectory=unseen))
     assert summary.first.startswith("White hit red first.")
-    assert "the speed of white before the contact was not observed" in summary.speed
-    assert "White moved at 0.50 m/s 0.40 s later; its direction before the contact was not observed." in summary.after
+    assert "The speed of white before the contact was not observed" in summary.speed
+    assert (
+        "White moved at 0.50 m/s (1.8 km/h) 0.40 s later; its direction before the contact was not observed."
+        in summary.after
+    )
 
 
 def test_where_nothing_moves_there_is_no_summary() -> None:
     tracks, fit = make_shot((0.0, 0.3))
     none = Events((), np.empty(0), np.empty(0), np.empty(0), (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
-    assert summarize_shots(tracks, replace(fit, events=none, moving=np.zeros_like(tracks.is_observed))) == []
+    assert summarize(tracks, replace(fit, events=none, moving=np.zeros_like(tracks.is_observed))) == []
 
 
 def test_every_potted_ball_is_mentioned() -> None:
     tracks, fit = make_shot((0.0, 0.5), cushion=1.5)
     events = fit.events
     fallen = replace(events, kind=("strike", "ball", "pocket"), a=("white", "red", "red"), b=("", "white", "top-right"))
-    (summary,) = summarize_shots(tracks, replace(fit, events=fallen))
+    (summary,) = summarize(tracks, replace(fit, events=fallen))
     assert summary.potted == "Red into the far-right pocket at 1.5000 s ± 1.0 ms."
-    assert summarize_shots(tracks, fit)[0].potted == ""
+    assert summarize(tracks, fit)[0].potted == ""

@@ -43,7 +43,7 @@ def test_what_was_played_stands_beside_the_real_stroke() -> None:
     )
     fast = make_document(0.5, 0.02, {"speed": 5.0, "angle": -0.5}, {"speed": 5.0, "side": 0.1, "top": 0.2})
     assert format_what_if(fast, NAMING)[0] == (
-        "Played with 74 % more speed: 5 m/s (18.0 km/h) instead of 2.88 m/s (10.4 km/h);"
+        "Played with 74 % more speed: 5.00 m/s (18.0 km/h) instead of 2.88 m/s (10.4 km/h);"
         " the direction turned by 0.5 degrees to the left;"
         " side spin 0.10 right instead of 0.50 left."
     )
