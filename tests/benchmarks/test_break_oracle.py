@@ -46,5 +46,5 @@ def test_an_unexplained_velocity_change_is_listed_with_ball_and_time() -> None:
             ContactGraph(segments, (Contact("free", 0.55, (0,), (1,)),)), replace(shot.tracks, xy=xy), shot.scene
         )
     )
-    (doubt,) = (reason for reason in fit.trust.reasons if "unexplained velocity change" in reason)
-    assert doubt.startswith("1 unexplained velocity change: cue at 0.")
+    (doubt,) = (reason for reason in fit.trust.reasons if "without a known cause" in reason)
+    assert doubt.startswith("Changed speed or direction without a known cause: the cue ball at 0.")

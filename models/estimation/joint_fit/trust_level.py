@@ -101,7 +101,8 @@ def assess_trust(share: float, chi2: float, moving_seconds: float, warnings: lis
     """
     if moving_seconds == 0:
         return Trust("green", ("No ball moves.",)) if not warnings else Trust("amber", ("No ball moves.", *warnings))
-    reasons = [f"An accepted fit explains {100 * share:.0f} % of the time that balls move."]
+    time = "all the time" if share == 1 else f"{100 * share:.0f} % of the time"
+    reasons = [f"The listed strokes and contacts explain how the balls move {time}."]
     if np.isfinite(chi2) and chi2 > 2:
         reasons.append(f"Residuals exceed the stated errors: chi2 per degree of freedom is {chi2:.1f}.")
     colour: TrustLevel = "green"

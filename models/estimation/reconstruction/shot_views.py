@@ -201,8 +201,8 @@ def _warn_of_unexplained_changes(explanation: ShotExplanation, naming: Naming) -
     if not unknown:
         return ()
     places = ", ".join(f"{naming.say(ball)} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
-    more = " ..." if len(unknown) > _MAX_LISTED else ""
-    return (f"{len(unknown)} unexplained velocity change{'s' if len(unknown) > 1 else ''}: {places}{more}.",)
+    more = f" and {len(unknown) - _MAX_LISTED} more" if len(unknown) > _MAX_LISTED else ""
+    return (f"Changed speed or direction without a known cause: {places}{more}.",)
 
 
 def _warn_of_missing_balls(shot: Shot) -> tuple[str, ...]:
