@@ -76,6 +76,8 @@ class WholeShotSolution:
     """(M, Q) parameters of each sample, in the order of `parametrised_shot.SHOT_PARAMETERS`."""
     sample_ball_models: tuple[str, ...] = ()
     """(M,) contact model of two balls of each sample."""
+    equal_models: tuple[str, ...] = ()
+    """Contact models of ball and cushion that explain the shots as well: the evidence does not decide between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ class WholeShotMisfit:
     ball_model: str
     """Name of the contact model of two balls."""
     explained_until: float
-    """s, end of the part of the shot that the model explains."""
+    """s, end of the part of the shot that the model explains; `t` at the latest."""
     ball: str
     """Id of the ball whose positions deviate."""
     contact: str

@@ -43,6 +43,8 @@ CANDIDATE_LAWS = tuple(
 CLOTH_PARAMETERS = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
 FACTOR_SIGMA = 0.01
 """Prior standard deviation of the distance at which balls touch over two radii: uncertainty of a calibration."""
+DECISIVE_LOG_EVIDENCE = float(np.log(150.0))
+"""Logarithm of a decisive Bayes factor (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
 _SIGNIFICANT_SIGMAS = 4.0
 """Standard deviations that count as significant."""
 _DEFAULT_SEED = 2010
@@ -81,6 +83,12 @@ class TableFit:
     """Log evidence of every candidate, divided by the lack of fit of the best; the best one first."""
     samples: tuple[ShotSample, ...] = ()
     """Posterior samples; empty if they were not requested, or nothing explains the shots."""
+
+    @property
+    def equal_models(self) -> tuple[str, ...]:
+        """Cushion models whose evidence is no decisive reason against them, without the best one."""
+        highest = self.evidence[0][1]
+        return tuple(laws.cushion for laws, log in self.evidence[1:] if log > highest - DECISIVE_LOG_EVIDENCE)
 
     @property
     def is_explained(self) -> bool:

@@ -149,8 +149,9 @@ def _summarize_misfit(search: LawSearch, events: Events, ids: tuple[str, ...]) -
     k = _find_contact(events, ids[ball], view)
     names = {events.a[k], events.b[k]} - {ids[ball]} if k >= 0 else {""}
     deviation, times_noise = _measure_deviation(view, ball, float(events.t[k]) if k >= 0 else -np.inf)
+    explained_until = min(longest, float(events.t[k])) if k >= 0 else longest
     return WholeShotMisfit(
-        laws.cushion, laws.ball, longest, ids[ball], events.kind[k] if k >= 0 else "", "".join(names),
+        laws.cushion, laws.ball, explained_until, ids[ball], events.kind[k] if k >= 0 else "", "".join(names),
         float(events.t[k]) if k >= 0 else float("nan"), deviation, times_noise,
         float(np.sqrt(search.best.chi2_per_dof)),
     )  # fmt: skip
@@ -198,5 +199,5 @@ def _summarize_laws(
         table_fit.laws.cushion, table_fit.laws.ball, table_fit.chi2_per_dof, table_fit.parameters, segments[0].begin,
         ids, state, turn @ table_fit.covariances[0] @ turn.T, segments[0].moving,
         np.array([one.start for one in table_fit.samples]), np.array([one.values for one in table_fit.samples]),
-        tuple(one.ball_model for one in table_fit.samples),
+        tuple(one.ball_model for one in table_fit.samples), table_fit.equal_models,
     )  # fmt: skip

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from models.core.fit_result import Fit, WholeShotMisfit
-from models.core.naming import Naming
+from models.core.fit_result import Fit, WholeShotMisfit, WholeShotSolution
+from models.core.naming import Naming, join_names
 from pipeline.reporting.text.text_formatting import start_sentence
 
 NOT_ASKED = "Nobody asked which published contact models explain the whole shot; trueroll run --laws finds out."
@@ -31,11 +31,19 @@ def format_whole_shot(fit: Fit) -> str:
     if fit.laws is None:
         return NOT_ASKED
     if fit.whole_shot is not None:
-        return (
-            f"{format_law(fit.whole_shot.cushion_model)} explains the shot to"
-            f" {math.sqrt(fit.whole_shot.chi2_per_dof):.1f} times the measurement noise."
-        )
+        return _format_solution(fit.whole_shot)
     return fit.laws.refusal if fit.laws.misfit is None else _format_misfit(fit.laws.misfit, fit.naming)
+
+
+def _format_solution(solution: WholeShotSolution) -> str:
+    """Format which contact models explain a shot."""
+    noise = f"to {math.sqrt(solution.chi2_per_dof):.1f} times the measurement noise."
+    sentences = [f"{format_law(solution.cushion_model)} explains the shot {noise}"]
+    if solution.equal_models:
+        one = len(solution.equal_models) == 1
+        names = join_names(map(format_law, solution.equal_models))
+        sentences.append(f"{names} explain{'s' if one else ''} it equally well: the shot does not decide between them.")
+    return " ".join(sentences)
 
 
 def _format_misfit(misfit: WholeShotMisfit, naming: Naming) -> str:

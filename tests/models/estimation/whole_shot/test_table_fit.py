@@ -58,6 +58,12 @@ def test_only_parameters_of_the_contact_models_are_fitted() -> None:
     assert {"sliding_friction.mu", "cushion_friction.mu", "ball_restitution.e", "nose.left"} <= names
 
 
+def test_models_without_a_decisive_reason_against_them_explain_the_shots_as_well() -> None:
+    stronge = ContactModels("stronge", "inelastic")
+    fitted = TableFit(MIRROR, (), 1.0, True, (), (), ((MIRROR, -90.0), (HAN, -92.0), (stronge, -120.0)))
+    assert fitted.equal_models == ("han_2005",)
+
+
 def test_nothing_to_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="got none"):
         search_laws((), TABLE)

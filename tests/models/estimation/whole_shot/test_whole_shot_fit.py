@@ -61,6 +61,7 @@ def test_a_shot_without_explanation_reports_its_misfit() -> None:
     events = list(zip(fit.events.kind, fit.events.t.tolist(), strict=True))
     assert (misfit.contact, misfit.t) in events
     assert misfit.whole_times_noise > MAX_CHI2**0.5
+    assert misfit.explained_until <= misfit.t
 
 
 def test_a_search_repeats_exactly() -> None:
