@@ -129,9 +129,9 @@ class Fit:
     parameters: tuple[Parameter, ...]
     """Parameters that were fitted to the segments between contacts."""
     noise: float
-    """m, standard deviation of measured positions per axis, estimated robustly from the residuals."""
+    """m, standard deviation of measured positions of moving balls per axis, estimated robustly from the residuals."""
     chi2_per_dof: float
-    """Chi-square per degree of freedom of the accepted segments, relative to the noise between successive samples."""
+    """Chi-square per degree of freedom of the same positions, relative to their assumed errors."""
     residual: FloatArray
     """(T, N, 2) m, measured minus fitted position; NaN where a ball was not observed."""
     moving: NDArray[np.bool_]
@@ -144,6 +144,8 @@ class Fit:
     """What may have happened at each moment, with the weight of every hypothesis."""
     mark_outcomes: tuple[MarkOutcome, ...] = ()
     """What the motion says about the contacts that were set by hand."""
+    chi2_range: tuple[float, float] = (0.0, np.inf)
+    """Values of `chi2_per_dof` that agree with the assumed errors."""
     laws: WholeShotFit | None = None
     """What published contact models make of whole shots; None if nobody asked."""
     profile_misfits: tuple[str, ...] = ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,9 @@ JITTER_RADII = 0.25
 """Ball radii: a ball that stays so near to one place rests there, since no ball goes to and fro by itself."""
 MAX_MISFIT_RADII = 0.7
 """Ball radii: a path with larger residuals explains nothing, however noisy its samples are."""
+VARIANCE_ERROR, MAX_DEVIATION = 0.2, 3.0
+"""Relative error of the assumed variances: real noise is known to about 10 %; and the standard deviations by which
+chi2 may deviate, which also scatters between segments."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 """Shares of the moving time that accepted fits must explain."""
 
@@ -87,12 +92,60 @@ def find_accepted_segments(
     return accepted
 
 
-def assess_trust(share: float, chi2: float, moving_seconds: float, warnings: list[str]) -> Trust:
+@dataclass(frozen=True, slots=True)
+class NoiseAssessment:
+    """Noise of measured positions, and how it agrees with the errors that the fit assumes."""
+
+    sigma: float
+    """m per axis, estimated robustly from the residuals."""
+    chi2: float
+    """Per degree of freedom; outliers are trimmed."""
+    chi2_range: tuple[float, float]
+    """Values that agree with the assumed errors: a part of them is common to all frames, so that residuals need not
+    show it."""
+
+
+def assess_noise(
+    solution: JointSolution, observations: Observations, is_accepted: NDArray[np.bool_], floor: float
+) -> NoiseAssessment:
+    """Assess the noise of moving balls, or of all where none moves: frames of a ball at rest repeat their errors.
+
+    Args:
+        solution: The solution.
+        observations: K observations.
+        is_accepted: (S,) whether physics explains a segment.
+        floor: m, part of all errors that is common to frames.
+
+    Returns:
+        The noise; NaN where no segment is accepted.
+    """
+    segments, owner = solution.graph.segments, assign_observations(solution.graph, observations)
+    is_static = np.array([segment.static for segment in segments], dtype=bool)
+    rows = is_accepted[owner] & ~is_static[owner]
+    rows = rows if rows.any() else is_accepted[owner]
+    if not rows.any():
+        return NoiseAssessment(np.nan, np.nan, (0.0, np.inf))
+    residual, whiten = evaluate_residuals(solution, observations)[rows], observations.whiten[rows]
+    size = np.minimum((np.einsum("kij,kj->ki", whiten, residual) ** 2).sum(axis=1), 25.0)
+    _, part = np.unique(owner[rows], return_inverse=True)
+    count = np.bincount(part)
+    free = np.maximum(2 * count - 5, count)
+    chi2 = float(size.sum() / free.sum())
+    scatter = float(np.sqrt(((np.bincount(part, size) - chi2 * free) ** 2).sum()) / free.sum())
+    varying = float(np.maximum(1 - floor**2 * (whiten**2).sum(axis=(1, 2)) / 2, 0.0).mean())
+    low, high = (np.hypot(scatter, one * VARIANCE_ERROR) for one in (varying, 1.0))
+    return NoiseAssessment(
+        float(np.sqrt(np.median((residual**2).sum(axis=1)) / (2 * np.log(2)))), chi2,
+        (max(varying - MAX_DEVIATION * low, 0.0), 1 + MAX_DEVIATION * high),
+    )  # fmt: skip
+
+
+def assess_trust(share: float, noise: NoiseAssessment | None, moving_seconds: float, warnings: list[str]) -> Trust:
     """Assess the trust level of a clip.
 
     Args:
         share: Share of the moving time that accepted segments explain.
-        chi2: chi2 per degree of freedom.
+        noise: Noise of measured positions; None where nothing was fitted.
         moving_seconds: Moving time, s; 0 if no ball moves.
         warnings: Sentences on other doubts.
 
@@ -103,12 +156,14 @@ def assess_trust(share: float, chi2: float, moving_seconds: float, warnings: lis
         return Trust("green", ("No ball moves.",)) if not warnings else Trust("amber", ("No ball moves.", *warnings))
     time = "all the time" if share == 1 else f"{100 * share:.0f} % of the time"
     reasons = [f"The listed strokes and contacts explain how the balls move {time}."]
-    if np.isfinite(chi2) and chi2 > 2:
-        reasons.append(f"Residuals exceed the stated errors: chi2 per degree of freedom is {chi2:.1f}.")
+    if noise is not None and not noise.chi2_range[0] <= np.nan_to_num(noise.chi2, nan=1.0) <= noise.chi2_range[1]:
+        low, high = noise.chi2_range
+        doubt = f"Residuals contradict the assumed noise: chi2 per degree of freedom is {noise.chi2:.2f},"
+        warnings = [f"{doubt} where {low:.2f} to {high:.2f} agree.", *warnings]
     colour: TrustLevel = "green"
     if share < AMBER_SHARE:
         colour = "red"
-    elif share < GREEN_SHARE or (np.isfinite(chi2) and chi2 > 3) or warnings:
+    elif share < GREEN_SHARE or warnings:
         colour = "amber"
     return Trust(colour, (*reasons, *warnings))
 

@@ -12,7 +12,7 @@ from models.core.capture_clock import CaptureClock
 from models.core.contact_graph import CAUSELESS_KINDS
 from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.naming import Naming
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
@@ -22,10 +22,10 @@ from models.core.typing import FloatArray
 from models.estimation.hand_marks.event_marks import weigh_marks
 from models.estimation.hand_marks.resolved_marks import resolve_marks
 from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
-from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
 from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
 from models.estimation.joint_fit.trust_level import (
     add_warnings,
+    assess_noise,
     assess_trust,
     evaluate_segment_chi2,
     find_accepted_segments,
@@ -46,6 +46,7 @@ from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
 from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 from models.tracking.ball_classes import find_missing_colours
+from models.tracking.track_noise import NOISE_FLOOR_RADII
 
 _MAX_LISTED = 3
 """Velocity changes that a warning lists."""
@@ -136,24 +137,25 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
     accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
     share, seconds = _share_of_accepted_time(original.t, moving, accepted)
-    chi2_all, noise = _summarize_misfit(solution, observations, is_accepted)
+    noise = assess_noise(solution, observations, is_accepted, NOISE_FLOOR_RADII * table.ball_radius)
     return Fit(
         collect_events(weighed, tracks),
         trajectory,
         _list_coefficients(solution),
-        noise,
-        chi2_all,
+        noise.sigma,
+        noise.chi2,
         original.xy - state.xy,
         moving,
         accepted,
         assess_trust(
             share,
-            chi2_all,
+            noise,
             seconds,
             _list_warnings(solution, [shot.naming.say(original.ids[ball]) for ball in unfitted_balls]),
         ),
         explanation,
         shot.outcomes,
+        chi2_range=noise.chi2_range,
     )
 
 
@@ -248,21 +250,6 @@ def _share_of_accepted_time(
     ), seconds
 
 
-def _summarize_misfit(
-    solution: JointSolution, observations: Observations, is_accepted: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return the chi2 per degree of freedom of accepted segments, outliers trimmed, and the noise per axis, m."""
-    owner = assign_observations(solution.graph, observations)
-    rows = is_accepted[owner]
-    if not rows.any():
-        return float("nan"), float("nan")
-    residual = evaluate_residuals(solution, observations)[rows]
-    size = (np.einsum("kij,kj->ki", observations.whiten[rows], residual) ** 2).sum(axis=1)
-    free = sum(2 if solution.graph.segments[k].static else 5 for k in np.unique(owner[rows]))
-    chi2 = float(np.minimum(size, 25.0).sum() / max(2 * len(size) - free, 1))
-    return chi2, float(np.sqrt(np.median((residual**2).sum(axis=1)) / (2 * np.log(2))))
-
-
 def _list_coefficients(solution: JointSolution) -> tuple[Parameter, ...]:
     """List coefficients with errors; undetermined ones keep most of their prior's error."""
     first = layout_parameters(solution.graph).shared
@@ -290,7 +277,7 @@ def _view_measured_motion(shot: Shot) -> Fit:
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
     never = np.zeros_like(moving)
     _, seconds = _share_of_accepted_time(tracks.t, moving, never)
-    trust = Trust("red", (reason,)) if seconds else assess_trust(0.0, float("nan"), 0.0, [reason])
+    trust = Trust("red", (reason,)) if seconds else assess_trust(0.0, None, 0.0, [reason])
     return Fit(
         events, trajectory, (), float("nan"), float("nan"), tracks.xy - state.xy, moving, never, trust,
         mark_outcomes=shot.outcomes,

@@ -61,8 +61,8 @@ NEAR_MISS_GAP = 0.02
 """m, largest gap of two balls without contact for which the page answers whether they touched."""
 MAX_NEAR_MISSES = 6
 """Answers on balls that came near each other."""
-MIN_EXPLAINED_SHARE, MAX_CHI2, MAX_NOISE_PX = 0.9, 3.0, 1.0
-"""Limits of good quality: explained share of the motion, chi-square per degree of freedom, noise of a position (px)."""
+MIN_EXPLAINED_SHARE, MAX_NOISE_PX = 0.9, 1.0
+"""Limits of good quality: explained share of the motion, noise of a position (px)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,13 +272,14 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     """Assess the properties that the trust level depends on, and others, as good or doubtful."""
     moving, explained_count = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
     share = explained_count / moving if moving else 1.0
-    px = float(np.nanmedian(tracks.sigma[tracks.is_observed])) if tracks.is_observed.any() else float("nan")
     scale = float(
         np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_table_centre(scene), scene.table.ball_radius))))
     )
     frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {float(clip.fps):.3f} fps"
     explained = f"{100 * share:.0f} % of their time" if moving else "no ball moves"
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
+    low, high = fit.chi2_range
+    chi2 = f"{fit.chi2_per_dof:.2f} ({low:.2f} to {high:.2f} agree with the noise)"
     return [
         QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),
         QualityFlag("Frames", frames, True),
@@ -288,8 +289,7 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
         QualityFlag("Camera", "moves" if scene.camera.motion is not None else "static", scene.camera.motion is None),
         QualityFlag("Moving balls explained by physics", explained, share >= MIN_EXPLAINED_SHARE),
         QualityFlag("Noise of a measured position", noise, fit.noise / scale <= MAX_NOISE_PX),
-        QualityFlag("Stated noise of a detection", f"{px / scale:.2f} px (median)", True),
-        QualityFlag("Chi-square per degree of freedom", f"{fit.chi2_per_dof:.2f}", fit.chi2_per_dof <= MAX_CHI2),
+        QualityFlag("Chi-square per degree of freedom", chi2, low <= fit.chi2_per_dof <= high),
         QualityFlag(
             "Capture times",
             "irregular" if fit.trajectory.clock is not None else "regular",

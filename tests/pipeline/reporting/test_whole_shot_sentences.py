@@ -17,7 +17,7 @@ def test_an_explained_shot_is_described_by_its_model_and_the_noise() -> None:
     laws = WholeShotSolution("han_2005", "inelastic", 1.69, (), 0.0, (), np.empty((0, 7)), np.empty((0, 7, 7)))
     sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(laws)))
     assert sentence == "Han 2005 explains the shot to 1.3 times the measurement noise."
-    laws = replace(laws, equal_models=("mathavan_2010", "mirror"), untried=("stronge",))
+    laws = replace(laws, equal_models=("mathavan_2010", "mirror"))
     sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(laws)))
     assert "Mathavan 2010 and Mirror explain it equally well: the shot does not decide between them." in sentence
     assert sentence.endswith("before Stronge; --laws completes it.")

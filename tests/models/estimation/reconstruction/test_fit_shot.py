@@ -57,6 +57,21 @@ def test_a_missed_colour_of_a_snooker_set_turns_the_trust_level_amber() -> None:
         assert is_named == (level == "amber")
 
 
+def test_the_noise_is_that_of_moving_balls_and_agrees_with_chi2() -> None:
+    """Frames of a ball at rest repeat their errors: with less noise at rest than in motion, that of motion counts."""
+    shot = film(
+        np.array([[0.5, 0.6], [1.6, 0.2]]), np.array([[1.0, 0.0], [0, 0]]), np.zeros((2, 3)), np.random.default_rng(2),
+        seconds=1.6, noise_px=0.5,
+    )  # fmt: skip
+    xy = shot.tracks.xy.copy()
+    xy[:, 1] = xy[0, 1]
+    fit = view_shot(explain(replace(shot.tracks, xy=xy), shot.scene))
+    assert fit.noise == pytest.approx(0.5 / PX_PER_M, rel=0.3)
+    low, high = fit.chi2_range
+    assert low < fit.chi2_per_dof < high < 2
+    assert fit.trust.level == "green"
+
+
 def test_a_collision_of_two_balls_is_timed_to_a_millisecond_and_errors_are_honest() -> None:
     z = []
     for seed in range(6):
