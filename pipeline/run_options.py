@@ -20,6 +20,8 @@ OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render", "forec
 """Stages with options, in the order of the help."""
 CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
 """Settings that a person can correct; fields of `Corrections` have the same names."""
+FILE_SETTINGS = ("profile", "looks")
+"""Settings whose value is the content of a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,8 +286,12 @@ def use_growing_profile(options: RunOptions, path: Path) -> RunOptions:
 
 def _read_file_content(name: str, value: Any) -> Any:
     """Read the file of a setting whose value is the content of a file."""
-    if name != "profile" or not value or value.startswith("{"):
+    if name not in FILE_SETTINGS or not value or value.startswith("{"):
         return value
+    if name == "looks":
+        from pipeline.io.run_folder import read_looks_text  # imports pyarrow
+
+        return read_looks_text(Path(value))
     from pipeline.io.table_profile import read_profile_text  # pydantic is slow to import
 
     return read_profile_text(Path(value))
@@ -311,6 +317,6 @@ def format_changed_settings(options: RunOptions) -> tuple[str, ...]:
     for name, setting in list_settings().items():
         value = getattr(getattr(options, setting.stages[0]), name)
         if value != setting.default:
-            is_flag = value is True or name == "profile"  # the value of profile is the content of its file
+            is_flag = value is True or name in FILE_SETTINGS
             words.append(setting.flag if is_flag else f"{setting.flag} {value}")
     return tuple(words)

@@ -38,6 +38,17 @@ class BallLook:
     """Whether it is white with a band of `colour`."""
 
 
+def format_colour(colour: Colour) -> str:
+    """Format a colour as `#d63b3b`."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def parse_colour(text: str) -> Colour:
+    """Parse a colour that `format_colour` wrote."""
+    red, green, blue = bytes.fromhex(text[1:])
+    return red, green, blue
+
+
 def describe_unseen_balls(ids: Sequence[str], kinds: Sequence[str]) -> tuple[BallLook, ...]:
     """Describe balls of which no pixel is known.
 

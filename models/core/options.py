@@ -105,6 +105,7 @@ class TrackOptions:
         0.4, help="Longest time for which an ambiguous moment may stay undecided.", unit="s", above=0
     )
     balls: int = option(0, help="Most balls on the table; 0 sets no limit.", unit="balls", minimum=0)
+    looks: str = option("", help="scene.json (FILE) with corrected names, numbers or colours of the balls.")
 
 
 @dataclass(frozen=True, slots=True)

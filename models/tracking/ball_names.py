@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from models.core.ball_look import BallLook, describe_unseen_balls, make_names_unique
+from models.core.ball_look import BallLook, describe_unseen_balls, format_colour, make_names_unique, parse_colour
 from models.core.scene import Game
 from models.core.typing import BoolArray, FloatArray
 
@@ -31,6 +33,7 @@ MIN_COLOUR_MARGIN = 2.0
 """The same margin from which the set decides on the name of the colour; below it, the nearest paint does."""
 MIN_PINK_GAIN = 5.0
 """Reduction of the cost by which a set must look like one for television."""
+EIGHT = 8
 FIRST_NUMBERS = {"solid": 1, "stripe": 9}
 """Number of the first colour of a set by class."""
 
@@ -67,6 +70,31 @@ def name_balls(
             name = f"{colour} {number or pattern}".strip().removesuffix(" solid")
             looks[k] = BallLook(name, number=number)
     return tuple((look.name, look.number) for look in make_names_unique(looks))
+
+
+def correct_looks(
+    ids: Sequence[str], looks: Sequence[BallLook], corrected: Mapping[str, Mapping[str, Any]]
+) -> tuple[BallLook, ...]:
+    """Correct looks by those of a file in which a person changed some.
+
+    Args:
+        ids: N ids.
+        looks: N looks.
+        corrected: By id, `name`, `number` or `colour` (such as `#d63b3b`).
+
+    Returns:
+        N looks with the values that differ; a number that was changed alone gives the name of the standard set.
+    """
+    result = []
+    for ball, look in zip(ids, looks, strict=True):
+        own = corrected.get(ball, {})
+        number, name = own.get("number", look.number), own.get("name", look.name)
+        if number != look.number:
+            standard = "black" if number == EIGHT else STANDARD_SET[number % EIGHT - 1][0]
+            name = f"{standard} {number}" if name == look.name else name
+            look = replace(look, number=number, is_striped=number > EIGHT)
+        result.append(replace(look, name=name, colour=parse_colour(own.get("colour", format_colour(look.colour)))))
+    return make_names_unique(result)
 
 
 def _choose_set(paints: Sequence[FloatArray]) -> ColourSet:

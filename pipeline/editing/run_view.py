@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from models.core.ball_look import format_colour
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.events import Events
 from models.core.fit_result import Fit
@@ -266,7 +267,7 @@ def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
             for row in np.flatnonzero(shown & np.isfinite(px[:, 0]))
         ]  # fmt: skip
         rows.append({"id": name, "name": look.name, "kind": tracks.kinds[k], "radius": round(radius, 2),
-                     "colour": "#{:02x}{:02x}{:02x}".format(*look.colour), "path": path})  # fmt: skip
+                     "colour": format_colour(look.colour), "path": path})  # fmt: skip
     return rows
 
 

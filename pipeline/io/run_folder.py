@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -48,6 +49,28 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     if not isinstance(scene, dict) or scene.get("scene") != "billiards":
         raise OptionError(f"{path} describes no billiards scene")
     return scene
+
+
+def read_looks_text(path: Path) -> str:
+    """Read the names, numbers and colours of balls from a scene.json.
+
+    Args:
+        path: The file.
+
+    Returns:
+        JSON object: by id of the ball, an object with these of `name`, `number` and `colour` that the file has.
+
+    Raises:
+        OptionError: The file is no scene.json, or a value cannot be used.
+    """
+    looks = {}
+    for ball in read_scene_document(path).get("balls", []):
+        looks[ball["id"]] = look = {key: ball[key] for key in ("name", "number", "colour") if ball.get(key) is not None}
+        if look.get("number", 1) not in range(1, 16):
+            raise OptionError(f"A pool ball has a number from 1 to 15; {path} has {look['number']} for {ball['id']}")
+        if not re.fullmatch("#[0-9a-fA-F]{6}", str(look.get("colour", "#000000"))):
+            raise OptionError(f"A colour is like #d63b3b; {path} has {look['colour']} for {ball['id']}")
+    return json.dumps(looks)
 
 
 def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from models.core.ball_look import format_colour
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.fit_result import Fit, Parameter, WholeShotFit
 from models.core.scene import Camera, Scene
@@ -195,7 +196,10 @@ def _describe_balls(tracks: Tracks, fit: Fit) -> list[dict[str, Any]]:
     balls, motion = [], fit.trajectory
     for k, ball in enumerate(motion.ids):
         rows = np.flatnonzero(motion.ball == k)
-        facts: dict[str, Any] = {"id": ball, "kind": tracks.kinds[tracks.ids.index(ball)]}
+        column = tracks.ids.index(ball)
+        look = tracks.looks[column]
+        facts: dict[str, Any] = {"id": ball, "kind": tracks.kinds[column], "name": look.name,
+                                 "number": look.number or None, "colour": format_colour(look.colour)}  # fmt: skip
         if fit.whole_shot is not None and ball in fit.whole_shot.ids:
             at = fit.whole_shot.ids.index(ball)
             facts |= _describe_state(fit.whole_shot.t, fit.whole_shot.state[at], fit.whole_shot.covariance[at])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,10 +36,12 @@ def _build_tracks(
 ) -> Tracks:
     """Link the detections of all distinct frames to tracks, and look what each ball is."""
     from detectors.measurement.ball_paint import look_at_balls  # slow to import
+    from models.tracking.ball_names import correct_looks
     from models.tracking.build_tracks import build_tracks
 
     clip, scene = inputs["read"], inputs["calibrate"]
     tracks = build_tracks(
         inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], scene, options, progress, corrections
     )
-    return replace(tracks, looks=look_at_balls(clip, scene, tracks))
+    looks = look_at_balls(clip, scene, tracks)
+    return replace(tracks, looks=correct_looks(tracks.ids, looks, json.loads(options.looks or "{}")))

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from models.core.ball_look import BallLook
+from models.core.ball_look import BallLook, format_colour
 from models.core.fit_result import Fit, Parameter
 from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
@@ -42,12 +42,7 @@ def darken_for_page(colour: Colour) -> str:
     Returns:
         CSS colour; light colours are darkened.
     """
-    return format_css(mix_colours(colour, INK, 0.35 if min(colour) > 150 else 0.0))
-
-
-def format_css(colour: Colour) -> str:
-    """Format a colour as CSS."""
-    return "rgb({},{},{})".format(*colour)
+    return format_colour(mix_colours(colour, INK, 0.35 if min(colour) > 150 else 0.0))
 
 
 def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:
@@ -79,7 +74,7 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
             figure.add_scatter(
                 x=state.xy[shown, k, 0], y=state.xy[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
                 showlegend=mode == "markers", line_color=darken_for_page(looks[k].colour),
-                marker={"size": 10, "color": format_css(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1}},
+                marker={"size": 10, "color": format_colour(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1}},
                 customdata=hover[shown, k], hovertemplate=f"{HOVER_TEMPLATE}<extra>{ball}</extra>",
             )  # fmt: skip
     _add_contacts(figure, fit)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from models.core.ball_look import format_colour
 from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.number_format import format_measured, format_probability, format_unit
@@ -29,7 +30,6 @@ from pipeline.reporting.figures.run_figures import (
     build_plan_figure,
     build_speed_figure,
     darken_for_page,
-    format_css,
 )
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import embed_image_file
@@ -156,7 +156,7 @@ def write_report(
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
     """List the names of the balls with their CSS colours."""
-    return [(look.name, format_css(look.colour)) for look in tracks.looks]
+    return [(look.name, format_colour(look.colour)) for look in tracks.looks]
 
 
 def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str, str, str, str]]]]:

@@ -201,7 +201,7 @@ def test_a_shot_in_which_nothing_was_seen_still_makes_whole_files(
     nobody = replace(
         tracks, ids=(), kinds=(), xy=tracks.xy[:, :0], px=tracks.px[:, :0], sigma=tracks.sigma[:, :0],
         sigma_along=tracks.sigma_along[:, :0], streak=tracks.streak[:, :0], radius_px=tracks.radius_px[:, :0],
-        colour=tracks.colour[:0],
+        colour=tracks.colour[:0], looks=(),
     )  # fmt: skip
     motion = fit.trajectory
     still = replace(
