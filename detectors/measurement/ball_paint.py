@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,13 +67,14 @@ class BallPaint:
     """(N,) whether the white of a solid or stripe leaves no doubt that it is one."""
 
 
-def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks) -> tuple[BallLook, ...]:
+def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks, classified: Sequence[int] = ()) -> tuple[BallLook, ...]:
     """Describe how the balls of a clip look, and name them.
 
     Args:
         clip: The clip.
         scene: Table, camera and cloth.
         tracks: Tracks of N balls.
+        classified: Numbers of the balls whose class a person set.
 
     Returns:
         N looks.
@@ -81,6 +82,7 @@ def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks) -> tuple[BallLook, .
     rows = select_clear_frames(tracks, scene.table.ball_radius)
     wanted = np.unique(tracks.frame[np.concatenate([*rows, np.empty(0, np.int64)]).astype(np.int64)])
     paint = measure_paint(read_frames(clip, indices=wanted), tracks, rows, scene)
+    paint.shows_class[list(classified)] = True
     return describe_balls(paint, tracks, scene.table.game)
 
 

@@ -67,8 +67,11 @@ def classify_balls(appearance: Appearance, game: Game, struck_ball: int | None =
     return _classify_snooker(appearance, struck_ball) if game == "snooker" else _classify_pool(appearance, struck_ball)
 
 
-def assign_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
-    """Assign unique ids from classes and first places (N, 2): left before right, then top before bottom."""
+def assign_ids(kinds: Sequence[str], xy: FloatArray, corrected: Sequence[str] = ()) -> tuple[str, ...]:
+    """Assign unique ids from classes and first places (N, 2): left before right, then top before bottom.
+
+    A ball of another `corrected` class gets a new id, and all others keep theirs.
+    """
     ids = [""] * len(kinds)
     count: dict[str, int] = {}
     for ball in np.lexsort((xy[:, 1], xy[:, 0])):
@@ -76,6 +79,12 @@ def assign_ids(kinds: tuple[str, ...], xy: FloatArray) -> tuple[str, ...]:
         count[kind] = count.get(kind, 0) + 1
         plain = count[kind] == 1 and kind not in NUMBERED
         ids[ball] = kind if plain else f"{kind}-{count[kind]}"
+    changed = [ball for ball, kind in enumerate(corrected) if kind != kinds[ball]]
+    ids = ["" if ball in changed else name for ball, name in enumerate(ids)]
+    for ball in changed:
+        kind = corrected[ball]
+        count[kind] = count.get(kind, 0) + 1
+        ids[ball] = f"{kind}-{count[kind]}" if kind in NUMBERED or kind in ids else kind
     return tuple(ids)
 
 

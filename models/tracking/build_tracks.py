@@ -142,8 +142,10 @@ def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene) ->
     struck_ball = find_struck_ball(
         [(ball.frame_index, table_detections.xy[ball.row]) for ball in balls], scene.table.ball_radius
     )
-    kinds = set_classes(classify_balls(appearance, scene.table.game, struck_ball), edited, scene.table.game)
-    ids = set_names(assign_ids(kinds, np.array([table_detections.xy[ball.row[0]] for ball in balls])), edited)
+    seen_kinds = classify_balls(appearance, scene.table.game, struck_ball)
+    kinds = set_classes(seen_kinds, edited, scene.table.game)
+    places = np.array([table_detections.xy[ball.row[0]] for ball in balls])
+    ids = set_names(assign_ids(seen_kinds, places, kinds), edited)
     order = sorted(range(len(balls)), key=lambda i: (kinds[i], len(ids[i]), ids[i]))
     shape = (len(frame), len(balls))
     xy, px, streak = (np.full((*shape, 2), np.nan) for _ in range(3))

@@ -36,6 +36,7 @@ def _build_tracks(
 ) -> Tracks:
     """Link the detections of all distinct frames to tracks, and look what each ball is."""
     from detectors.measurement.ball_paint import look_at_balls  # slow to import
+    from models.estimation.hand_marks.resolved_marks import find_tracked_ball
     from models.tracking.ball_names import correct_looks
     from models.tracking.build_tracks import build_tracks
 
@@ -43,5 +44,6 @@ def _build_tracks(
     tracks = build_tracks(
         inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], scene, options, progress, corrections
     )
-    looks = look_at_balls(clip, scene, tracks)
+    classified = [find_tracked_ball(tracks, edit.ball) for edit in corrections.tracks if edit.kind == "class"]
+    looks = look_at_balls(clip, scene, tracks, [ball for ball in classified if ball is not None])
     return replace(tracks, looks=correct_looks(tracks.ids, looks, json.loads(options.looks or "{}")))

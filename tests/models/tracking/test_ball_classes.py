@@ -138,3 +138,15 @@ def test_ids_count_from_the_left() -> None:
     xy = np.array([[2.0, 0.5], [0.3, 0.9], [0.3, 0.2], [1.0, 1.0]])
     assert assign_ids(("red", "red", "red", "cue"), xy) == ("red-3", "red-2", "red", "cue")
     assert assign_ids(("solid", "stripe", "solid", "ball"), xy) == ("solid-2", "stripe-1", "solid-1", "ball-1")
+
+
+def test_a_corrected_class_renames_no_other_ball() -> None:
+    kinds = ("cue", "stripe", "stripe", "solid", "stripe", "eight")
+    xy = np.array([[0.1, 0.5], [0.3, 0.5], [0.5, 0.5], [0.7, 0.5], [0.9, 0.5], [1.1, 0.5]])
+    before = assign_ids(kinds, xy)
+    for ball, kind, expected in ((1, "solid", "solid-2"), (3, "stripe", "stripe-4"), (4, "ball", "ball-1")):
+        corrected = [kind if k == ball else one for k, one in enumerate(kinds)]
+        after = assign_ids(kinds, xy, corrected)
+        assert after[ball] == expected
+        assert [name for k, name in enumerate(after) if k != ball] == [n for k, n in enumerate(before) if k != ball]
+    assert assign_ids(kinds, xy, ("solid", "cue", *kinds[2:])) == ("solid-2", "cue", *before[2:])

@@ -73,6 +73,14 @@ def test_a_ball_gets_the_name_and_the_class_that_were_set() -> None:
     assert tracks.kinds[column(tracks, 3, 5)] == "eight"
 
 
+def test_a_class_that_was_set_renames_that_ball_alone() -> None:
+    before = build()
+    tracks = build(Corrections(tracks=(TrackEdit("class", place(2, 5), name="stripe"),)))
+    for ball in (0, 1, 3):
+        assert tracks.ids[column(tracks, ball, 5)] == before.ids[column(before, ball, 5)]
+    assert tracks.ids[column(tracks, 2, 5)] not in before.ids
+
+
 def test_a_class_of_which_there_is_one_ball_moves_to_the_chosen_ball() -> None:
     before = build()
     tracks = build(Corrections(tracks=(TrackEdit("class", place(3, 5), name="cue"),)))
