@@ -13,17 +13,19 @@ from models.numerics.jit import compile_kernel
 
 Rect = tuple[float, float, float, float]
 """left, top, width, height in px."""
+Obstacles = Sequence[Rect] | FloatArray
+"""Rectangles to keep free, also as an array (n, 4)."""
 
 LABEL_ANGLES = np.deg2rad([-45.0, -135.0, 45.0, 135.0, -90.0, 90.0, 0.0, 180.0])
 """Directions from a ball to its label in order of preference, rad clockwise from right."""
-LABEL_GAPS = (0.7, 2.2)
+LABEL_GAPS = (0.7, 2.2, 5.0)
 """Distances of a label from the edge of its ball, in ball radii."""
-ON_PATH_COST, MOVE_COST, FAR_COST, RANK_COST = 0.5, 0.5, 0.15, 0.02
-"""Costs of a label on its ball's path, of moving to the opposite side, of the larger gap, and of each step down in
-the order of preference. A fully covered label costs 2; a label fully outside the image costs 8."""
+COVER_COST, ON_PATH_COST, MOVE_COST, FAR_COST, RANK_COST = 4.0, 0.5, 0.5, 0.15, 0.02
+"""Costs of a label that covers anything or leaves the image, on its ball's path, of moving to the opposite side, of
+each larger gap, and of each step down in the order of preference. A fully covered label costs 2 more; one outside 8."""
 LABEL_POSITIONS = np.column_stack([np.tile(LABEL_ANGLES, len(LABEL_GAPS)), np.repeat(LABEL_GAPS, len(LABEL_ANGLES))])
-POSITION_COSTS = RANK_COST * np.tile(np.arange(len(LABEL_ANGLES)), len(LABEL_GAPS))
-"""All candidate positions (16, 2), rad and radii, and the cost of their rank (16,)."""
+POSITION_COSTS = np.add.outer(FAR_COST * np.arange(len(LABEL_GAPS)), RANK_COST * np.arange(len(LABEL_ANGLES))).ravel()
+"""All candidate positions (24, 2), rad and radii, and the costs of their gap and rank (24,)."""
 PANEL_POSITIONS = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
 """Candidate positions of a panel, as shares of the free width and of the free height."""
 NO_CORNER_COST = 0.2
@@ -50,7 +52,7 @@ def overlap_area(a: Rect, b: Rect) -> float:
 _compiled_overlap_area = compile_kernel(overlap_area)
 
 
-def overlap_share(rect: Rect, obstacles: Sequence[Rect]) -> float:
+def overlap_share(rect: Rect, obstacles: Obstacles) -> float:
     """Return the share of a rectangle that obstacles cover.
 
     Args:
@@ -60,7 +62,17 @@ def overlap_share(rect: Rect, obstacles: Sequence[Rect]) -> float:
     Returns:
         Covered area as a share of the rectangle's own area.
     """
-    return sum(overlap_area(rect, other) for other in obstacles) / (rect[2] * rect[3])
+    near, size = np.asarray(rect), np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
+    ends = np.minimum(near[:2] + near[2:], size[:, :2] + size[:, 2:])
+    sides = np.maximum(ends - np.maximum(near[:2], size[:, :2]), 0.0)
+    return float(sides.prod(axis=1).sum() / near[2:].prod())
+
+
+def make_squares(centres: FloatArray, half: FloatArray | float) -> FloatArray:
+    """Return the squares (n, 4) px around points (n, 2) px that reach `half` px, a number or (n,); none at NaN."""
+    size = np.broadcast_to(np.asarray(half, dtype=np.float64), len(centres))[:, None]
+    squares = np.hstack([centres - size, 2 * size, 2 * size])
+    return np.asarray(squares[np.isfinite(squares).all(axis=1)], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +100,7 @@ def place_label(
     centre: FloatArray,
     radius: float,
     heading: FloatArray,
-    obstacles: Sequence[Rect],
+    obstacles: Obstacles,
     image_size: tuple[int, int],
     previous: LabelPosition | None,
 ) -> LabelPosition:
@@ -107,7 +119,7 @@ def place_label(
         The candidate position of least cost.
     """
     box = float(size[0]), float(size[1])
-    others = np.array(obstacles, dtype=np.float64).reshape(-1, 4)
+    others = np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
     previous_angle = math.nan if previous is None else previous.angle
     angle, gap = LABEL_POSITIONS[
         _find_cheapest_position(
@@ -142,7 +154,7 @@ def _find_cheapest_position(
                 rect, (obstacles[m, 0], obstacles[m, 1], obstacles[m, 2], obstacles[m, 3])
             )
         outside = area - _compiled_overlap_area(rect, (0.0, 0.0, image_size[0], image_size[1]))
-        cost = (8 * outside + 2 * covered) / area + POSITION_COSTS[k] + FAR_COST * (gap > LABEL_GAPS[0])
+        cost = (8 * outside + 2 * covered) / area + POSITION_COSTS[k] + COVER_COST * (covered + outside > 0)
         cost += ON_PATH_COST * (math.cos(angle) * heading[0] + math.sin(angle) * heading[1]) ** 2
         if not math.isnan(previous_angle):
             cost += MOVE_COST * abs((angle - previous_angle + math.pi) % (2 * math.pi) - math.pi) / math.pi
@@ -171,7 +183,7 @@ def place_panel(
     size: tuple[int, int],
     image_size: tuple[int, int],
     cost_map: FloatArray,
-    obstacles: Sequence[Rect],
+    obstacles: Obstacles,
     map_scale: float,
 ) -> Rect:
     """Choose the position on the border of the image, preferably a corner, where a panel hides least.

@@ -105,10 +105,8 @@ def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colou
         paint_mask(image, mask, x, y, colour, float(opacity))
 
 
-def blend_sparse_masks(
-    image: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int, uncovered: ByteArray
-) -> None:
-    """Paint several layers onto an image where it is uncovered, in place, touching only covered pixels.
+def blend_sparse_masks(image: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int) -> None:
+    """Paint several layers onto an image, in place, touching only covered pixels.
 
     For large masks that are mostly empty, lie inside the image, and cover no more than the first one.
 
@@ -117,12 +115,11 @@ def blend_sparse_masks(
         layers: Masks (h, w) with their colours, from bottom to top.
         x: Left pixel of the masks.
         y: Top pixel of the masks.
-        uncovered: Mask (H, W), 0 to 255, of the pixels that may be painted.
     """
     covered_pixels = cv2.findNonZero(layers[0][0])
     if covered_pixels is not None:
         masks, colours = zip(*layers, strict=True)
-        paint_masks(image, covered_pixels.reshape(-1, 2), masks, x, y, colours, uncovered)
+        paint_masks(image, covered_pixels.reshape(-1, 2), masks, x, y, colours)
 
 
 def draw_text(

@@ -223,7 +223,6 @@ def paint_masks(
     x: int,
     y: int,
     colours: tuple[tuple[int, int, int], ...],
-    free_mask: ByteArray,
 ) -> None:
     """Blend several colours through masks, one over the other, in place.
 
@@ -234,13 +233,11 @@ def paint_masks(
         x: column of the masks' left edge, px.
         y: row of the masks' top edge, px.
         colours: one for each mask.
-        free_mask: (H, W), 0 to 255: share of each image pixel that may be painted.
     """
     for n in range(len(positions)):
         i, j = positions[n, 0], positions[n, 1]
-        share = free_mask[y + j, x + i] / (255.0 * 255.0)
         for k in range(3):
             level = float(image[y + j, x + i, k])
             for layer in range(len(masks)):
-                level += (colours[layer][k] - level) * (masks[layer][j, i] * share)
+                level += (colours[layer][k] - level) * (masks[layer][j, i] / 255.0)
             image[y + j, x + i, k] = np.uint8(level + 0.5)

@@ -12,21 +12,30 @@ from models.core.fit_result import Fit, TrustLevel
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import drawing_scale
-from video.drawing.label_layout import LabelPosition, Rect, overlap_share, place_label, place_panel
-from video.drawing.palette import Colour, ensure_contrast, lab_to_rgb
+from video.drawing.label_layout import (
+    PANEL_MARGIN,
+    LabelPosition,
+    Rect,
+    make_squares,
+    overlap_share,
+    place_label,
+    place_panel,
+)
+from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import (
+    CONTACT_RADII,
     ClockPanel,
     FrameBalls,
     Label,
     draw_flash,
     draw_measured_rings,
     draw_trail,
-    mask_without_balls,
+    keep_balls_on_top,
 )
-from video.overlay.motion_paths import ContactMark, MotionPath, sample_motion_path, select_contact_marks
+from video.overlay.motion_paths import POINTS_APART, ContactMark, MotionPath, sample_motion_path, select_contact_marks
 
 TRAIL_S = 0.9
 """s of the shot that a trail spans."""
@@ -40,16 +49,18 @@ MAX_LABELS, MAX_CONTACT_TIMES = 6, 3
 """Names and contact times shown at once; more would hide the shot."""
 GLIDE_SHARE = 0.12
 """Share of the remaining way that a label moves per frame, so that it glides rather than jumps."""
-MAX_OVERLAP, MAX_LABEL_OVERLAP = 0.4, 0.08
-"""Share of a label over other objects, and over other labels, above which it fades out."""
-FADE_IN_STEP, FADE_OUT_STEP = 0.1, 0.34
-"""Change of a label's opacity per frame: overlapping labels are illegible, so one disappears quickly."""
+FADE_IN_STEP = 0.1
+"""Change of a label's opacity per frame after it was absent: it disappears at once where it would hide something."""
+NAME_MARGIN_RADII = 0.3
+"""Ball radii around each ball that stay free of labels."""
 INSET_SHARE = 0.23
 """Longer side of the plan, share of the frame width."""
 COST_CELL_PX = 8
 """px of the frame per cell of the panel cost map."""
-TABLE_COST, POCKET_COST, PATH_COST, DETAIL_COST = 1.0, 2.0, 20.0, 1.5
-"""Costs of hidden table, pockets, paths and image detail."""
+TABLE_COST, POCKET_COST, DETAIL_COST = 1.0, 2.0, 1.5
+"""Costs of hidden table, pockets and image detail."""
+PANEL_GAP_RADII = 1.3
+"""Ball radii around the centres of all balls, at any time, that no panel covers."""
 TRUST_WORDS: dict[TrustLevel, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
 """Texts of the trust levels on the clock panel."""
 
@@ -78,6 +89,8 @@ class Annotation:
     scale: float
     reading_time: float
     """s of the shot for which a contact time is shown."""
+    strip_height: int = 0
+    """px below the picture for plan and clock, where balls cross every place in it; 0 where they do not."""
     label_positions: dict[int, tuple[LabelPosition, LabelPosition]] = field(default_factory=dict)
     """Target and current position of each ball's label."""
     label_opacity: dict[int, float] = field(default_factory=dict)
@@ -92,32 +105,72 @@ class Annotation:
     last_plan_points: dict[int, int] = field(default_factory=dict)
     """Index of the last path point of each ball on the plan."""
 
-    def draw(self, image: ImageArray, t: float, balls: FrameBalls, xy: FloatArray) -> None:
-        """Draw onto `image` (H, W, 3) in place; `xy` (N, 2) m are the positions of the balls."""
-        if self.style == "clean":
-            if self.clock.trust_level != "green":
-                self.clock.draw(image, self.clock_place, t, self.scale)
-            return
+    def draw(self, image: ImageArray, t: float, balls: FrameBalls, xy: FloatArray) -> ImageArray:
+        """Draw onto `image` (H, W, 3), in place where there is no strip below it.
+
+        Args:
+            image: The frame.
+            t: Its time, s.
+            balls: The balls on it, which nothing covers.
+            xy: Positions of the balls (N, 2), m.
+
+        Returns:
+            The frame with its strip (H + `strip_height`, W, 3).
+        """
+        whole = self.extend(image)
+        picture = whole[: len(image)]
+        with keep_balls_on_top(picture, balls):
+            if self.style != "clean":
+                self._draw_motion(picture, t, balls)
+                self._draw_panels(whole, t, xy)
+                self._draw_labels(picture, t, balls)
+            elif self.clock.trust_level != "green":
+                self.clock.draw(whole, self.clock_place, t, self.scale)
+        return whole
+
+    def extend(self, image: ImageArray) -> ImageArray:
+        """Return an image (H, W, 3) with an empty strip below it, if there is one."""
+        strip = np.full((self.strip_height, *image.shape[1:]), INK, dtype=np.uint8)
+        return np.concatenate([image, strip]) if self.strip_height else image
+
+    def _draw_motion(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+        """Draw trails, rings and the flashes of contacts."""
         if self.style == "coach":
-            uncovered = mask_without_balls(image.shape, balls)
             for ball, path in enumerate(self.paths):
-                self._draw_trail(image, t, path, balls.centre[ball], self.trail_colours[ball], uncovered)
+                self._draw_trail(image, t, path, balls.centre[ball], self.trail_colours[ball])
         draw_measured_rings(image, balls, self.colours, self.scale)
         for mark in self.marks:
             if 0 <= t - mark.t < FLASH_S:
                 centre = self.timeline.project(mark.xy, t)
                 radius = balls.radius_of(mark.ball)
                 draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength, mark.opacity)
-        self._draw_panels(image, t, xy)
-        obstacles = [self.inset_place, self.clock_place, *balls.boxes(0.6)]
-        label_start = len(obstacles)
+
+    def _draw_labels(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+        """Draw contact times and names beside everything else."""
+        panels = [] if self.strip_height else [self.inset_place, self.clock_place]
+        obstacles: list[Rect] = [*panels, *balls.boxes(NAME_MARGIN_RADII).tolist()]
+        trails = self.path_squares(t, t - TRAIL_S, t)
         self._draw_contact_times(image, t, balls, obstacles)
         if self.style == "coach":
-            self._draw_names(image, t, balls, obstacles, label_start)
+            self._draw_names(image, t, balls, [*obstacles, *trails.tolist()])
 
-    def _draw_trail(
-        self, image: ImageArray, t: float, path: MotionPath, centre: FloatArray, colour: Colour, uncovered: ImageArray
-    ) -> None:
+    def path_squares(self, t: float, first: float, last: float, balls: bool = False) -> FloatArray:
+        """Return squares (n, 4) px, in the frame at time t, along the paths from one time to another.
+
+        They enclose the line of a path, or with `balls` the balls that follow it.
+        """
+        squares = [np.empty((0, 4))]
+        for path in self.paths:
+            points = path.line_points[slice(*np.searchsorted(path.t[path.line_points], [first, last]))]
+            half = path.radius if balls else max(self._trail_width(path) / 2 + 2, POINTS_APART)
+            squares.append(make_squares(self.timeline.to_frame_pixels(path.px[points], t), half))
+        return np.concatenate(squares)
+
+    def _trail_width(self, path: MotionPath) -> float:
+        """Return the width of the trail of a path, px."""
+        return float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
+
+    def _draw_trail(self, image: ImageArray, t: float, path: MotionPath, centre: FloatArray, colour: Colour) -> None:
         """Draw the recent path of a ball."""
         first, last = path.t.searchsorted([t - TRAIL_S, t])
         if last - first < 1:
@@ -128,8 +181,7 @@ class Annotation:
         if np.isfinite(centre).all():
             trail, age = np.concatenate([trail, centre[None]]), np.append(age, 0.0)
         fade = np.clip(1 - age, 0, 1) ** 1.3
-        width = float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
-        draw_trail(image, trail, fade, colour, width, uncovered)
+        draw_trail(image, trail, fade, colour, self._trail_width(path))
 
     def _draw_panels(self, image: ImageArray, t: float, xy: FloatArray) -> None:
         """Draw the plan and the clock."""
@@ -149,39 +201,22 @@ class Annotation:
         recent.sort(key=lambda k: (self.marks[k].is_sure, k))
         for k in sorted(recent[-MAX_CONTACT_TIMES:]):
             mark, spot = self.marks[k], self.timeline.project(self.marks[k].xy, t)
-            size, radius = mark.label.size(self.scale), 1.6 * balls.radius_of(mark.ball)
+            size, radius = mark.label.size(self.scale), CONTACT_RADII * balls.radius_of(mark.ball)
             if k not in self.mark_positions:
-                avoided = [*obstacles, *self.name_rects, *self._upcoming_positions(t)]
+                crossed = self.path_squares(t, t - TRAIL_S, t + self.reading_time, balls=True)
+                avoided = [*obstacles, *self.name_rects, *crossed.tolist()]
                 self.mark_positions[k] = place_label(size, spot, radius, np.zeros(2), avoided, _image_size(image), None)
-                rect = (*(spot + self.mark_positions[k].top_left_corner(size, radius)), *size)
-                self.crowded_marks |= {k} if overlap_share(rect, obstacles) > MAX_OVERLAP else set()
-            if k in self.crowded_marks:
+                rect = _fit_inside(spot + self.mark_positions[k].top_left_corner(size, radius), size, image)
+                self.crowded_marks |= {k} if overlap_share(rect, avoided) else set()
+            rect = _fit_inside(spot + self.mark_positions[k].top_left_corner(size, radius), size, image)
+            if k in self.crowded_marks or overlap_share(rect, obstacles):
                 continue
             age = (t - mark.t) / self.reading_time
             opacity = mark.opacity * float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
-            _draw_label(
-                image,
-                mark.label,
-                spot + self.mark_positions[k].top_left_corner(size, radius),
-                self.scale,
-                opacity,
-                obstacles,
-            )
+            _draw_label(image, mark.label, rect, self.scale, opacity, obstacles)
 
-    def _upcoming_positions(self, t: float) -> list[Rect]:
-        """Return squares that balls will cross while a label is legible."""
-        paths = [path.px[(path.t > t) & (path.t < t + self.reading_time)][::6] for path in self.paths]
-        half = 12 * self.scale
-        places = self.timeline.to_frame_pixels(np.concatenate(paths), t)
-        return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
-
-    def _draw_names(
-        self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect], label_start: int
-    ) -> None:
-        """Draw name and speed beside balls that move or recently stopped.
-
-        Labels are the `obstacles` from `label_start` on.
-        """
+    def _draw_names(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+        """Draw name and speed beside balls that move or recently stopped."""
         named = [
             int(ball) for ball in balls.present if self._name_opacity(t, int(ball)) > 0 and balls.is_supported[ball]
         ]
@@ -193,16 +228,14 @@ class Annotation:
             size, centre, radius = label.size(self.scale), balls.centre[ball], balls.radius_of(ball)
             aim, now = self.label_positions.get(ball, (None, None))
             aim = place_label(size, centre, radius, balls.heading[ball], obstacles, _image_size(image), aim)
-            now = aim if now is None else now.move_towards(aim, GLIDE_SHARE)
+            is_shown = self.label_opacity.get(ball, 0.0) > 0
+            now = now.move_towards(aim, GLIDE_SHARE) if now is not None and is_shown else aim
             self.label_positions[ball] = aim, now
-            corner = centre + now.top_left_corner(size, radius)
-            rect = (*corner, *size)
-            label_overlap = overlap_share(rect, obstacles[label_start:])
-            has_room = overlap_share(rect, obstacles) < MAX_OVERLAP and label_overlap < MAX_LABEL_OVERLAP
-            opacity = self.label_opacity.get(ball, float(has_room)) + (FADE_IN_STEP if has_room else -FADE_OUT_STEP)
-            self.label_opacity[ball] = float(np.clip(opacity, 0, 1))
+            rect = _fit_inside(centre + now.top_left_corner(size, radius), size, image)
+            opacity = self.label_opacity.get(ball, 1.0) + FADE_IN_STEP
+            self.label_opacity[ball] = 0.0 if overlap_share(rect, obstacles) else min(opacity, 1.0)
             _draw_label(
-                image, label, corner, self.scale, self._name_opacity(t, ball) * self.label_opacity[ball], obstacles
+                image, label, rect, self.scale, self._name_opacity(t, ball) * self.label_opacity[ball], obstacles
             )
         self.name_rects = obstacles[name_start:]
 
@@ -221,16 +254,19 @@ def _image_size(image: ImageArray) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
+def _fit_inside(corner: FloatArray, size: tuple[int, int], image: ImageArray) -> Rect:
+    """Return the rectangle of a label of `size` (w, h) px, moved into the image."""
+    left, top = np.maximum(np.minimum(corner, np.subtract(_image_size(image), size) - 2), 2)
+    return float(left), float(top), float(size[0]), float(size[1])
+
+
 def _draw_label(
-    image: ImageArray, label: Label, corner: FloatArray, scale: float, opacity: float, obstacles: list[Rect]
+    image: ImageArray, label: Label, rect: Rect, scale: float, opacity: float, obstacles: list[Rect]
 ) -> None:
-    """Draw a label inside the image and append its rectangle to the obstacles."""
-    if opacity <= 0:
-        return
-    size = np.array(label.size(scale), dtype=np.float64)
-    left, top = np.maximum(np.minimum(corner, _image_size(image) - size - 2), 2)
-    label.draw(image, np.array([left, top]), scale, opacity)
-    obstacles.append((float(left), float(top), float(size[0]), float(size[1])))
+    """Draw a label and append its rectangle to the obstacles."""
+    if opacity > 0:
+        label.draw(image, np.array(rect[:2]), scale, opacity)
+        obstacles.append(rect)
 
 
 def prepare_annotation(
@@ -254,9 +290,13 @@ def prepare_annotation(
     paths = tuple(sample_motion_path(timeline, fit, ball) for ball in range(len(tracks.ids)))
     inset = build_table_inset(timeline.scene, round(INSET_SHARE * width))
     clock = ClockPanel(f"{slow:g}× slower", fit.trust.level, TRUST_WORDS[fit.trust.level])
-    cost = _panel_cost_map(timeline, paths, first)
-    inset_place = place_panel(inset.size, (width, height), cost, [], 1 / COST_CELL_PX)
-    clock_place = place_panel(clock.size(scale), (width, height), cost, [inset_place], 1 / COST_CELL_PX)
+    cost, crossed = _panel_cost_map(timeline, first), _trace_balls(timeline, paths)
+    inset_place = place_panel(inset.size, (width, height), cost, crossed, 1 / COST_CELL_PX)
+    avoided = np.vstack([crossed, inset_place])
+    clock_place = place_panel(clock.size(scale), (width, height), cost, avoided, 1 / COST_CELL_PX)
+    strip_height, has_panels = 0, style != "clean" or fit.trust.level != "green"
+    if has_panels and (overlap_share(inset_place, crossed) or overlap_share(clock_place, avoided)):
+        inset_place, clock_place, strip_height = _place_below(inset.size, clock.size(scale), (width, height))
     colours = tuple(look.colour for look in tracks.looks)
     cloth = lab_to_rgb(timeline.scene.cloth_lab)
     return Annotation(
@@ -264,24 +304,36 @@ def prepare_annotation(
         paths=paths, marks=select_contact_marks(timeline, fit), inset=inset,
         colours=colours, trail_colours=tuple(ensure_contrast(colour, cloth) for colour in colours),
         inset_place=inset_place, plan_canvas=inset.canvas.copy(), clock=clock, clock_place=clock_place, scale=scale,
-        reading_time=READING_S / slow, style=style,
+        reading_time=READING_S / slow, style=style, strip_height=strip_height,
     )  # fmt: skip
 
 
-def _panel_cost_map(timeline: BallTimeline, paths: Sequence[MotionPath], first: ImageArray) -> FloatArray:
-    """Return the cost of what a panel would hide on a coarse map (h, w): table, balls, paths and image detail."""
+def _place_below(inset: tuple[int, int], clock: tuple[int, int], image: tuple[int, int]) -> tuple[Rect, Rect, int]:
+    """Place two panels of (w, h) px in a strip below an image; return their rectangles and the height of the strip."""
+    margin = round(PANEL_MARGIN * image[1])
+    height = max(inset[1], clock[1]) + 2 * margin
+    top = float(image[1] + margin)
+    left = float(image[0] - margin - clock[0])
+    return (float(margin), top, *map(float, inset)), (left, top, *map(float, clock)), height + (image[1] + height) % 2
+
+
+def _trace_balls(timeline: BallTimeline, paths: Sequence[MotionPath]) -> FloatArray:
+    """Return squares (n, 4) px of the frames that balls enter at any time."""
+    squares = [make_squares(timeline.centre.reshape(-1, 2), PANEL_GAP_RADII * timeline.radius.ravel())]
+    for path in paths:
+        places = timeline.to_frame_pixels(path.px[:, None], path.t)[:, 0]
+        squares.append(make_squares(places, PANEL_GAP_RADII * path.radius))
+    return np.concatenate(squares)
+
+
+def _panel_cost_map(timeline: BallTimeline, first: ImageArray) -> FloatArray:
+    """Return the cost of what a panel would hide on a coarse map (h, w): table, pockets and image detail."""
     height, width = (-(-side // COST_CELL_PX) for side in first.shape[:2])
     grey = cv2.cvtColor(cv2.resize(first, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / 60, 1) * DETAIL_COST
     table = np.zeros((height, width), dtype=np.uint8)
     cv2.fillPoly(table, [np.rint(timeline.scene.camera.corners_px / COST_CELL_PX).astype(np.int32)], 1)
-    used: ImageArray = np.zeros((height, width), dtype=np.uint8)
-    start = float(timeline.t[0])
-    balls = timeline.centre[[0, -1]].reshape(-1, 2)
     pockets: ImageArray = np.zeros((height, width), dtype=np.uint8)
-    for x, y in timeline.project(timeline.scene.table.pocket_centres, start) / COST_CELL_PX:
+    for x, y in timeline.project(timeline.scene.table.pocket_centres, float(timeline.t[0])) / COST_CELL_PX:
         cv2.circle(pockets, (round(x), round(y)), 5, 1, -1)
-    for places in (*(timeline.project(path.xy, start) for path in paths), balls):
-        for x, y in places[np.isfinite(places[:, 0])] / COST_CELL_PX:
-            cv2.circle(used, (round(x), round(y)), 3, 1, -1)
-    return np.asarray(detail + table * TABLE_COST + pockets * POCKET_COST + used * PATH_COST, dtype=np.float64)
+    return np.asarray(detail + table * TABLE_COST + pockets * POCKET_COST, dtype=np.float64)

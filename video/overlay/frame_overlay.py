@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -13,13 +14,15 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
-from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
-from video.drawing.label_layout import Rect
+from video.drawing.circles import SHIFT, disc_mask, draw_ring, to_fixed_point
+from video.drawing.label_layout import Rect, make_squares
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
 from video.drawing.text import blend_mask, blend_sparse_masks, draw_text, number_mask, round_corner_mask, text_mask
 from video.io.pixel_kernels import blend_colours
 
 LABEL_OPACITY = 0.72
+BALL_MARGIN_PX = 1.0
+"""px around a ball on which nothing is drawn."""
 DASH_PX, MIN_DASHES = 12.0, 5
 """px, length of a dash with its gap around a ball whose position is measured, not fitted."""
 
@@ -53,22 +56,24 @@ class FrameBalls:
         radius = float(self.radius[ball])
         return radius if np.isfinite(radius) else float(np.nanmax(self.radius, initial=4.0))
 
-    def boxes(self, margin: float) -> list[Rect]:
-        """Return squares around the balls with a margin in radii."""
-        rects = []
-        for ball in self.present:
-            half = float(self.radius[ball]) * (1 + margin) + 2
-            rects.append((float(self.centre[ball, 0]) - half, float(self.centre[ball, 1]) - half, 2 * half, 2 * half))
-        return rects
+    def boxes(self, margin: float) -> FloatArray:
+        """Return squares (n, 4) px around the balls with a margin in radii."""
+        return make_squares(self.centre, self.radius * (1 + margin) + 2)
 
 
-def mask_without_balls(shape: tuple[int, ...], balls: FrameBalls) -> ImageArray:
-    """Return a mask (H, W) for an image of a shape: 0 on the balls, 255 elsewhere."""
-    mask = np.full(shape[:2], 255, dtype=np.uint8)
+@contextmanager
+def keep_balls_on_top(image: ImageArray, balls: FrameBalls) -> Iterator[None]:
+    """Draw the balls of `image` (H, W, 3) once more over everything that is drawn in this context."""
+    pieces = []
     for ball in balls.present:
-        centre, radius = to_fixed_point(balls.centre[ball]).tolist(), float(balls.radius[ball]) + 0.5
-        cv2.circle(mask, centre, round(radius * (1 << SHIFT)), 0, -1, cv2.LINE_AA, SHIFT)
-    return mask
+        disc, x, y = disc_mask(balls.centre[ball], float(balls.radius[ball]) + BALL_MARGIN_PX)
+        left, top = max(x, 0), max(y, 0)
+        pixels = image[top : max(y + disc.shape[0], 0), left : max(x + disc.shape[1], 0)].copy()
+        disc = disc[top - y :, left - x :][: pixels.shape[0], : pixels.shape[1]]
+        pieces.append((pixels, disc * np.float32(1 / 255), left, top))
+    yield
+    for pixels, alpha, left, top in pieces:
+        blend_colours(image, pixels, alpha, left, top, 1.0)
 
 
 def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
@@ -82,6 +87,10 @@ def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[
             )
 
 
+CONTACT_RADII = 2.2
+"""Ball radii from a point of contact that both balls lie within."""
+
+
 def draw_flash(
     image: ImageArray,
     centre: FloatArray,
@@ -91,12 +100,12 @@ def draw_flash(
     strength: float,
     opacity: float = 1.0,
 ) -> None:
-    """Draw a flash at a contact: `age` 0 to 1 of its life; `strength` scales its reach."""
+    """Draw a flash around a contact and both of its balls: `age` 0 to 1 of its life; `strength` scales its reach."""
     remaining = (1 - age) ** 2
-    ring_radius = radius * (0.5 + 1.9 * strength * (1 - remaining))
-    draw_disc(image, centre, radius * 0.3 * strength * remaining + 1, WHITE, 0.8 * opacity * remaining**2)
-    draw_ring(image, centre, ring_radius, (1.5 + 2.5 * remaining) * scale, FLASH, 0.9 * opacity * (1 - age))
-    draw_ring(image, centre, ring_radius * 0.72, 1.2 * scale, WHITE, 0.7 * opacity * (1 - age))
+    thickness = (1.5 + 2.5 * remaining) * scale
+    ring_radius = radius * (CONTACT_RADII + strength * (1 - remaining)) + thickness
+    draw_ring(image, centre, ring_radius, thickness, FLASH, 0.9 * opacity * (1 - age))
+    draw_ring(image, centre, ring_radius + thickness, 1.2 * scale, WHITE, 0.7 * opacity * (1 - age))
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,10 +263,8 @@ TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 """Opacity of the coloured line and of its white core."""
 
 
-def draw_trail(
-    image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float, uncovered: ImageArray
-) -> None:
-    """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,), where `uncovered` (H, W)."""
+def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
+    """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,)."""
     if len(path) < 2:
         return
     margin = width + 3
@@ -274,7 +281,7 @@ def draw_trail(
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
         _draw_strokes(mask, pieces, opacity, max(1, round(thickness)))
         layers.append((mask, ink))
-    blend_sparse_masks(image, layers, x0, y0, uncovered)
+    blend_sparse_masks(image, layers, x0, y0)
 
 
 def _split_trail(path: FloatArray, fade: FloatArray) -> list[tuple[NDArray[np.int32], float]]:

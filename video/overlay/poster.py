@@ -22,15 +22,13 @@ from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
-from video.overlay.annotation import DEFAULT_OPTIONS, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
-from video.overlay.frame_overlay import FrameBalls, Label, draw_trail, mask_without_balls
+from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.frame_overlay import FrameBalls, Label, draw_trail, keep_balls_on_top
 
 GHOST_SPACING_RADII = 5.0
 """Ball radii between two ghosts of a ball."""
 GHOST_OPACITY = 0.5
 """Opacity of the ghosts."""
-MAX_OVERLAP_ON_POSTER = 0.25
-"""Share of a label over other objects above which it is omitted."""
 MAX_POSTER_TIMES = 8
 """Contacts whose time is shown; more would hide the table."""
 
@@ -94,8 +92,8 @@ class Poster:
         """
         if self.first is None or self.last is None:
             raise ValueError("a poster needs at least one frame; none was added")
-        still = self.last.copy()
         annotation = prepare_annotation(self.timeline, tracks, fit, self.first, options.slow)
+        still = annotation.extend(self.last.copy())
         _draw_poster(still, self.timeline, annotation, self.ghosts, fit)
         encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
         if not encoded:
@@ -144,38 +142,33 @@ def _draw_poster(
     ghosts: Sequence[tuple[MattedSprite, FloatArray]],
     fit: Fit,
 ) -> None:
-    """Draw ghosts, paths, contacts, names and the plan onto the last frame."""
+    """Draw ghosts, paths, contacts, names and the plan onto the last frame and its strip."""
+    picture = still[: len(still) - annotation.strip_height]
     end = float(timeline.t[-1])
     for sprite, place in ghosts:
-        composite_balls(still, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
+        composite_balls(picture, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
     count = len(annotation.paths)
     centre = timeline.centre[-1]
     none = np.zeros(count, dtype=bool)
     balls = FrameBalls(centre, timeline.radius[-1], np.zeros(count), np.zeros((count, 2)), none, none, ~none)
-    uncovered = mask_without_balls(still.shape, balls)
-    for ball, path in enumerate(annotation.paths):
-        if len(path.t):
-            trail = timeline.project(path.xy, end)
-            width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
-            draw_trail(still, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width, uncovered)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
-    annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
-    _draw_labels(still, timeline, annotation, balls)
-
-
-def _path_obstacles(timeline: BallTimeline, annotation: Annotation, t: float) -> list[Rect]:
-    """Return small squares along the paths, which labels should not cover."""
-    half = 4 * annotation.scale
-    places = timeline.project(np.concatenate([path.xy[::8] for path in annotation.paths]), t)
-    return [(float(x) - half, float(y) - half, 2 * half, 2 * half) for x, y in places]
+    with keep_balls_on_top(picture, balls):
+        for ball, path in enumerate(annotation.paths):
+            if len(path.t):
+                trail = timeline.project(path.xy, end)
+                width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
+                draw_trail(picture, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
+        annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
+        _draw_labels(picture, timeline, annotation, balls)
 
 
 def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotation, balls: FrameBalls) -> None:
     """Draw contacts with their times, and names at the starts of the balls."""
     end, scale = float(timeline.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
-    obstacles: list[Rect] = [annotation.inset_place, *balls.boxes(0.3), *_path_obstacles(timeline, annotation, end)]
+    crossed = np.vstack([balls.boxes(0.3), annotation.path_squares(end, -np.inf, np.inf, balls=True)])
+    obstacles: list[Rect] = [annotation.inset_place, *crossed.tolist()]
     order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))[:MAX_POSTER_TIMES]
     times = [(mark.label, timeline.project(mark.xy, end), mark.opacity) for mark in order]
     names = []
@@ -188,16 +181,12 @@ def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotati
             start = timeline.project(path.xy[0], end)
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
             names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start, 1.0))
-    label_start = len(obstacles)
     for label, spot, opacity in [*names, *times]:
         size = label.size(scale)
         corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), obstacles, bounds, None).top_left_corner(
             size, 12 * scale
         )
         rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
-        if (
-            overlap_share(rect, obstacles) < MAX_OVERLAP_ON_POSTER
-            and overlap_share(rect, obstacles[label_start:]) < MAX_LABEL_OVERLAP
-        ):
+        if not overlap_share(rect, obstacles):
             label.draw(still, corner, scale, opacity)
             obstacles.append(rect)

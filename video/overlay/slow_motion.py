@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, islice
 from pathlib import Path
@@ -24,9 +24,9 @@ from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline
-from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.frame_balls import balls_at_times
-from video.overlay.frame_overlay import FrameBalls, Label
+from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
 from video.overlay.motion_paths import ContactMark, select_contact_marks
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
 
@@ -54,7 +54,7 @@ SNAP_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class _SynthesizedFrame:
+class SynthesizedFrame:
     """A frame of the slow motion before annotation, and the balls on it."""
 
     t: float
@@ -89,10 +89,12 @@ def render_slow_motion(
     tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""
     marks = select_replay_marks(select_contact_marks(appearance.timeline, fit)) if options.style == "umpire" else []
     again = sum(len(replay_times(appearance.timeline, mark, float(rate), options.slow)) for mark in marks)
+    (first,) = (image for _, image in read_frames(clip, indices=appearance.timeline.frame[:1]))
+    annotation = prepare_annotation(appearance.timeline, tracks, fit, first, options.slow, options.style)
     with VideoWriter(
         path,
         clip.width,
-        clip.height,
+        clip.height + annotation.strip_height,
         rate,
         crf=CRF,
         preset=preset,
@@ -100,8 +102,9 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        shot = _annotate_frames(clip, appearance, tracks, fit, times, options)
-        closer = render_replays(clip, appearance, marks, float(rate), options.slow) if marks else iter(())
+        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES)
+        shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
+        closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
         for done, image in enumerate(prefetch_items(chain(shot, closer), PREFETCHED_FRAMES), start=1):
             writer.write(image)
             progress(done / (len(times) + again))
@@ -136,23 +139,17 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
     return np.where(np.abs(nearest - times) < SNAP_SHARE * step, nearest, times)
 
 
-def _annotate_frames(
-    clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, times: FloatArray, options: RenderOptions
-) -> Iterator[ImageArray]:
-    """Yield the output frames in order: frames are annotated while later ones are synthesized."""
-    annotation: Annotation | None = None
-    for frame in prefetch_items(_synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES):
-        annotation = annotation or prepare_annotation(
-            appearance.timeline, tracks, fit, frame.image, options.slow, options.style
-        )
-        annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)
-        yield frame.image
-
-
-def _synthesize_frames(
+def synthesize_frames(
     clip: Clip, appearance: ClipAppearance, fit: Fit, times: FloatArray
-) -> Iterator[_SynthesizedFrame]:
-    """Yield the frames in order; at most two decoded frames are held in memory."""
+) -> Iterator[SynthesizedFrame]:
+    """Yield the frames of a slow motion before annotation; at most two decoded frames are held in memory.
+
+    Args:
+        clip: The clip.
+        appearance: Its estimated appearance.
+        fit: Fitted motion.
+        times: Times of the frames (K,), s.
+    """
     timeline = appearance.timeline
     rows, _ = timeline.locate_times(times)
     count = np.bincount(rows, minlength=len(timeline.t))
@@ -165,7 +162,7 @@ def _synthesize_frames(
                 timeline, appearance.plate, row, before, after, sharp_balls=appearance.sharp_balls, previous=interval
             )
             for t, balls, streak, plan in islice(moments, int(count[row])):
-                yield _SynthesizedFrame(t, interval.synthesize(t, balls.centre, streak), balls, plan)
+                yield SynthesizedFrame(t, interval.synthesize(t, balls.centre, streak), balls, plan)
         before = after
 
 
@@ -277,10 +274,10 @@ def _draw_replay_frame(
     close = cv2.warpAffine(image, to_view, (width, height), flags=interpolation, borderMode=cv2.BORDER_REPLICATE)
     view: ImageArray = np.ascontiguousarray(close, dtype=np.uint8)
     stroke = drawing_scale(height)
-    for ball in balls.present:
-        centre, radius = scale * (balls.centre[ball] - corner), scale * balls.radius_of(int(ball))
-        draw_ring(view, centre, radius, 1.4 * stroke, WHITE, 0.7)
-    margin = 14 * stroke
+    margin, inside = 14 * stroke, replace(balls, centre=scale * (balls.centre - corner), radius=scale * balls.radius)
     value = f"{1e3 * (t - mark.t):+.1f} ms   {slow * REPLAY_SLOWDOWN:g}× slower"
-    Label(mark.label.name or "contact", value, MUTED_GREY).draw(view, np.array([margin, margin]), 1.25 * stroke)
+    with keep_balls_on_top(view, inside):
+        for ball in inside.present:
+            draw_ring(view, inside.centre[ball], inside.radius[ball] + 2 * stroke, 1.4 * stroke, WHITE, 0.7)
+        Label(mark.label.name or "contact", value, MUTED_GREY).draw(view, np.array([margin, margin]), 1.25 * stroke)
     return view

@@ -12,7 +12,7 @@ from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from video.drawing.label_layout import LabelPosition, overlap_area
 from video.matting.ball_timeline import build_ball_timeline
-from video.overlay.annotation import FADE_OUT_STEP, MAX_LABEL_OVERLAP, Annotation, prepare_annotation
+from video.overlay.annotation import Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
 from video.overlay.motion_paths import FAINT_OPACITY, ContactMark, sample_motion_path, select_contact_marks
 from video.overlay.slow_motion import MAX_REPLAYS, select_replay_marks
@@ -73,12 +73,12 @@ def overlapping_pair() -> tuple[Annotation, FrameBalls]:
     return annotation, balls
 
 
-def test_one_of_two_overlapping_names_disappears_quickly() -> None:
+def test_one_of_two_overlapping_names_disappears_at_once() -> None:
     annotation, balls = overlapping_pair()
-    for _ in range(round(1 / FADE_OUT_STEP) + 1):
-        for ball in (0, 1):
-            annotation.label_positions[ball] = LabelPosition(0.0, 0.7), LabelPosition(0.0, 0.7)
-        annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
+    annotation.label_opacity = {0: 1.0, 1: 1.0}
+    for ball in (0, 1):
+        annotation.label_positions[ball] = LabelPosition(0.0, 0.7), LabelPosition(0.0, 0.7)
+    annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
     assert annotation.label_opacity == {0: 1.0, 1: 0.0}
 
 
@@ -87,7 +87,7 @@ def test_visible_names_do_not_cover_each_other() -> None:
     for _ in range(60):
         annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
     first, second = annotation.name_rects
-    assert overlap_area(first, second) <= MAX_LABEL_OVERLAP * second[2] * second[3]
+    assert overlap_area(first, second) == 0
 
 
 def test_only_the_hardest_of_many_simultaneous_contacts_are_drawn() -> None:
@@ -137,9 +137,9 @@ def test_an_undecided_flash_and_its_label_change_the_image_less() -> None:
         annotation = prepare_annotation(timeline, shot.tracks(TIMES), shot.fit(TIMES), shot.cloth(), 8.0)
         (mark,) = marks_of(0.95)
         images = [shot.cloth(), shot.cloth()]
-        for image, marks in zip(images, ((), (replace(mark, opacity=opacity),)), strict=True):
+        for k, marks in enumerate(((), (replace(mark, opacity=opacity),))):
             annotation.marks = marks
-            annotation.draw(image, 0.23, balls, nothing)
+            images[k] = annotation.draw(images[k], 0.23, balls, nothing)
         changes.append(float(np.abs(images[1].astype(float) - images[0]).sum()))
     assert 0.3 * changes[0] < changes[1] < 0.7 * changes[0]
 

@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 from support import staged_shot as shot
 
+from benchmarks.clips.overlay_cover import count_hidden_pixels
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
-from video.io.video_options import RenderOptions
+from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
+from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_balls import balls_at_times
 from video.overlay.poster import Poster
 from video.overlay.slow_motion import find_output_times, render_slow_motion
@@ -229,3 +231,31 @@ def test_the_default_slow_motion_is_that_of_the_published_cost() -> None:
     page = Path(__file__).parents[3] / "docs" / "explanation" / "scaling.md"
     assert "encoding its eightfold slow motion" in page.read_text(encoding="utf-8")
     assert RenderOptions().slow == 8
+
+
+@pytest.mark.parametrize("style", ["coach", "umpire"])
+def test_no_pixel_of_a_ball_is_covered(tmp_path: Path, style: OverlayStyle) -> None:
+    clip = shot.clip_in(tmp_path, 16, shot.RATE)
+    options = RenderOptions(slow=4.0, style=style)
+    count = count_hidden_pixels(clip, shot.scene(), shot.tracks(clip.t), shot.fit(clip.t), options)
+    assert (count.moving, count.resting) == (0, 0)
+    assert count.drawn > 0
+
+
+def test_where_balls_cross_every_place_of_a_panel_the_panels_lie_below_the_picture(tmp_path: Path) -> None:
+    clip = shot.clip_in(tmp_path, 16, shot.RATE)
+    appearance = appearance_of(clip)
+    crowd = replace(
+        appearance.timeline, centre=np.random.default_rng(3).uniform(0, 320, appearance.timeline.centre.shape)
+    )
+    everywhere = replace(crowd, radius=np.full_like(crowd.radius, 90.0))
+    free, crowded = (
+        prepare_annotation(timeline, shot.tracks(clip.t), shot.fit(clip.t), shot.cloth(), 4.0)
+        for timeline in (appearance.timeline, everywhere)
+    )
+    assert crowded.strip_height > 0
+    assert min(crowded.inset_place[1], crowded.clock_place[1]) > shot.HEIGHT
+    extended = crowded.extend(shot.cloth())
+    assert extended.shape == (shot.HEIGHT + crowded.strip_height, shot.WIDTH, 3)
+    assert extended.shape[0] % 2 == 0
+    assert free.strip_height == 0 or free.inset_place[1] > shot.HEIGHT
