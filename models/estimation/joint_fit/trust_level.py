@@ -158,8 +158,10 @@ def assess_trust(share: float, noise: NoiseAssessment | None, moving_seconds: fl
     reasons = [f"The listed strokes and contacts explain how the balls move {time}."]
     if noise is not None and not noise.chi2_range[0] <= np.nan_to_num(noise.chi2, nan=1.0) <= noise.chi2_range[1]:
         low, high = noise.chi2_range
-        doubt = f"Residuals contradict the assumed noise: chi2 per degree of freedom is {noise.chi2:.2f},"
-        warnings = [f"{doubt} where {low:.2f} to {high:.2f} agree.", *warnings]
+        doubt = (
+            f"The positions scatter {np.sqrt(noise.chi2):.1f} times as much around the fitted paths as their errors say"
+        )
+        warnings = [f"{doubt}; {np.sqrt(low):.1f} to {np.sqrt(high):.1f} times would agree.", *warnings]
     colour: TrustLevel = "green"
     if share < AMBER_SHARE:
         colour = "red"
