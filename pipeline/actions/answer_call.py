@@ -272,7 +272,16 @@ def _build_close_up_frame(
     drift = estimate_drift(record, camera, t)
     outlines = _build_outlines(record, camera, call, t, drift)
     line_px = None if line is None else camera.to_pixels(line, record.table.ball_radius) + drift
-    return CloseUpFrame(image, frame, t, outlines, _build_outlines(record, camera, call, call.t, drift), line_px)
+    pocket = _outline_pocket(record, camera, call.subject[1], drift) if call.kind == "pocket" else None
+    moment = _build_outlines(record, camera, call, call.t, drift)
+    return CloseUpFrame(image, frame, t, outlines, moment, line_px, pocket)
+
+
+def _outline_pocket(record: ShotRecord, camera: Camera, name: str, drift: FloatArray) -> NamedOutline:
+    """Build the circle of a pocket in which the centre of a ball drops."""
+    table, centre = record.table, record.table.pocket_centres[POCKETS.index(name)]
+    radius = float(camera.radius_px(centre, call_answers.POCKET_MOUTH_RADII * table.ball_radius))
+    return NamedOutline(record.naming.name_pocket(name), camera.to_pixels(centre, table.ball_radius) + drift, radius)
 
 
 def _build_outlines(

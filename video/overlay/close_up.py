@@ -11,6 +11,7 @@ import numpy as np
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import draw_ring, to_fixed_point
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
+from video.drawing.table_plan import append_footer
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
 CLOSE_UP_SIZE = (960, 720)
@@ -54,6 +55,13 @@ class CloseUpFrame:
     """The same balls at the moment in question."""
     line: FloatArray | None = None
     """(n, 2) px, a line on the table that the question refers to, at the height of the ball centres."""
+    pocket: NamedOutline | None = None
+    """The pocket that the question refers to."""
+
+    @property
+    def subjects(self) -> tuple[NamedOutline, ...]:
+        """Balls and pocket that the question refers to."""
+        return self.outlines if self.pocket is None else (*self.outlines, self.pocket)
 
 
 def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> ImageArray:
@@ -65,7 +73,7 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
         lines: Further lines of text.
 
     Returns:
-        Image of `CLOSE_UP_SIZE`.
+        Image of `CLOSE_UP_SIZE` with the text below it.
     """
     view, scale, corner = _magnify_frame(frame, CLOSE_UP_SIZE, _find_window([frame]))
     _draw_line(view, frame, scale, corner, 2)
@@ -75,13 +83,7 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
     _draw_gap(view, frame, scale, corner)
     _draw_ball_names(view, frame, scale, corner)
     lines = [*lines, f"frame {frame.frame} at {frame.t:.4f} s", "dashed: the moment of the call"]
-    height = 56 + 24 * len(lines)
-    top = CLOSE_UP_SIZE[1] - height - 20
-    blend_mask(view, round_corner_mask(380, height, 12), 20, top, INK, 0.82)
-    draw_text(view, caption, 36, top + 8, 26, WHITE, bold=True)
-    for row, line in enumerate(lines):
-        draw_text(view, line, 36, top + 46 + 24 * row, 17, MUTED_GREY)
-    return view
+    return append_footer(view, "\n".join([caption, *lines]))
 
 
 def draw_frame_strip(frames: Sequence[CloseUpFrame], t: float) -> ImageArray:
@@ -141,7 +143,7 @@ def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, Float
 
     def hidden(place: tuple[int, int]) -> int:
         count = 0
-        for outline in (outline for scene in frames for outline in scene.outlines):
+        for outline in (outline for scene in frames for outline in scene.subjects):
             centre, reach = scale * (outline.centre - corner), scale * outline.radius
             nearest = np.clip(centre, place, np.add(place, CAPTION_SIZE))
             count += bool(np.hypot(*(centre - nearest)) < reach)
@@ -152,7 +154,7 @@ def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, Float
 
 def _find_window(frames: Sequence[CloseUpFrame]) -> tuple[FloatArray, FloatArray]:
     """Return middle (2,) and least extent (2,), px, of a window with all balls; the whole frame without balls."""
-    outlines = [outline for scene in frames for outline in scene.outlines]
+    outlines = [outline for scene in frames for outline in scene.subjects]
     if not outlines:
         height, width = frames[0].image.shape[:2]
         return np.array([width, height]) / 2, np.array([width, height], dtype=np.float64)
@@ -193,8 +195,8 @@ def _draw_line(view: ImageArray, frame: CloseUpFrame, scale: float, corner: Floa
 
 
 def _draw_balls(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: float) -> None:
-    """Draw the outlines and centres of the balls."""
-    for k, outline in enumerate(frame.outlines):
+    """Draw the outlines and centres of the balls, and of the pocket."""
+    for k, outline in enumerate(frame.subjects):
         centre = scale * (outline.centre - corner)
         draw_ring(view, centre, scale * outline.radius, width, RING_COLOURS[k % 2], 0.95)
         draw_ring(view, centre, 2.0, width, RING_COLOURS[k % 2], 0.95)
@@ -219,10 +221,10 @@ def _draw_gap(view: ImageArray, frame: CloseUpFrame, scale: float, corner: Float
 
 def _draw_ball_names(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray) -> None:
     """Draw names above the balls, below the lower ball, so that they do not hide the gap."""
-    lowest = max((outline.centre[1] for outline in frame.outlines), default=0.0)
-    for k, outline in enumerate(frame.outlines):
+    lowest = max((outline.centre[1] for outline in frame.subjects), default=0.0)
+    for k, outline in enumerate(frame.subjects):
         width = text_mask(outline.name, 17, True).shape[1]
-        below = len(frame.outlines) > 1 and outline.centre[1] == lowest
+        below = len(frame.subjects) > 1 and outline.centre[1] == lowest
         away = scale * outline.radius + 8 if below else -scale * outline.radius - 34
         x, y = scale * (outline.centre - corner) + [-width / 2, away]
         blend_mask(view, round_corner_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)

@@ -10,9 +10,8 @@ from plotly.subplots import make_subplots
 
 from models.core.ball_look import BallLook, format_colour
 from models.core.fit_result import Fit, Parameter
-from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
-from models.core.scene import Scene
+from models.core.scene import CUSHIONS, Scene
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
@@ -25,7 +24,7 @@ from pipeline.reporting.text.text_formatting import (
 from video.drawing.palette import INK, Colour, mix_colours
 
 PLOT_HZ = 60.0
-HOVER_TEMPLATE = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s"
+HOVER_TEMPLATE = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s, x %{customdata[2]:.3f} m, y %{customdata[3]:.3f} m"
 MARKED_KINDS = ("strike", "ball", "cushion", "pocket")
 PARAMETER_ROW_PX = 92
 """Height of the row of one parameter, px."""
@@ -54,43 +53,63 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
         looks: How they look.
 
     Returns:
-        The figure; y runs down, as in the image.
+        The figure, which lies as the table lies in the clip, with the names of its rails.
     """
-    table = scene.table
+    table, view = scene.table, fit.naming.view
+    columns, rows = find_plan_size(scene)
     figure = go.Figure()
-    figure.add_shape(type="rect", x0=0, y0=0, x1=table.length, y1=table.width, line={"color": "#4b6b5d", "width": 3})
-    for x, y in table.pocket_centres:
+    figure.add_shape(type="rect", x0=0, y0=0, x1=columns, y1=rows, line={"color": "#4b6b5d", "width": 3})
+    for x, y in view.turn_points(table.pocket_centres, table):
         r = 1.6 * table.ball_radius
         figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
     t = sample_times(fit.trajectory, PLOT_HZ)
     state = fit.trajectory.at(t)
-    hover = np.stack(np.broadcast_arrays(t[:, None], np.linalg.norm(state.v, axis=-1)), axis=-1)
+    times = np.broadcast_to(t[:, None], state.xy.shape[:2])
+    hover = np.concatenate([np.stack([times, np.linalg.norm(state.v, axis=-1)], axis=-1), state.xy], axis=-1)
+    places = view.turn_points(state.xy, table)
     moves = find_moving_balls(state.xy, table.ball_radius)
     for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
-        rows = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
-        if not len(rows):
+        known = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
+        if not len(known):
             continue
-        for shown, mode in ((rows if moves[k] else rows[:0], "lines"), (rows[-1:], "markers")):
+        for shown, mode in ((known if moves[k] else known[:0], "lines"), (known[-1:], "markers")):
             figure.add_scatter(
-                x=state.xy[shown, k, 0], y=state.xy[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
+                x=places[shown, k, 0], y=places[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
                 showlegend=mode == "markers", line_color=darken_for_page(looks[k].colour),
                 marker={"size": 10, "color": format_colour(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1}},
                 customdata=hover[shown, k], hovertemplate=f"{HOVER_TEMPLATE}<extra>{ball}</extra>",
             )  # fmt: skip
-    _add_contacts(figure, fit)
+    _add_contacts(figure, fit, view.turn_points(fit.events.xy, table))
+    for cushion in CUSHIONS:
+        side, along = view.name_rail(cushion), 0.25 if view.is_long(cushion) else 0.5  # beside the pocket in the middle
+        x, y, angle = {
+            "left": (0, along * rows, -90), "right": (columns, along * rows, 90), "far": (along * columns, 0, 0),
+            "near": (along * columns, rows, 0),
+        }[side]  # fmt: skip
+        figure.add_annotation(
+            text=fit.naming.name_rail(cushion), x=x, y=y, textangle=angle, showarrow=False,
+            xshift=angle / 6, yshift={"far": 15, "near": -15}.get(side, 0),
+        )  # fmt: skip
     rim = 0.04 * table.length
+    figure.update_layout(margin={"l": 30, "r": 30, "t": 30, "b": 30})
     figure.update_yaxes(
-        range=[table.width + rim, -rim], scaleanchor="x", constrain="domain", constraintoward="top", title="y (m)"
+        range=[rows + rim, -rim], scaleanchor="x", constrain="domain", constraintoward="top", visible=False
     )
-    return figure.update_xaxes(range=[-rim, table.length + rim], constrain="domain", title="x (m)")
+    return figure.update_xaxes(range=[-rim, columns + rim], constrain="domain", visible=False)
 
 
-def _add_contacts(figure: go.Figure, fit: Fit) -> None:
-    """Mark strikes, contacts and pockets."""
+def find_plan_size(scene: Scene) -> tuple[float, float]:
+    """Find width and height, m, of the plan of a table that lies as in the clip."""
+    sides = (scene.table.length, scene.table.width)
+    return sides if find_table_view(scene.camera, scene.table).turns % 2 == 0 else sides[::-1]
+
+
+def _add_contacts(figure: go.Figure, fit: Fit, places: FloatArray) -> None:
+    """Mark strikes, contacts and pockets at their places on the plan (E, 2), m."""
     events = fit.events
     marked = [k for k in range(len(events)) if events.kind[k] in MARKED_KINDS]
     figure.add_scatter(
-        x=events.xy[marked, 0], y=events.xy[marked, 1], mode="markers", name="contacts", customdata=marked,
+        x=places[marked, 0], y=places[marked, 1], mode="markers", name="contacts", customdata=marked,
         marker={"symbol": "x", "size": 9, "color": "#c2410c"},
         text=[f"{format_event_time(events, k)}<br>{format_event(events, k, fit.naming)}" for k in marked],
         hovertemplate="%{text}<extra></extra>",

@@ -100,6 +100,27 @@ def test_the_plan_shows_every_ball_and_the_ways_of_those_that_get_somewhere(cree
     assert sorted(trace.name for trace in build_speed_figure(shot.make_scene(), fit, ["white", "red"]).data) == lines
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_the_plan_lies_as_the_table_in_the_clip_with_the_names_of_its_rails(turns: int) -> None:
+    scene, fit = shot.make_scene(), shot.make_fit(np.linspace(0, 0.8, 25))
+    c, s = np.round([np.cos(turns * np.pi / 2), np.sin(turns * np.pi / 2)])
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned = replace(scene, camera=replace(scene.camera, matrix=turn @ scene.camera.matrix))
+    figure = build_plan_figure(turned, fit, ["white", "red"])
+    (path,) = [trace for trace in figure.data if trace.mode == "lines" and trace.name == "white"]
+    drawn = np.array([path.x[-1] - path.x[0], path.y[-1] - path.y[0]])
+    xy = fit.trajectory.at(np.array([0.0, 0.8])).xy[:, fit.trajectory.ids.index("white")]
+    seen = np.diff(turned.camera.to_pixels(xy, scene.table.ball_radius), axis=0)[0]
+    assert drawn @ seen > 0.99 * np.linalg.norm(drawn) * np.linalg.norm(seen)
+    names = {note.text: (note.x, note.y) for note in figure.layout.annotations}
+    left, right, far, near = (
+        next(place for name, place in names.items() if name.startswith(word))
+        for word in ("left", "right", "far", "near")
+    )
+    assert left[0] < far[0] < right[0]
+    assert far[1] < left[1] < near[1]
+
+
 def test_a_clip_that_breaks_off_is_amber_with_the_reason() -> None:
     notes = (Note("incomplete_clip", "it breaks off at 0.50 s of 0.80 s"),)
     trust = assess_run_trust(notes, shot.make_fit(np.arange(shot.FRAMES) / shot.RATE))

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from video.drawing.palette import FLASH
-from video.overlay.close_up import CAPTION_SIZE, TILE_SIZE, CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
+from video.overlay.close_up import (
+    CAPTION_SIZE,
+    CLOSE_UP_SIZE,
+    RING_COLOURS,
+    TILE_SIZE,
+    CloseUpFrame,
+    NamedOutline,
+    draw_close_up,
+    draw_frame_strip,
+)
 
 
 def close_up_frame(*centres: tuple[float, float], line: np.ndarray | None = None) -> CloseUpFrame:
@@ -47,3 +58,15 @@ def test_the_caption_of_a_strip_is_where_no_ball_is(way: tuple[int, int]) -> Non
     assert len(where) == 1, "in the same corner of all"
     (corner,) = where
     assert corner[0] * way[0] != corner[1] * way[1]
+
+
+def test_a_pocket_in_question_is_in_the_picture_with_its_name() -> None:
+    plain = close_up_frame((150.0, 20.0))
+    pocket = NamedOutline("far-left pocket", np.array([20.0, 20.0]), 13.0)
+    view = draw_close_up(replace(plain, pocket=pocket), "yes", [])[: CLOSE_UP_SIZE[1]]
+    marked = np.argwhere(np.abs(view.astype(int) - RING_COLOURS[1]).max(axis=2) < 30)
+    assert len(marked) > 500
+    assert (marked.max(axis=0) < np.array(view.shape[:2]) - 1).all()
+    assert marked.min() > 0
+    named = draw_close_up(replace(plain, pocket=replace(pocket, name="")), "yes", [])[: CLOSE_UP_SIZE[1]]
+    assert (named != view).any()
