@@ -169,13 +169,9 @@ def select_model_file(options: DetectOptions) -> Path:
 
 
 def _select_background_frames(clip: Clip) -> NDArray[np.int64]:
-    """Select frames, spread over a clip, from which the empty table is learnt."""
-    return _spread_evenly(clip.distinct_frames, BACKGROUND_FRAMES)
-
-
-def _spread_evenly(frames: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Select at most `count` of the frames (n,), evenly spread, with both ends."""
-    places = np.linspace(0, len(frames) - 1, min(count, len(frames)))
+    """Select frames, evenly spread over a clip with both ends, from which the empty table is learnt."""
+    frames = clip.distinct_frames
+    places = np.linspace(0, len(frames) - 1, min(BACKGROUND_FRAMES, len(frames)))
     return frames[np.unique(places.round().astype(np.int64))]
 
 

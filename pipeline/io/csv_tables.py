@@ -17,20 +17,7 @@ from models.core.typing import FloatArray
 
 Columns = dict[str, Sequence[str] | NDArray[Any]]
 
-DECIMALS = {
-    "x": 6,
-    "y": 6,
-    "sigma": 6,
-    "t": 6,
-    "t_sigma": 6,
-    "x_px": 3,
-    "y_px": 3,
-    "radius_px": 2,
-    "frame": 3,
-    "xx": 12,
-    "xy": 12,
-    "yy": 12,
-}
+DECIMALS = {"x_px": 3, "y_px": 3, "radius_px": 2, "frame": 3, "xx": 12, "xy": 12, "yy": 12}
 """Decimals of each column (m, s, px); other columns have six."""
 SHOT_NUMBER = 0
 

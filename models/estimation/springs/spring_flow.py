@@ -86,26 +86,19 @@ class SpringChain:
         by_input = moved.slopes[:, free, size:] * self.layout.slope(shared)[self.layout.owner]
         bonds, bonds_by_all = self._constraint_values(whole)
         lengths = self._constraint_lengths(whole)
+        is_fixed = self.layout.inputs < self.graph.mass.size * self.graph.gravity.size  # positions of fixed particles
         return ChainPrediction(
             moved.ends.reshape(len(whole) - 1, -1)[:, free],
             moved.slopes[:, free, :size],
             by_input @ self._gather_matrix(),
             bonds - lengths @ shared,
             bonds_by_all[:, :, free],
-            bonds_by_all[:, :, self._inputs_of_fixed_places()] @ self._gather_matrix_of_fixed_places() - lengths,
+            bonds_by_all[:, :, self.layout.inputs[is_fixed]] @ self._gather_matrix()[is_fixed] - lengths,
         )
 
     def _gather_matrix(self) -> FloatArray:
         """Return the matrix (I, P) that sums the inputs of each coordinate."""
         return np.eye(len(self.layout.names))[self.layout.owner]
-
-    def _inputs_of_fixed_places(self) -> IntArray:
-        """Return the inputs that are positions of fixed particles."""
-        return self.layout.inputs[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
-
-    def _gather_matrix_of_fixed_places(self) -> FloatArray:
-        """Return the rows of the gather matrix for positions of fixed particles."""
-        return self._gather_matrix()[self.layout.inputs < self.graph.mass.size * self.graph.gravity.size]
 
     def _slack_springs(self) -> IntArray:
         """Return the springs that are unstretched at the first sample."""
