@@ -87,14 +87,14 @@ def _split_words(
     naming: Naming, words: Sequence[str], find_second: Callable[[str], str | None], second: str
 ) -> tuple[str, str]:
     """Split words into a ball and a second thing, which may both have names of several words."""
-    found = {
+    readings = {
         (ball, other)
         for k in range(1, len(words))
         if (ball := naming.find_ball(" ".join(words[:k]))) and (other := find_second(" ".join(words[k:])))
     }
-    if len(found) == 1:
-        return found.pop()
-    problem = "these words can be split in several ways" if found else f"got {' '.join(words)!r}"
+    if len(readings) == 1:
+        return readings.pop()
+    problem = "these words can be split in several ways" if readings else f"got {' '.join(words)!r}"
     raise OptionError(f"{second and f'{second}; '}a ball is one of {naming.list_balls()}; {problem}")
 
 

@@ -169,8 +169,8 @@ def _require_one_game(folders: Iterable[Path]) -> None:
         game = parse_table(read_scene_document(folder / "scene.json")).game
         by_game.setdefault(game, []).append(folder.name)
     if len(by_game) > 1:
-        listed = "; ".join(f"{game}: {', '.join(names)}" for game, names in by_game.items())
-        raise OptionError(f"shots of one game are compared at a time; these are of {len(by_game)} ({listed})")
+        games = "; ".join(f"{game}: {', '.join(names)}" for game, names in by_game.items())
+        raise OptionError(f"shots of one game are compared at a time; these are of {len(by_game)} ({games})")
 
 
 def _name_group(grouping: Grouping, source: str, shot: ShotNumbers) -> str:

@@ -12,9 +12,10 @@ from pipeline.actions.answer_call import answer_call
 from pipeline.io.run_record import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.answer_command import answer_command
 
 
-@cli.answer_command("call")
+@answer_command("call")
 def call(
     folder: Annotated[cli.AnyPath, typer.Argument(metavar="DIR", help="The folder of a run.")],
     *question: Annotated[

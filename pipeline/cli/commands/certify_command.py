@@ -15,9 +15,10 @@ from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import read_certificate
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.answer_command import answer_command, ignore_activity
 
 
-@cli.answer_command("certify")
+@answer_command("certify")
 def certify(
     *inputs: Annotated[
         cli.AnyPath,
@@ -29,7 +30,7 @@ def certify(
         typer.Option("--compare", metavar="OTHER.json", help="An earlier certificate: which numbers differ from it."),
     ] = None,
     cache: cli.AnyCacheOption = None,
-    on_activity: Callable[[str], None] = cli.ignore_activity,
+    on_activity: Callable[[str], None] = ignore_activity,
 ) -> Answer:
     """Certify a table: slope, restitution, speed of the cloth, size and squareness, each with its error.
 

@@ -12,9 +12,10 @@ from models.core.errors import OptionError
 from pipeline.actions.compare_session import GROUPINGS, Grouping, compare_session
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.answer_command import answer_command
 
 
-@cli.answer_command("compare")
+@answer_command("compare")
 def compare(
     *folders: Annotated[
         cli.AnyPath, typer.Argument(metavar="DIR...", help="Run folders, or folders of run folders, such as a batch.")

@@ -13,9 +13,10 @@ from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.particle_files import is_particle_source
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.answer_command import answer_command, read_learned_table
 
 
-@cli.answer_command("predict")
+@answer_command("predict")
 def predict(
     source: Annotated[
         cli.AnyPath, typer.Argument(metavar="DIR|tracks.csv", help="Folder of a run, a track folder, or a tracks.csv.")
@@ -57,5 +58,5 @@ def predict(
         return predict_particles(place, seconds, at, folder, shot, fps)
     from pipeline.actions.predict_shot import predict_shot  # slow to import
 
-    learned = cli.read_learned_table(profile)
+    learned = read_learned_table(profile)
     return predict_shot(place, seconds, at, shot, learned, seed, draws, folder, open_cache(cache))

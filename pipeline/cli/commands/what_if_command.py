@@ -16,6 +16,7 @@ from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.answer_command import answer_command, ignore_activity, read_learned_table
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
@@ -24,7 +25,7 @@ MAX_SPIN = 1.5
 _AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?")
 
 
-@cli.answer_command("what-if", context_settings={"ignore_unknown_options": True})
+@answer_command("what-if", context_settings={"ignore_unknown_options": True})
 def what_if(
     source: Annotated[
         cli.AnyPath, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")
@@ -78,7 +79,7 @@ def what_if(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
     out: cli.OutBesideOption = None,
     cache: cli.AnyCacheOption = None,
-    on_activity: Callable[[str], None] = cli.ignore_activity,
+    on_activity: Callable[[str], None] = ignore_activity,
 ) -> Answer:
     """Play a shot otherwise: where the balls would go, and how probably it scores."""
     change = _parse_change(speed, angle, side, top)
@@ -87,7 +88,7 @@ def what_if(
     place = Path(source)
     folder = Path(out) if out is not None else place if place.is_dir() else place.parent
     plan = StrokePlan(change, *_choose_spread(spread, session), game, ball, pocket)
-    learned = cli.read_learned_table(profile)
+    learned = read_learned_table(profile)
     return play_otherwise(place, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), on_activity)
 
 

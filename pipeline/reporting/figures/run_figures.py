@@ -12,6 +12,7 @@ from models.core.ball_look import BallLook, format_colour
 from models.core.fit_result import Fit, Parameter
 from models.core.number_format import format_with_sigma
 from models.core.scene import CUSHIONS, Scene
+from models.core.table_view import find_table_view
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times

@@ -1,0 +1,121 @@
+"""Commands that are functions of Python: one definition of their options, and one way to print their answers."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from inspect import BoundArguments, Parameter, Signature, cleandoc, signature
+from os import PathLike
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, Union, get_args, get_origin
+
+import typer
+
+from models.core.answer import Answer
+from pipeline.terminal import command_line as cli
+
+if TYPE_CHECKING:
+    from models.estimation.table_learning.learned_table import LearnedTable
+
+P = ParamSpec("P")
+
+
+def ignore_activity(activity: str) -> None:
+    """Show nothing."""
+
+
+def ignore_answer(answer: Answer) -> None:
+    """Print nothing."""
+
+
+def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]], Callable[P, Answer]]:
+    """Make a command of a public function of Python: one definition of its options, and its answer is printed.
+
+    A parameter that is annotated for typer becomes an argument or option; `on_activity` is called with what is done,
+    `on_answer` with each of several answers.
+
+    Args:
+        name: Name of the command.
+        settings: Further settings of the command, as typer takes them.
+
+    Returns:
+        A decorator that returns the function as it is.
+    """
+
+    def decorate(function: Callable[P, Answer]) -> Callable[P, Answer]:
+        whole = signature(function, eval_str=True)
+        own = [one for one in whole.parameters.values() if get_origin(one.annotation) is Annotated]
+
+        def command(*, as_json: bool, debug: bool, **values: Any) -> None:
+            def show_answer(answer: Answer) -> None:
+                cli.print_answer(answer, as_json)
+
+            with _show_activity("on_activity" in whole.parameters) as on_activity:
+                given = BoundArguments(whole, OrderedDict(values, on_activity=on_activity, on_answer=show_answer))
+                answer = function(*given.args, **given.kwargs)
+            if "on_answer" not in whole.parameters:
+                show_answer(answer)
+            if answer.refusals:
+                raise typer.Exit(1)
+
+        flags = {"as_json": cli.JsonOption, "debug": cli.DebugOption}
+        command.__signature__ = Signature(  # type: ignore[attr-defined]
+            [_make_terminal_parameter(one) for one in own]
+            + [Parameter(key, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for key, kind in flags.items()]
+        )
+        command.__doc__ = cleandoc(function.__doc__ or "")
+        described = "\n".join(f"    {one.name}: {get_args(one.annotation)[1].help}" for one in own)
+        function.__doc__ = f"{command.__doc__}\n\nArgs:\n{described}"
+        function.__signature__ = whole.replace(  # type: ignore[attr-defined]
+            parameters=[
+                one.replace(annotation=get_args(one.annotation)[0]) if one in own else one
+                for one in whole.parameters.values()
+            ]
+        )
+        cli.app.command(name, **settings)(command)
+        return function
+
+    return decorate
+
+
+def _show_activity(is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
+    """Show activities on the console if the command has any."""
+    if not is_shown:
+        return nullcontext(ignore_activity)
+    from pipeline.terminal.activity_display import show_activity  # numba is slow to import
+
+    return show_activity(cli.console)
+
+
+def _make_terminal_parameter(one: Parameter) -> Parameter:
+    """Make a parameter of the command line from one of Python."""
+    kind, *notes = get_args(one.annotation)
+    plain = _reduce_type(kind)
+    annotation = Annotated[list[plain] if one.kind is Parameter.VAR_POSITIONAL else plain, *notes]  # type: ignore[valid-type]
+    return one.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation)
+
+
+def _reduce_type(kind: Any) -> Any:
+    """Reduce the types that a function takes to the one that typer makes of words, and None."""
+    options = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    origins = [get_origin(one) or one for one in options]
+    if Sequence in origins:
+        plain: Any = list[_reduce_type(get_args(options[origins.index(Sequence)])[0])]  # type: ignore[misc]
+    elif PathLike in origins:
+        plain = Path
+    elif str in origins or Literal in origins:
+        plain = str
+    else:
+        return kind
+    return plain | None if type(None) in options else plain
+
+
+def read_learned_table(profile: cli.AnyPath | None) -> LearnedTable | None:
+    """Read what other shots taught about a table; None without a profile."""
+    if profile is None:
+        return None
+    from pipeline.io.table_profile import parse_learned_table, read_profile_text  # slow to import
+
+    return parse_learned_table(read_profile_text(Path(profile)))
