@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -142,7 +141,9 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
     changes += [{"kind": kind, "text": f"a ball: {one}"} for one, kind in (*added.items(), *removed)]
     events = before.fit.events
     a, b = (tuple(matched.get(one, one) for one in column) for column in (events.a, events.b))
-    calls = {_rename_words(key, names): _rename_words(value, names) for key, value in list_calls(before).items()}
+    looks = {one: after.fit.naming.looks[two] for one, two in matched.items() if two in after.fit.naming.looks}
+    renamed = replace(before.fit.naming, looks={**before.fit.naming.looks, **looks})
+    calls = list_calls(replace(before, fit=replace(before.fit, naming=renamed)))
     changes += compare_events(replace(events, a=a, b=b), after.fit.events, after.fit.naming)
     return changes + compare_calls(calls, list_calls(after))
 
@@ -162,13 +163,6 @@ def match_names(before: Tracks, after: Tracks) -> dict[str, str]:
     is_same = gap < np.nan_to_num(before.radius_px[one])[:, :, None]
     rows, columns = linear_sum_assignment(is_same.sum(axis=0), maximize=True)
     return {before.ids[i]: after.ids[j] for i, j in zip(rows, columns, strict=True) if is_same[:, i, j].any()}
-
-
-def _rename_words(text: str, names: dict[str, str]) -> str:
-    """Replace names of balls in a text, all at once."""
-    if not names:
-        return text
-    return re.sub(rf"(?<![\w.-])({'|'.join(map(re.escape, names))})(?![\w-])", lambda word: names[word[0]], text)
 
 
 def _format_table(table: Table) -> str:

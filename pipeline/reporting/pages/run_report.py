@@ -205,7 +205,6 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
                 "sentence": format_event(events, k, naming),
-                "speed": f"{events.speed[k]:.2f}" if np.isfinite(events.speed[k]) else "",
                 "gap": format_gap(events.gap[k], events.gap_sigma[k]) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),
                 "undecided": undecided,

@@ -20,15 +20,7 @@ SELF_EVIDENT_DOUBTS = ("rival", "no_cause", "hidden")
 
 
 def format_check_place(place: CheckPlace, naming: Naming) -> str:
-    """Format the reasons to check a place as one sentence.
-
-    Args:
-        place: The place.
-        naming: What balls, rails and pockets are called.
-
-    Returns:
-        The ball and what is unsure about it, then why.
-    """
+    """Format the reasons to check a place as one sentence: the ball, what is unsure about it, then why."""
     main, *others = place.reasons
     clauses = [_format_main_clause(main, naming), *_format_doubts(main, naming)]
     # where the doubts name missed frames, a gap would name them again
@@ -38,15 +30,7 @@ def format_check_place(place: CheckPlace, naming: Naming) -> str:
 
 
 def format_hypotheses(moment: Moment, naming: Naming) -> str:
-    """Format the hypotheses of a moment with their probabilities.
-
-    Args:
-        moment: The moment.
-        naming: What balls, rails and pockets are called.
-
-    Returns:
-        The most probable ones, e.g. "red 3 61 %, unexplained 39 %".
-    """
+    """Format the most probable hypotheses of a moment, such as `red 3 61 %, unexplained 39 %`."""
     is_rest = any(one.cause == "rest" for one in moment.hypotheses)
     is_strike = all(one.cause in ("strike", "none") for one in moment.hypotheses)
     nothing = "still moving" if is_rest else "not struck" if is_strike else "no contact"

@@ -33,15 +33,7 @@ def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> 
 
 
 def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, ...]:
-    """Format all corrections, each as a phrase.
-
-    Args:
-        corrections: What a person corrected.
-        naming: What balls and rails are called.
-
-    Returns:
-        The phrases; empty where nothing was set by hand.
-    """
+    """Format all corrections, each as a phrase; empty where nothing was set by hand."""
     settings = {
         "the corners of the table": corrections.corners,
         f"the table, {corrections.table}": corrections.table,
@@ -58,15 +50,7 @@ def format_corrections(corrections: Corrections, naming: Naming) -> tuple[str, .
 
 
 def format_outcomes(outcomes: Sequence[MarkOutcome], naming: Naming) -> tuple[str, ...]:
-    """Format where the motion contradicts what was set by hand.
-
-    Args:
-        outcomes: The outcome of every mark.
-        naming: What balls and rails are called.
-
-    Returns:
-        One sentence per contradiction.
-    """
+    """Format where the motion contradicts what was set by hand, with one sentence per contradiction."""
     return tuple(sentence for one in outcomes if (sentence := _format_outcome(one, naming)))
 
 

@@ -83,14 +83,7 @@ def _is_sure(one: ShotNumber) -> bool:
 
 
 def format_hit(shot: ShotNumbers) -> str:
-    """Format how full the first ball was hit and with which spin, such as `half ball, draw, left side`.
-
-    Args:
-        shot: Numbers of the shot.
-
-    Returns:
-        The words that the data determine; empty without any.
-    """
+    """Format what the data determine of a hit, such as `half ball, draw, left side`; empty where it is nothing."""
     cut, side = (shot.find_number(name) for name in ("cut_angle", "side_spin_share"))
     words = []
     if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
@@ -104,15 +97,7 @@ def format_hit(shot: ShotNumbers) -> str:
 
 
 def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
-    """Format the main numbers of a shot in one line.
-
-    Args:
-        shot: Numbers of the shot.
-        naming: What balls and pockets are called.
-
-    Returns:
-        One line without a full stop.
-    """
+    """Format the main numbers of a shot in one line without a full stop."""
     parts = [f"{naming.say(shot.cue)} at {shot.t:.2f} s"]
     labels = {"cue_speed": "", "top_spin_share": "spin ", "side_spin_share": "side ", "cut_angle": "cut "}
     parts += [
@@ -129,15 +114,7 @@ def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
 
 
 def list_number_rows(shot: ShotNumbers, naming: Naming) -> list[tuple[str, str, str, bool]]:
-    """List the numbers of a shot as table rows.
-
-    Args:
-        shot: Numbers of the shot.
-        naming: What balls and pockets are called.
-
-    Returns:
-        Words, ball or pocket, value, and whether it is observable.
-    """
+    """List the numbers of a shot as table rows: words, ball or pocket, value, and whether it is observable."""
     rows = []
     for one in shot.numbers:
         ball = naming.name_ball(one.ball)

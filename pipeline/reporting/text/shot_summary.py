@@ -187,6 +187,7 @@ class _Stroke:
         events, naming = self.fit.events, self.fit.naming
         text = join_names(
             f"{naming.say(events.a[k])} into the {naming.name_pocket(events.b[k])} at {format_event_time(events, k)}"
+            f" ({format_probability(events.probability[k])})"
             for k in self.likely
             if events.kind[k] == "pocket"
         )

@@ -30,16 +30,7 @@ MIN_REPORTED_SPEED = 0.005
 
 
 def format_event(events: Events, k: int, naming: Naming) -> str:
-    """Format an event as a sentence without a full stop.
-
-    Args:
-        events: Events of a shot.
-        k: Index of the event.
-        naming: What balls, rails and pockets are called.
-
-    Returns:
-        Balls, kind of event and, if it is large enough, speed.
-    """
+    """Format event k as a sentence without a full stop: balls, what happened and, if it is large enough, speed."""
     a, b, speed = naming.say(events.a[k]), events.b[k], float(events.speed[k])
     what = {
         "strike": f"{a} is struck",
@@ -62,15 +53,7 @@ def is_undecided(probability: float) -> bool:
 
 
 def format_event_time(events: Events, k: int) -> str:
-    """Format the time of an event with its standard deviation.
-
-    Args:
-        events: Events of a shot.
-        k: Index of the event.
-
-    Returns:
-        The time in s, the standard deviation in ms.
-    """
+    """Format the time of event k in s with its standard deviation in ms."""
     return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
 
 

@@ -225,5 +225,5 @@ def test_every_potted_ball_is_mentioned() -> None:
     events = fit.events
     fallen = replace(events, kind=("strike", "ball", "pocket"), a=("white", "red", "red"), b=("", "white", "top-right"))
     (summary,) = summarize(tracks, replace(fit, events=fallen))
-    assert summary.potted == "Red into the far-right pocket at 1.5000 s ± 1.0 ms."
+    assert summary.potted == "Red into the far-right pocket at 1.5000 s ± 1.0 ms (80 %)."
     assert summarize(tracks, fit)[0].potted == ""
