@@ -32,18 +32,23 @@ COLOURS = ({"yellow"}, {"blue"}, {"red"}, {"purple", "pink"}, {"orange"}, {"gree
 """Colours of the numbers 1 to 7, and of 9 to 15; 4 and 12 are pink in sets for television."""
 BOX_KINDS = ("", "cue", "eight", "solid", "stripe")
 """Ball class by the number of the class of a box."""
-SHADE, HIGHLIGHT, MIXED = 0.25, 0.1, 0.85
-"""Share of the pixels of a ball in shade and of those in the highlight; and chroma, as a share of the largest, below
-which a pixel of a solid or stripe is white, or mixed with white in the coded picture."""
+PAINTED = ("solid", "stripe", "eight")
+"""Classes of balls that are partly white."""
+SHADE, HIGHLIGHT = 0.4, 0.1
+"""Share of the pixels of a ball in shade, and of those in the highlight."""
+UNMIXED = 0.75
+"""Distance from white, with half the weight of L*, as a share of the largest of a ball, below which a pixel is white or
+mixed with it in the coded picture."""
 
 
-def measure_colour(frame: ByteArray, centre: FloatArray, radius: float, kind: str) -> FloatArray:
-    """Measure the median sRGB (3,) of the unshaded painted pixels of a ball."""
+def measure_colour(frame: ByteArray, centre: FloatArray, radius: float, white: FloatArray | None = None) -> FloatArray:
+    """Measure the median sRGB (3,) of the unshaded pixels of a ball; with the sRGB of `white`, of its painted ones."""
     y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
     pixels = frame[np.hypot(x - centre[0], y - centre[1]) < 0.7 * radius].astype(float)
-    if kind in ("solid", "stripe"):
-        _, a, b = rgb2lab(pixels[None] / 255)[0].T
-        pixels = pixels[np.hypot(a, b) > MIXED * np.quantile(np.hypot(a, b), 0.95)]
+    if white is not None:
+        lab = rgb2lab(np.vstack([pixels, white])[None] / 255)[0]
+        apart = np.linalg.norm((lab[:-1] - lab[-1]) * [0.5, 1.0, 1.0], axis=1)
+        pixels = pixels[apart >= UNMIXED * np.quantile(apart, 0.95)]
     brightness = pixels.sum(axis=1)
     low, high = np.quantile(brightness, [SHADE, 1 - HIGHLIGHT])
     return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
@@ -90,11 +95,14 @@ def print_run(folder: Path, total: Counter[str]) -> list[float]:
     rows = select_clear_frames(tracks, shot.scene.table.ball_radius)
     chosen = [int(own[len(own) // 2]) for own in rows]
     frames = dict(read_frames(clip, indices=np.unique(tracks.frame[chosen])))
-    differences = []
+    differences, white = (
+        [],
+        np.array(next((look.colour for look in tracks.looks if look.name == "cue ball"), (255,) * 3)),
+    )
     print(f"\n{clip.path.name}")
     for ball, (row, look) in enumerate(zip(chosen, tracks.looks, strict=True)):
         kind, px, radius = tracks.kinds[ball], tracks.px[row, ball], float(tracks.radius_px[row, ball])
-        shown = measure_colour(frames[int(tracks.frame[row])], px, radius, kind)
+        shown = measure_colour(frames[int(tracks.frame[row])], px, radius, white if kind in PAINTED else None)
         difference = float(compare_colours(np.array([look.colour]), shown[None])[0])
         start = tracks.px[np.flatnonzero(tracks.is_observed[:, ball])[0], ball]
         gap = np.linalg.norm(places - start, axis=1) if len(places) else np.array([np.inf])

@@ -42,7 +42,9 @@ SHADE_QUANTILE, DULL_QUANTILE = 0.35, 0.75
 CLOTH_HUE, MIN_CLOTH_CHROMA = np.radians(25.0), 10.0
 """Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue."""
 MIN_OWN_SHARE = 0.25
-"""Share of the painted pixels that do not have the hue of the cloth, from which these alone are the paint."""
+"""Share of the painted pixels that do not have the hue of the cloth, from which these alone may be the paint."""
+OWN_PURITY_GAIN = 0.3
+"""Share by which all painted pixels must be farther from white than these to be the paint."""
 MAX_SOLID_WHITE, MIN_STRIPE_WHITE = 0.24, 0.4
 """White share of the rim and half of that of the disc (as in `ball_classes`) up to which a ball is surely a solid, and
 from which it is surely a stripe; medians over frames."""
@@ -219,14 +221,16 @@ def _measure_ball(
         return _UNKNOWN
     painted = painted if kind in ("cue", "white") or not coloured.any() else coloured
     purity = np.hypot(LIGHTNESS_WEIGHT * (white[0] - lightness), tint)  # a band is seen mixed with white at its edges
-    rank, quantile = (purity, DULL_QUANTILE) if kind == "stripe" else (lightness, SHADE_QUANTILE)
+    rank = purity if kind == "stripe" else lightness
+    quantile = {"stripe": DULL_QUANTILE, "eight": 0.0, "black": 0.0}.get(kind, SHADE_QUANTILE)  # black shines, but grey
     own = painted & ~_is_cloth(_to_lab(_to_linear(discs)), cloth_lab)
     sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)
     choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in sets]
-    first, last = (np.median(corrected[one], axis=0) for one in (choices[0], choices[-1]))
-    spread = np.median(np.linalg.norm(corrected[choices[-1]][:, 1:] - last[1:], axis=1))
-    is_certain = np.linalg.norm(first - last) < MAX_AMBIGUITY and spread < MAX_SPREAD
-    return np.median(discs[choices[-1]], axis=0), last, bool(is_certain)
+    colours = [np.median(corrected[one], axis=0) for one in choices]
+    best = max(range(len(choices)), key=lambda k: np.median(purity[choices[k]]) * (1 + OWN_PURITY_GAIN * k))
+    spread = np.median(np.linalg.norm(corrected[choices[best]][:, 1:] - colours[best][1:], axis=1))
+    is_certain = np.linalg.norm(colours[0] - colours[-1]) < MAX_AMBIGUITY and spread < MAX_SPREAD
+    return np.median(discs[choices[best]], axis=0), colours[best], bool(is_certain)
 
 
 def _is_cloth(lab: FloatArray, cloth_lab: FloatArray) -> BoolArray:

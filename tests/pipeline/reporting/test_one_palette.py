@@ -12,8 +12,9 @@ import pytest
 from skimage.color import rgb2lab
 from support.sample_clips import read_sample_truth
 
-from benchmarks.detection.ball_looks import compare_colours, measure_colour
+from benchmarks.detection.ball_looks import PAINTED, compare_colours, measure_colour
 from detectors.measurement.ball_paint import look_at_balls
+from models.core.ball_look import parse_colour
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.naming import Naming, build_naming
@@ -28,6 +29,8 @@ from video.io.clip import open_clip, read_frames
 from video.overlay.placement_overlay import CLOTH_COLOUR, draw_placement_plan
 
 NO_EVENTS = Events((), *(np.empty(0),) * 3, (), (), np.empty((0, 2)), *(np.empty(0),) * 4)
+PAPER = np.array([252.0, 250.0, 236.0])
+"""sRGB of white in the clip."""
 MAX_DIFFERENCE = 5.0
 """CIEDE2000."""
 REST_FRAMES = 10
@@ -52,10 +55,11 @@ def make_shot() -> tuple[Scene, Tracks, FloatArray]:
         np.zeros((*shape, 2)), truth.radius_px[rows], np.zeros((len(ids), 3)),
     )  # fmt: skip
     scene = Scene(table, camera, cloth, ())
-    shown = np.array([
-        measure_colour(frame, truth.px[0, k], truth.radius_px[0, k], kind) for k, kind in enumerate(kinds)
-    ])  # fmt: skip
-    return scene, replace(tracks, looks=look_at_balls(clip, scene, tracks)), shown
+    shown = [
+        measure_colour(frame, truth.px[0, k], truth.radius_px[0, k], PAPER if kind in PAINTED else None)
+        for k, kind in enumerate(kinds)
+    ]
+    return scene, replace(tracks, looks=look_at_balls(clip, scene, tracks)), np.array(shown)
 
 
 def draw_plan(scene: Scene, tracks: Tracks) -> ByteArray:
@@ -124,7 +128,7 @@ def test_the_plan_of_the_report_draws_each_ball_in_its_colour_in_the_clip() -> N
         Trust("green", ()),
     )  # fmt: skip
     markers = [trace for trace in build_plan_figure(scene, fit, tracks.looks).data[:-1] if trace.mode == "markers"]
-    drawn = np.array([re.findall(r"\d+", trace.marker.color) for trace in markers], float)
+    drawn = np.array([parse_colour(trace.marker.color) for trace in markers], float)
     differences = compare_colours(drawn, shown)
     assert [trace.name for trace in markers] == list(tracks.ids)
     assert differences.max() < MAX_DIFFERENCE, dict(zip(tracks.ids, differences.round(1), strict=True))
