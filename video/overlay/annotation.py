@@ -314,7 +314,8 @@ def _place_below(inset: tuple[int, int], clock: tuple[int, int], image: tuple[in
     height = max(inset[1], clock[1]) + 2 * margin
     top = float(image[1] + margin)
     left = float(image[0] - margin - clock[0])
-    return (float(margin), top, *map(float, inset)), (left, top, *map(float, clock)), height + (image[1] + height) % 2
+    places = (float(margin), top, float(inset[0]), float(inset[1])), (left, top, float(clock[0]), float(clock[1]))
+    return *places, height + (image[1] + height) % 2
 
 
 def _trace_balls(timeline: BallTimeline, paths: Sequence[MotionPath]) -> FloatArray:

@@ -293,13 +293,11 @@ def _convert_times(explanation: ShotExplanation, clock: CaptureClock) -> ShotExp
         replace(moment, t=float(shown[k]), t_sigma=float(moment.t_sigma * rate[k]))
         for k, moment in enumerate(explanation.moments)
     )
-    breaks = tuple(
-        RackBreak(
-            *clock.presentation_time_at(np.array([one.rest, one.start, one.t, one.end])).tolist(), one.ball, one.rack
-        )
-        for one in explanation.breaks
-    )
-    return replace(explanation, moments=moments, breaks=breaks)
+    breaks = []
+    for one in explanation.breaks:
+        rest, start, met, end = clock.presentation_time_at(np.array([one.rest, one.start, one.t, one.end])).tolist()
+        breaks.append(replace(one, rest=rest, start=start, t=met, end=end))
+    return replace(explanation, moments=moments, breaks=tuple(breaks))
 
 
 def _add_close_passes(

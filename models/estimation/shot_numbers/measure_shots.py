@@ -60,12 +60,26 @@ def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Tabl
     factor = estimate_lack_of_fit(solution, observations)
     radius = table.ball_radius * solution.diameter_factor
     view = PosteriorView(solution, inflate_covariance(solution, factor), radius)
-    cue = tracks.kinds.index("cue") if "cue" in tracks.kinds else None
     shots = []
-    for course in list_shot_courses(solution.graph, cue, partial(_is_stroke, fit, tracks.ids)):
+    for course in list_shots(fit, solution, tracks):
         shot = _measure_shot(course, view, fit, tracks, table)
         shots.append(_refine_strike(shot, course, view, observations, factor, fit))
     return tuple(shots)
+
+
+def list_shots(fit: Fit, solution: JointSolution, tracks: Tracks) -> tuple[ShotCourse, ...]:
+    """List the shots of a clip by their strokes: a ball of a rack that bursts was not struck.
+
+    Args:
+        fit: Fit of the clip.
+        solution: Joint fit behind it.
+        tracks: Tracks of N balls.
+
+    Returns:
+        Shots by time. None where nothing moves.
+    """
+    cue = tracks.kinds.index("cue") if "cue" in tracks.kinds else None
+    return list_shot_courses(solution.graph, cue, partial(_is_stroke, fit, tracks.ids))
 
 
 def _is_stroke(fit: Fit, ids: tuple[str, ...], ball: int, t: float) -> bool:

@@ -19,9 +19,9 @@ from models.estimation.forecast.solution_state import (
     estimate_lack_of_fit,
     inflate_covariance,
 )
-from models.estimation.shot_numbers.measure_shots import present_time, select_whole_shot
+from models.estimation.shot_numbers.measure_shots import list_shots, present_time, select_whole_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView
-from models.estimation.shot_numbers.shot_course import ShotCourse, list_shot_courses
+from models.estimation.shot_numbers.shot_course import ShotCourse
 from models.estimation.shot_numbers.struck_samples import rewind_samples
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
@@ -94,7 +94,7 @@ def draw_struck_ensemble(
     Raises:
         TrackError: The clip has no such shot, or none.
     """
-    courses = list_shot_courses(solution.graph, tracks.kinds.index("cue") if "cue" in tracks.kinds else None)
+    courses = list_shots(fit, solution, tracks)
     if not courses:
         raise TrackError("no ball moves in this clip, so no shot can be played otherwise; choose a clip with a strike")
     if shot >= len(courses):

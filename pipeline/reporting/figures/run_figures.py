@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 
 from models.core.ball_look import BallLook, format_colour
 from models.core.fit_result import Fit, Parameter
+from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
 from models.core.scene import CUSHIONS, Scene
 from models.core.table_view import find_table_view
