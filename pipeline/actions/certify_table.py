@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models.core.answer import Answer, Quantity
-from models.core.errors import OptionError
 from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
 from models.numerics.executor import Executor
 from pipeline.actions.fit_table import fit_table_of_shots
@@ -36,32 +35,6 @@ from pipeline.reporting.text.text_formatting import name_folders
 from video.calibration.camera_model import ShapeEstimate, estimate_shape
 
 PAGE_FILE = "certificate.html"
-
-
-def list_shot_folders(sources: Iterable[Path]) -> list[Path]:
-    """List the run folders and track folders of the given folders.
-
-    Args:
-        sources: Run folders, track folders, their tracks.csv, or folders with such folders, as a batch writes them.
-
-    Returns:
-        The folders and files, in the order given, each once.
-
-    Raises:
-        OptionError: A source holds no tracks.
-    """
-    folders: dict[Path, None] = {}
-    for source in sources:
-        if source.is_file() or (source / "tracks.csv").is_file():
-            folders[source] = None
-            continue
-        below = sorted(path.parent for path in source.rglob("tracks.csv")) if source.is_dir() else []
-        if not below:
-            raise OptionError(
-                f"Run folders, track folders or a batch's folder were expected; {source} holds no tracks.csv"
-            )
-        folders |= dict.fromkeys(below)
-    return list(folders)
 
 
 def certify_table(

@@ -17,7 +17,7 @@ from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.run_folder import find_repeated_clips, parse_table, read_scene_document
+from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse_table, read_scene_document
 from pipeline.io.shot_numbers_json import parse_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
@@ -27,26 +27,6 @@ from pipeline.reporting.text.text_formatting import name_folders
 Grouping = Literal["folder", "spin", "ball", "pocket", "side"]
 GROUPINGS: tuple[Grouping, ...] = ("folder", "spin", "ball", "pocket", "side")
 SCHEMA = "trueroll.session/1"
-
-
-def list_run_folders(source: Path) -> list[Path]:
-    """List the run folders of a source.
-
-    Args:
-        source: A run folder, or a folder of run folders, such as that of a batch.
-
-    Returns:
-        The folders by name.
-
-    Raises:
-        OptionError: There is none.
-    """
-    if (source / "scene.json").is_file():
-        return [source]
-    folders = sorted(path.parent for path in source.rglob("scene.json")) if source.is_dir() else []
-    if not folders:
-        raise OptionError(f"A run folder or the folder of a batch was expected; there is no scene.json in {source}")
-    return folders
 
 
 def read_shot_numbers(folder: Path) -> tuple[ShotNumbers, ...]:
@@ -84,7 +64,7 @@ def read_session(sources: Sequence[Path]) -> tuple[list[tuple[str, Path, ShotNum
     refusals = []
     folders = [source for source in sources if not source.is_file()]  # DIR/* names the table of a batch too
     for source in folders or sources:
-        for folder in list_run_folders(source):
+        for folder in list_folders_with("scene.json", [source]):
             try:
                 shots += [(str(source), folder, shot) for shot in read_shot_numbers(folder)]
             except OptionError as error:

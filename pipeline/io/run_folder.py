@@ -215,3 +215,28 @@ def parse_camera(scene: dict[str, Any]) -> Camera | None:
         return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:
         raise OptionError(f"scene.json has a calibration that cannot be used: {error}") from error
+
+
+def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:
+    """List the folders that hold a file, such as run folders with their scene.json.
+
+    Args:
+        name: Name of the file.
+        sources: Such folders, files of their own, or folders with such folders, as a batch writes them.
+
+    Returns:
+        The folders and files, in the order given, each once.
+
+    Raises:
+        OptionError: A source holds none.
+    """
+    folders: dict[Path, None] = {}
+    for source in sources:
+        if source.is_file() or (source / name).is_file():
+            folders[source] = None
+            continue
+        below = sorted(path.parent for path in source.rglob(name)) if source.is_dir() else []
+        if not below:
+            raise OptionError(f"Run folders or folders with such folders were expected; {source} holds no {name}")
+        folders |= dict.fromkeys(below)
+    return list(folders)

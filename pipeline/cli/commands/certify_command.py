@@ -9,11 +9,12 @@ from typing import Annotated
 import typer
 
 from models.core.answer import Answer
-from pipeline.actions.certify_table import certify_table, list_shot_folders
+from pipeline.actions.certify_table import certify_table
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import read_certificate
+from pipeline.io.run_folder import list_folders_with
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command, ignore_activity
 
@@ -37,7 +38,7 @@ def certify(
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
     """
     other = None if compare is None else (Path(compare), read_certificate(Path(compare)))
-    sources = list_shot_folders([Path(one) for one in inputs])
+    sources = list_folders_with("tracks.csv", [Path(one) for one in inputs])
     require_writable_folder(Path(out))
     store = open_cache(cache)
     with open_executor() as executor:

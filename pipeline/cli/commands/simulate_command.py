@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from PIL import Image
-from rich.table import Table as Grid
 
+from models.core.answer import Answer
 from models.core.ball_look import describe_unseen_balls
 from models.core.events import Events
 from models.core.naming import Naming
@@ -19,7 +18,7 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
-from pipeline.reporting.text.text_formatting import format_event
+from pipeline.reporting.text.table_words import format_meeting
 from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 
@@ -44,46 +43,39 @@ def simulate_shot(
     wanted = read_shot_setup(shot)
     if profile is not None:
         wanted = place_on_learned_table(wanted, read_profile_text(profile))
-    ids = wanted.balls.ids
-    naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
     folder = out if out is not None else Path("out") / shot.stem
     require_writable_folder(folder)
     simulation = wanted.simulate()
     events, state = simulation.list_events(wanted.hz), simulation.to_state(wanted.times)
+    ids = wanted.balls.ids
+    naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "trajectory.csv") as path:
-        write_states(wanted.balls.ids, wanted.times, state, path)
+        write_states(ids, wanted.times, state, path)
     with replace_file(folder / "events.csv") as path:
         write_events(events, path)
     with replace_file(folder / "plan.png") as path:
         Image.fromarray(_draw_shot(wanted, naming, state, events)).save(path, format="PNG")
-    if as_json:
-        print(json.dumps({"folder": str(folder), "events": _events_to_json(events)}, allow_nan=False))
-    else:
-        _print_events(events, naming, folder)
+    rows = [
+        (f"{events.t[k]:.6f} s", f"{naming.say(events.a[k])} {format_meeting(events.kind[k], events.b[k], naming)}")
+        for k in range(len(events))
+    ]
+    event_values = [
+        {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}
+        for k in range(len(events))
+    ]
+    answer = Answer(
+        f"What happens in {shot.name}?",
+        () if rows else ("Nothing moves in this shot.",),
+        rows=(("time", "what"), *rows) if rows else (),
+        document={"folder": str(folder), "events": event_values},
+        figures=(str(folder / "plan.png"), str(folder / "trajectory.csv")),
+    )
+    cli.print_answer(answer, as_json)
 
 
 def _draw_shot(shot: ShotSetup, naming: Naming, state: State, events: Events) -> np.ndarray:
     met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
-    paths = [state.xy[:, k] for k in range(len(shot.balls.ids))]
-    return draw_table_plan(
-        shot.table, naming, shot.balls.ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts"
-    )
-
-
-def _events_to_json(events: Events) -> list[dict[str, str | float]]:
-    return [
-        {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}
-        for k in range(len(events))
-    ]
-
-
-def _print_events(events: Events, naming: Naming, folder: Path) -> None:
-    grid = Grid("time", "what", box=None, pad_edge=False)
-    for k in range(len(events)):
-        grid.add_row(f"{events.t[k]:.6f} s", format_event(events, k, naming))
-    if len(events):
-        cli.make_output_console().print(grid)
-    else:
-        print("Nothing moves in this shot.")
-    print(f"Look at {folder / 'plan.png'} and {folder / 'trajectory.csv'}")
+    ids = shot.balls.ids
+    paths = [state.xy[:, k] for k in range(len(ids))]
+    return draw_table_plan(shot.table, naming, ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts")

@@ -11,8 +11,7 @@ from support.pseudo_terminal import Terminal, make_terminal
 from support.shot_folders import EFFECTS, write_shots
 
 from models.estimation.table_learning.table_measurements import compute_roll_out
-from pipeline.actions.certify_table import list_shot_folders
-from pipeline.io.run_folder import drop_repeated_clips, find_repeated_clips
+from pipeline.io.run_folder import drop_repeated_clips, find_repeated_clips, list_folders_with
 
 trueroll = pytest.fixture(make_terminal)
 SLOPE = 1.2
@@ -71,7 +70,7 @@ def test_run_folders_of_a_batch_are_listed_once(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / "batch" / name).mkdir(parents=True)
         (tmp_path / "batch" / name / "tracks.csv").touch()
-    folders = list_shot_folders([tmp_path / "batch" / "b", tmp_path / "batch"])
+    folders = list_folders_with("tracks.csv", [tmp_path / "batch" / "b", tmp_path / "batch"])
     assert [folder.name for folder in folders] == ["b", "a"]
 
 

@@ -133,7 +133,7 @@ def test_a_folder_without_numbers_is_named_and_left_out(tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["compare", "nothing"], "there is no scene.json in nothing"),
+        (["compare", "nothing"], "nothing holds no scene.json"),
         (["compare", "nothing", "--group", "mood"], "--group is one of"),
         (["what-if", "nothing", "--speed", "fast"], "--speed is a number"),
         (["what-if", "nothing", "--speed", "99"], "up to 15 m/s"),
