@@ -22,12 +22,8 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 
 
-def ignore_activity(activity: str) -> None:
-    """Show nothing."""
-
-
-def ignore_answer(answer: Answer) -> None:
-    """Print nothing."""
+def ignore(news: object) -> None:
+    """Show nothing of what a function does."""
 
 
 def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]], Callable[P, Answer]]:
@@ -83,7 +79,7 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
 def _show_activity(is_shown: bool) -> AbstractContextManager[Callable[[str], None]]:
     """Show activities on the console if the command has any."""
     if not is_shown:
-        return nullcontext(ignore_activity)
+        return nullcontext(ignore)
     from pipeline.terminal.activity_display import show_activity  # numba is slow to import
 
     return show_activity(cli.console)

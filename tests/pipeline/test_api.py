@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import subprocess
@@ -14,6 +15,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
+import typer.main
 from pyarrow import csv
 from support.carom_start import SAMPLE, Home
 
@@ -22,9 +24,11 @@ from models.core.answer import Answer
 from models.core.errors import ClipError, OptionError
 from pipeline import api
 from pipeline.api import Run, run
+from pipeline.cli.commands import load_command
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.strict_json import format_strict_json
 from pipeline.run_options import RunSettings, list_settings
+from pipeline.terminal.command_line import app
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = (ROOT / "docs" / "tutorials" / "python.md").read_text(encoding="utf-8")
@@ -144,6 +148,17 @@ def test_every_public_name_is_there() -> None:
     assert all(getattr(trueroll, name) for name in trueroll.__all__)
     with pytest.raises(AttributeError, match="no attribute 'guess'"):
         _ = trueroll.guess  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", ["call", "certify", "compare", "fit-table", "predict", "put-back", "what-if"])
+def test_a_question_of_python_takes_the_options_of_its_command(name: str) -> None:
+    load_command(name)
+    group = typer.main.get_command(app)
+    options = {one.name for one in getattr(group, "commands", {}).get(name, group).params}
+    function = getattr(trueroll, name.replace("-", "_"))
+    hooks = {"on_activity", "on_answer"}
+    assert options - {"help"} == (inspect.signature(function).parameters.keys() - hooks) | {"as_json", "debug"}
+    assert "Args:\n    " in function.__doc__
 
 
 def test_a_question_of_python_has_the_answer_of_the_command(home: Home, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import read_certificate
 from pipeline.io.run_folder import list_folders_with
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.answer_command import answer_command, ignore_activity
+from pipeline.terminal.answer_command import answer_command, ignore
 
 
 @answer_command("certify")
@@ -31,7 +31,7 @@ def certify(
         typer.Option("--compare", metavar="OTHER.json", help="An earlier certificate: which numbers differ from it."),
     ] = None,
     cache: cli.AnyCacheOption = None,
-    on_activity: Callable[[str], None] = ignore_activity,
+    on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Certify a table: slope, restitution, speed of the cloth, size and squareness, each with its error.
 

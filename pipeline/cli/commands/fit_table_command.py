@@ -13,7 +13,7 @@ from pipeline.actions.fit_table import learn_table_profile
 from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.answer_command import answer_command, ignore_activity
+from pipeline.terminal.answer_command import answer_command, ignore
 
 
 @answer_command("fit-table")
@@ -24,7 +24,7 @@ def fit_table(
     ],
     out: Annotated[cli.AnyPath, cli.make_output_option("The profile to write.", "FILE")] = "profile.json",
     cache: cli.AnyCacheOption = None,
-    on_activity: Callable[[str], None] = ignore_activity,
+    on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 

@@ -20,7 +20,7 @@ from pipeline.io.image_file import read_image
 from pipeline.io.run_folder import read_scene_document
 from pipeline.io.run_record import read_shot_record
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.answer_command import answer_command, ignore_answer
+from pipeline.terminal.answer_command import answer_command, ignore
 
 
 @answer_command("put-back")
@@ -47,7 +47,7 @@ def put_back(
         cli.AnyPath | None, typer.Option("--clip", help="Video of the shot. Default: the one that the run noted.")
     ] = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
-    on_answer: Callable[[Answer], None] = ignore_answer,
+    on_answer: Callable[[Answer], None] = ignore,
 ) -> Answer:
     """Show where every ball lay at a time, with its distances to the cushions, to lay the balls there again.
 

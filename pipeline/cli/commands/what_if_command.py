@@ -16,7 +16,7 @@ from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.answer_command import answer_command, ignore_activity, read_learned_table
+from pipeline.terminal.answer_command import answer_command, ignore, read_learned_table
 
 MAX_SPEED = 15.0
 """m/s: no stroke is faster; breaks reach 12."""
@@ -79,7 +79,7 @@ def what_if(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
     out: cli.OutBesideOption = None,
     cache: cli.AnyCacheOption = None,
-    on_activity: Callable[[str], None] = ignore_activity,
+    on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Play a shot otherwise: where the balls would go, and how probably it scores."""
     change = _parse_change(speed, angle, side, top)
