@@ -15,7 +15,7 @@ from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.number_format import format_probability
-from models.core.scene import Game, Scene, Table
+from models.core.scene import CUSHIONS, Game, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.hand_marks.resolved_marks import update_ball_names
@@ -68,6 +68,7 @@ def describe_run(
     clip, scene, tracks, fit = run.clip, run.scene, run.tracks, run.fit
     trust = fit.trust
     calls = list_calls(run)
+    naming = fit.naming
     return {
         "frames": {
             "first": offset,
@@ -83,6 +84,7 @@ def describe_run(
         "table": {"name": scene.table.name, "length": scene.table.length, "width": scene.table.width},
         "ball_radius": scene.table.ball_radius,
         "balls": _describe_balls(run, offset),
+        "rails": {name: naming.name_rail(name) for name in CUSHIONS},
         "events": _describe_events(run, offset),
         "checks": [
             {

@@ -15,7 +15,7 @@ const RATES = ["23.976", "24", "25", "29.97", "30", "50", "59.94", "60", "100", 
 
 const page = {
   state: null, row: 0, ball: null, event: null, ask: null, check: -1, place: null, timer: null,
-  corners: null, cross: null, paths: new Map(), busy: false,
+  corners: null, cross: null, paths: new Map(), keys: [], busy: false,
 };
 
 // ---------------------------------------------------------------- talking to the server
@@ -42,6 +42,7 @@ async function change(edit) {
     for (const name of ["balls", "tracks", "contacts"]) if (next[name] && !next[name].length) delete next[name];
     const status = await send("PUT", "corrections", next);
     if (status) {
+      hideMessage(); // it was about the corrections before
       page.state.corrections = next;
       page.state.revision = status.revision;
       showStatus(status);
@@ -103,8 +104,11 @@ function showStatus(status) {
   $("redo").disabled = !status.can_redo;
   $("finish").disabled = Boolean(runs);
   if (status.error && status.error !== page.lastError) showMessage(status.error);
+  else if (page.lastError && !status.error) hideMessage();
   page.lastError = status.error;
 }
+
+const hideMessage = () => { $("message").hidden = true; };
 
 function showMessage(sentence) {
   $("message").hidden = false;
@@ -152,6 +156,25 @@ function placeOf(id, number = frame()) { // how corrections name a ball
   return point && { frame: point[0], x_px: point[1], y_px: point[2], id };
 }
 
+const placeOfPoint = ([number, x, y]) => ({ frame: number, x_px: x, y_px: y });
+
+function keepKeys() { // a number key stays with its ball, whatever the ball is called
+  const kept = new Map();
+  for (const [key, place] of page.keys) {
+    const id = nameAt(place);
+    if (id && !kept.has(id)) kept.set(id, key);
+  }
+  const used = [...kept.values()];
+  for (const { id } of run().balls) {
+    if (kept.has(id)) continue;
+    for (let key = 1; !kept.has(id); key++) if (!used.includes(key)) { kept.set(id, key); used.push(key); }
+  }
+  page.keys = run().balls.filter((ball) => ball.path.length).map((ball) => [kept.get(ball.id), placeOfPoint(ball.path[0]), ball.id]);
+}
+
+const keyOf = (id) => page.keys.find((one) => one[2] === id)?.[0] ?? "";
+const callBall = (id) => run().balls.find((ball) => ball.id === id)?.name ?? id;
+const callRail = (side) => run().rails[side] ?? side;
 const imageScale = () => run().image[0] / Math.max($("overlay").clientWidth, 1); // px of the frame per px of the screen
 const showsCorners = () => !run().moves || page.row === 0; // of a moving camera they belong to its first frame
 const corners = () => page.corners ?? (isUpToDate() ? run().corners : page.state.corrections.corners ?? run().corners);
@@ -180,7 +203,7 @@ function draw() {
     for (const [side, [a, b]] of Object.entries(SIDES)) {
       const line = make("line", { class: "cushion", x1: points[a][0], y1: points[a][1], x2: points[b][0], y2: points[b][1],
         "data-cushion": side }, svg);
-      make("title", {}, line).textContent = `${side} cushion`;
+      make("title", {}, line).textContent = callRail(side);
     }
   }
   for (const ball of run().balls) {
@@ -194,9 +217,9 @@ function draw() {
     make("circle", { class: "halo", ...at, r: ball.radius + 2.5 * scale }, svg);
     const ring = make("circle", { class: `ball${point[3] ? "" : " filled-in"}${page.ball === ball.id ? " chosen" : ""}`, ...at,
       r: ball.radius, stroke: ball.colour, "data-ball": ball.id }, svg);
-    make("title", {}, ring).textContent = point[3] ? ball.id : `${ball.id} (not detected here: filled in by the physics)`;
+    make("title", {}, ring).textContent = point[3] ? ball.name : `${ball.name} (not detected here: filled in by the physics)`;
     if ($("labels").checked) {
-      make("text", { class: "name", x: point[1], y: point[2] - ball.radius - 5 * scale, "font-size": 12 * scale }, svg).textContent = ball.id;
+      make("text", { class: "name", x: point[1], y: point[2] - ball.radius - 5 * scale, "font-size": 12 * scale }, svg).textContent = ball.name;
     }
   }
   for (const event of run().events) {
@@ -279,8 +302,10 @@ function render(isFirst) {
   if (!state.run) return;
   const shown = state.run;
   document.title = `Correct ${state.name} · trueroll`;
+  const chosen = page.paths.get(page.ball)?.[0];
   page.paths = new Map(shown.balls.map((ball) => [ball.id, ball.path]));
-  if (page.ball && !page.paths.has(page.ball)) page.ball = null;
+  if (page.ball && !page.paths.has(page.ball)) page.ball = (chosen && nameAt(placeOfPoint(chosen))) ?? null;
+  keepKeys();
   if (page.event) page.event = shown.events.find((one) => isSameEvent(one, page.event)) ?? null;
   $("trust-dot").className = `dot ${shown.trust.level}`;
   $("trust-text").textContent = `trust ${shown.trust.level}`;
@@ -302,8 +327,8 @@ function render(isFirst) {
     ["when", `${one.t.toFixed(3)} s`], ["", one.text],
     handMark(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", one.share],
   ], () => chooseEvent(one), page.event && isSameEvent(one, page.event))), "Nothing moves in this clip.");
-  fill($("balls"), shown.balls.map((ball, k) => {
-    const line = entry([["swatch", ""], ["", ball.id], ["when", ball.id.startsWith(ball.kind) ? String(k + 1) : `${ball.kind} · ${k + 1}`]],
+  fill($("balls"), shown.balls.map((ball) => {
+    const line = entry([["swatch", ""], ["", ball.name], ["when", `${ball.id} · ${keyOf(ball.id)}`]],
       () => pickBall(ball.id), page.ball === ball.id);
     line.querySelector(".swatch").style.background = ball.colour;
     return line;
@@ -464,14 +489,14 @@ function goToCheck(k) {
 const finishQuestion = (edit) => { change(edit); hint(""); renderSelection(); draw(); };
 
 const BALL_ACTIONS = {
-  swap: { key: "x", text: "Exchange from here with …", run: (id) => ask({ balls: true, text: `Click the ball that ${id} is exchanged with from frame ${frame()} on`,
+  swap: { key: "x", text: "Exchange from here with …", run: (id) => ask({ balls: true, text: `Click the ball that ${callBall(id)} is exchanged with from frame ${frame()} on`,
     done: ({ ball }) => { const first = frame(); const one = placeOf(id); const two = placeOf(ball);
       finishQuestion((c) => add(c, "tracks", { kind: "swap", ball: one, other: two, first })); } }) },
-  merge: { key: "m", text: "Is the same ball as …", run: (id) => ask({ balls: true, text: `Click the track that is ${id}, too`,
+  merge: { key: "m", text: "Is the same ball as …", run: (id) => ask({ balls: true, text: `Click the track that is ${callBall(id)}, too`,
     done: ({ ball }) => { const one = placeOf(id); const two = placeOf(ball);
       finishQuestion((c) => add(c, "tracks", { kind: "merge", ball: one, other: two })); } }) },
   split: { key: "s", text: "Is another ball from here", run: (id) => change((c) => add(c, "tracks", { kind: "split", ball: placeOf(id), first: frame() })) },
-  contact: { key: "c", text: "Touches … here", run: (id) => ask({ balls: true, cushions: true, text: `Click the ball or cushion that ${id} touches at frame ${frame()}`,
+  contact: { key: "c", text: "Touches … here", run: (id) => ask({ balls: true, cushions: true, text: `Click the ball or cushion that ${callBall(id)} touches at frame ${frame()}`,
     done: ({ ball, cushion }) => { const at = frame(); const one = placeOf(id); const two = ball && placeOf(ball);
       finishQuestion((c) => markContact(c, ball ? { kind: "mark", cause: "ball", frame: at, ball: one, other: two }
         : { kind: "mark", cause: "cushion", frame: at, ball: one, cushion })); } }) },
@@ -524,7 +549,8 @@ function describeContact(kind, event) {
 function renderSelection() {
   const box = $("selection");
   const focusKey = box.contains(document.activeElement) ? document.activeElement.dataset.focus : null;
-  if (box.contains(document.activeElement) && document.activeElement.tagName === "INPUT") return;
+  const field = box.querySelector("input:focus");
+  if (field && field.value !== field.defaultValue) return; // somebody is typing
   box.replaceChildren();
   const ball = run()?.balls.find((one) => one.id === page.ball);
   box.hidden = !ball && !page.event;
@@ -537,16 +563,16 @@ function renderSelection() {
 function renderQuestion(box, ball) {
   box.append(element("h2", { textContent: page.ask.text }));
   const row = element("div", { className: "row" });
-  for (const other of run().balls) if (page.ask.balls && other.id !== ball.id) row.append(makeButton(other.id, "", () => pickBall(other.id)));
-  for (const side of page.ask.cushions ? CUSHIONS : []) row.append(makeButton(`${side} cushion`, "", () => pickCushion(side)));
+  for (const other of run().balls) if (page.ask.balls && other.id !== ball.id) row.append(makeButton(other.name, "", () => pickBall(other.id)));
+  for (const side of page.ask.cushions ? CUSHIONS : []) row.append(makeButton(callRail(side), "", () => pickCushion(side)));
   box.append(row, makeButton("Cancel", "", cancel));
 }
 
 function renderBall(box, ball) {
-  box.append(element("h2", { textContent: `Ball ${ball.id}` }));
+  box.append(element("h2", { textContent: ball.name }));
   const naming = element("form", { className: "row" });
-  const label = element("label", { textContent: "Name", htmlFor: "ball-name" });
-  const name = element("input", { id: "ball-name", value: ball.id, maxLength: 32, autocomplete: "off", spellcheck: false });
+  const label = element("label", { textContent: "Id in files", htmlFor: "ball-name" });
+  const name = element("input", { id: "ball-name", defaultValue: ball.id, maxLength: 32, autocomplete: "off", spellcheck: false });
   naming.append(label, name, makeButton("Rename", "", () => {}));
   naming.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -597,7 +623,7 @@ function renderEvent(box, event) {
   move.dataset.action = "move";
   row.append(no, move);
   const exact = element("form", { className: "row" });
-  const field = element("input", { id: "exact", type: "number", step: "0.05", min: "0", value: event.frame.toFixed(2) });
+  const field = element("input", { id: "exact", type: "number", step: "0.05", min: "0", defaultValue: event.frame.toFixed(2) });
   exact.append(element("label", { textContent: "At frame", htmlFor: "exact" }), field, makeButton("Set", "", () => {}));
   exact.addEventListener("submit", (submitted) => {
     submitted.preventDefault();
@@ -747,7 +773,8 @@ function handleKey(key, event) {
   if (key === "n" || key === "p") { goToCheck(page.check + (key === "n" ? 1 : -1)); return true; }
   if (key === "e") { stepEvent(event.shiftKey ? -1 : 1); return true; }
   if (key === "b") { startPlacing(); return true; }
-  if (key >= "1" && key <= "9" && run().balls[key - 1]) { pickBall(run().balls[key - 1].id); return true; }
+  const numbered = page.keys.find((one) => String(one[0]) === key);
+  if (numbered) { pickBall(numbered[2]); return true; }
   const remove = key === "Delete" || key === "Backspace";
   if (page.event && remove) { deleteEvent(page.event); return true; }
   if (page.event && key === "v") { moveEvent(page.event, frame()); return true; }
@@ -793,7 +820,7 @@ $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
 $("finish").addEventListener("click", () => act("finish"));
 $("export").addEventListener("click", () => act("export"));
-$("message").lastElementChild.addEventListener("click", () => { $("message").hidden = true; });
+$("message").lastElementChild.addEventListener("click", hideMessage);
 $("table").addEventListener("change", () => setOrClear("table", $("table").value));
 $("table-size").addEventListener("change", () => setOrClear("table", $("table-size").value.trim()));
 $("radius").addEventListener("change", () => setOrClear("ball_radius", $("radius").value === "" ? null : Number($("radius").value) / 2000));

@@ -110,6 +110,42 @@ def test_a_ball_is_touched_and_renamed(browser: webdriver.Chrome, server: EditSe
     assert read_corrections(tmp_path / "shot.mp4").corrections.tracks[0].name == "object"
 
 
+def test_placing_a_ball_leaves_the_picture_where_it_is(browser: webdriver.Chrome, server: EditServer) -> None:
+    open_editor(browser, server)
+    place = (
+        "const box = document.getElementById('frame').getBoundingClientRect(); return [box.left, box.top, box.width]"
+    )
+    before = browser.execute_script(place)
+    press(browser, "b")
+    assert browser.find_element(By.ID, "cancel").is_displayed()
+    assert browser.execute_script(place) == before
+
+
+@desk_only
+def test_keys_and_selection_stay_with_a_ball_that_is_called_otherwise(
+    browser: webdriver.Chrome, server: EditServer
+) -> None:
+    open_editor(browser, server)
+    press(browser, "1")
+    heading = browser.find_element(By.CSS_SELECTOR, "#selection h2")
+    first = heading.text
+    balls = [{**ball, "name": ball["name"].upper(), "id": f"{ball['id']}-9"} for ball in server.session._view["balls"]]
+    server.session._view = {**server.session._view, "balls": balls[::-1]}
+    server.session._result += 1
+    wait_on(browser).until(lambda b: b.find_element(By.CSS_SELECTOR, "#selection h2").text == first.upper())
+    press(browser, Keys.ESCAPE, "2", "1")
+    assert browser.find_element(By.CSS_SELECTOR, "#selection h2").text == first.upper()
+
+
+@desk_only
+def test_an_error_vanishes_when_the_run_works_again(browser: webdriver.Chrome, server: EditServer) -> None:
+    open_editor(browser, server)
+    message = browser.find_element(By.ID, "message")
+    for error in ("The fit broke.", ""):
+        server.session._error = error
+        wait_on(browser).until(lambda _, shown=bool(error): message.is_displayed() == shown)
+
+
 WHITE = BallPlace(15, 90.0, 70.0, "white")
 DELETED = ContactCorrection("delete", "cushion", 15.0, WHITE, cushion="right")
 
@@ -124,7 +160,7 @@ def test_a_mark_replaces_the_deletion_of_the_same_contact(browser: webdriver.Chr
             "const s = document.getElementById('slider'); s.value = 14; s.dispatchEvent(new Event('input'))"
         )
         press(browser, "1", "c")
-        browser.find_element(By.XPATH, "//section[@id='selection']//button[text()='right cushion']").click()
+        browser.find_element(By.XPATH, "//section[@id='selection']//button[starts-with(text(),'right ')]").click()
         wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
     kept, mark = read_corrections(tmp_path / "shot.mp4").corrections.contacts
     assert (kept, mark.kind, mark.frame, mark.cushion) == (other, "mark", 14, "right")
