@@ -7,13 +7,16 @@ import signal
 import socket
 import subprocess
 import sys
+import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote
 
 from models.core.errors import OptionError, TruerollError
+from pipeline.reporting.recording.sealed_page import serve_sealed_page
 
 DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 PORT = 9876
@@ -35,9 +38,14 @@ class Viewer:
     """URL of its page, with the dark theme that the colours of recordings suit; empty for a native viewer."""
     recording_url: str
     """URL to which recordings are sent."""
+    page: ThreadingHTTPServer | None = None
+    """Server of its page."""
 
     def close(self) -> None:
-        """Terminate it and its child process, which shows the window."""
+        """Terminate it, its page, and its child process, which shows the window."""
+        if self.page is not None:
+            self.page.shutdown()
+            self.page.server_close()
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal.SIGTERM)
             self.process.wait()
@@ -96,7 +104,7 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
     """Start a viewer on recordings; it also receives live recordings.
 
     The `rerun` script starts the viewer as a child process that would outlive it, so both run in their own process
-    group. The analytics of the viewer are switched off.
+    group. The analytics of the viewer are switched off, and its page reaches this machine alone.
 
     Args:
         recordings: Recordings to show.
@@ -116,13 +124,15 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
         raise TruerollError("The viewer needs a display and there is none; use --web")
     port = find_free_port(PORT)
     listens = f"rerun+http://{HOST}:{port}/proxy"
-    page, address = find_free_port(WEB_PORT), ""
+    page, address = None, ""
     command = [str(program), *map(str, recordings), "--bind", HOST, "--port", str(port)]
     if web:
-        command += ["--web-viewer", "--web-viewer-port", str(page)]
-        address = f"http://{HOST}:{page}?theme=dark&url={quote(listens, safe='')}"
+        inner, outer = find_free_port(0), find_free_port(WEB_PORT)
+        command += ["--serve-web", "--web-viewer-port", str(inner)]
+        page = serve_sealed_page(HOST, outer, f"http://{HOST}:{inner}", f"http://{HOST}:{port}")
+        address = f"http://{HOST}:{outer}/?theme=dark&url={quote(listens, safe='')}"
     process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
-    return Viewer(process, address, listens)
+    return Viewer(process, address, listens, page)
 
 
 def find_free_port(wanted: int) -> int:
@@ -153,4 +163,6 @@ def show_recordings(recordings: Sequence[Path], *, web: bool) -> int:
             print(f"{len(recordings)} recordings: the left panel lists them (button at the top right)", flush=True)
         if viewer.page_url:
             print(f"Look at {viewer.page_url} (end with Ctrl-C)", flush=True)
+            if has_display():
+                webbrowser.open(viewer.page_url)
         return viewer.process.wait()

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import sys
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pytest
 from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import OptionError, TruerollError
+from pipeline.reporting.recording import rerun_viewer
 from pipeline.reporting.recording.rerun_viewer import find_free_port, find_recordings, show_recordings
+from pipeline.reporting.recording.sealed_page import serve_sealed_page
 
 trueroll = pytest.fixture(make_terminal)
 
@@ -44,14 +51,57 @@ def test_the_viewer_shows_the_recording_without_analytics_and_its_status_is_ours
     assert os.environ["RERUN_ANALYTICS"] == "1"
 
 
-def test_in_the_browser_only_this_machine_is_served(arguments: Path) -> None:
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Pages that the browser was asked to open."""
+    pages: list[str] = []
+    monkeypatch.setattr("webbrowser.open", pages.append)
+    monkeypatch.setattr(rerun_viewer, "serve_sealed_page", lambda *arguments: None)
+    return pages
+
+
+def test_in_the_browser_only_this_machine_is_served(arguments: Path, opened: list[str]) -> None:
     show_recordings([Path("shot.rrd")], web=True)
     assert arguments.read_text().split() == [
-        "0", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876", "--web-viewer", "--web-viewer-port", "9090"
+        "0", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876", "--serve-web", "--web-viewer-port", "0"
     ]  # fmt: skip
+    assert [page.partition("?")[0] for page in opened] == ["http://127.0.0.1:9090/"]
 
 
-def test_a_folder_of_a_run_is_viewed_by_its_recording(arguments: Path, trueroll: Terminal, tmp_path: Path) -> None:
+class ForeignPage(BaseHTTPRequestHandler):
+    """A page that asks another host for its letters."""
+
+    def do_GET(self) -> None:
+        self.send_response(200 if self.path.startswith("/?") else 404)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(
+            b'<link rel="icon" href="own.ico">\n<link\n href="https://letters.example/inter"\n><p>page</p>'
+        )
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Print nothing."""
+
+
+def test_the_page_of_the_viewer_may_ask_this_machine_alone() -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), ForeignPage) as foreign:
+        Thread(target=foreign.serve_forever, daemon=True).start()
+        source = f"http://127.0.0.1:{foreign.server_port}"
+        with serve_sealed_page("127.0.0.1", 0, source, "http://127.0.0.1:9876") as sealed:
+            with urlopen(f"http://127.0.0.1:{sealed.server_port}/?theme=dark") as answer:
+                policy, page = answer.headers["Content-Security-Policy"], answer.read()
+            with pytest.raises(HTTPError, match="404"):
+                urlopen(f"http://127.0.0.1:{sealed.server_port}/missing")
+            sealed.shutdown()
+        foreign.shutdown()
+    assert page == b'<link rel="icon" href="own.ico">\n<p>page</p>'
+    assert policy.startswith("default-src 'self'")
+    assert re.findall(r"https?://[^ ;]+", policy) == ["http://127.0.0.1:9876"]
+
+
+def test_a_folder_of_a_run_is_viewed_by_its_recording(
+    arguments: Path, opened: list[str], trueroll: Terminal, tmp_path: Path
+) -> None:
     (tmp_path / "recording.rrd").touch()
     assert trueroll("view", tmp_path, "--web").status == 3
     assert arguments.read_text().split()[1] == str(tmp_path / "recording.rrd")

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -101,3 +102,5 @@ def test_the_viewer_in_the_browser_shows_them_too(recording: Path, tmp_path: Pat
         assert both(wait_for_screenshot(browser, tmp_path / "seen.png", both)), (
             "the clip on the left, the table on the right"
         )
+        asked = browser.execute_script("return performance.getEntriesByType('resource').map((one) => one.name)")
+        assert {urlsplit(url).hostname for url in asked} == {"127.0.0.1"}
