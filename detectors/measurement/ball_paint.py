@@ -43,8 +43,8 @@ CLOTH_HUE, MIN_CLOTH_CHROMA = np.radians(25.0), 10.0
 """Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue."""
 MIN_OWN_SHARE = 0.25
 """Share of the painted pixels that do not have the hue of the cloth, from which these alone may be the paint."""
-OWN_PURITY_GAIN = 0.3
-"""Share by which all painted pixels must be farther from white than these to be the paint."""
+MIN_OWN_PURITY = 0.75
+"""Least distance of these from white to be the paint, as a share of the distance of all painted pixels."""
 MAX_SOLID_WHITE, MIN_STRIPE_WHITE = 0.24, 0.4
 """White share of the rim and half of that of the disc (as in `ball_classes`) up to which a ball is surely a solid, and
 from which it is surely a stripe; medians over frames."""
@@ -150,7 +150,6 @@ def measure_paint(
         The paint.
     """
     samples: list[list[FloatArray]] = [[] for _ in tracks.ids]
-    lit: list[list[BoolArray]] = [[] for _ in tracks.ids]
     stripe_white: list[list[float]] = [[] for _ in tracks.ids]
     row_of_frame = {int(frame): row for row, frame in enumerate(tracks.frame)}
     for frame, image in frames:
@@ -158,18 +157,17 @@ def measure_paint(
         balls = np.array([k for k, own in enumerate(rows) if row in own], np.int64)
         shown = np.flatnonzero(tracks.is_observed[row])
         colours = measure_ball_colours(image, tracks.px[row, shown], tracks.radius_px[row, shown])
-        discs = sample_discs(image, tracks.px[row, balls], tracks.radius_px[row, balls])
-        lit_discs = _find_lit_samples(scene, tracks, row, balls)
-        for ball, disc, lit_disc, k in zip(balls, discs, lit_discs, np.searchsorted(shown, balls), strict=True):
-            samples[ball].append(np.asarray(disc, np.float64))
-            lit[ball].append(lit_disc)
+        discs = sample_discs(image, tracks.px[row, balls], tracks.radius_px[row, balls]).astype(np.float64)
+        discs[~_find_lit_samples(scene, tracks, row, balls)] = np.nan
+        for ball, disc, k in zip(balls, discs, np.searchsorted(shown, balls), strict=True):
+            samples[ball].append(disc)
             stripe_white[ball].append(float(colours.white_rim[k] + colours.white[k] / 2))
     white = _find_white(tracks, samples)
     light = np.maximum(white, 0.05) ** LIGHT_SHARE / PAPER_WHITE
     white_lab = _to_lab(white / light)
     paint = [
-        _measure_ball(np.array(discs), np.array(shown), light, white_lab, kind, scene.cloth_lab) if discs else _UNKNOWN
-        for discs, shown, kind in zip(samples, lit, tracks.kinds, strict=True)
+        _measure_ball(np.array(discs), light, white_lab, kind, scene.cloth_lab) if discs else _UNKNOWN
+        for discs, kind in zip(samples, tracks.kinds, strict=True)
     ]
     colour, corrected = (np.array([one[column] for one in paint]).reshape(-1, 3) for column in (0, 1))
     whiteness = np.array([np.median(shares) if shares else np.nan for shares in stripe_white])
@@ -201,7 +199,7 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
         return np.ones(3)
     pixels = _to_linear(np.concatenate(samples[white]))
     brightness = pixels.mean(axis=1)
-    low, high = np.quantile(brightness, [SHADE_QUANTILE, 1 - HIGHLIGHT_SHARE])
+    low, high = np.nanquantile(brightness, [SHADE_QUANTILE, 1 - HIGHLIGHT_SHARE])
     return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
 
 
@@ -210,12 +208,12 @@ _UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
 
 
 def _measure_ball(
-    discs: FloatArray, lit: BoolArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
+    discs: FloatArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from discs (F, n, 3) of sRGB; and if it is certain."""
+    """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from lit discs (F, n, 3) of sRGB; and if certain."""
     corrected = _to_lab(_to_linear(discs) / light)
     lightness, tint = corrected[..., 0], np.linalg.norm(corrected[..., 1:] - white[1:], axis=-1)
-    painted = lit & (lightness <= np.quantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True))
+    painted = lightness <= np.nanquantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
     coloured = painted & ((tint > MAX_WHITE_TINT) | (lightness < MIN_WHITE_LIGHTNESS))
     if kind in FIRST_NUMBERS and coloured.sum() < MIN_PAINTED_SHARE * painted.sum():
         return _UNKNOWN
@@ -227,10 +225,11 @@ def _measure_ball(
     sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)
     choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in sets]
     colours = [np.median(corrected[one], axis=0) for one in choices]
-    best = max(range(len(choices)), key=lambda k: np.median(purity[choices[k]]) * (1 + OWN_PURITY_GAIN * k))
-    spread = np.median(np.linalg.norm(corrected[choices[best]][:, 1:] - colours[best][1:], axis=1))
+    is_own = np.median(purity[choices[-1]]) > MIN_OWN_PURITY * np.median(purity[choices[0]])
+    chosen, colour = choices[-int(is_own)], colours[-int(is_own)]
+    spread = np.median(np.linalg.norm(corrected[chosen][:, 1:] - colour[1:], axis=1))
     is_certain = np.linalg.norm(colours[0] - colours[-1]) < MAX_AMBIGUITY and spread < MAX_SPREAD
-    return np.median(discs[choices[best]], axis=0), colours[best], bool(is_certain)
+    return np.median(discs[chosen], axis=0), colour, bool(is_certain)
 
 
 def _is_cloth(lab: FloatArray, cloth_lab: FloatArray) -> BoolArray:
