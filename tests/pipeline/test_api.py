@@ -126,7 +126,7 @@ def test_a_second_run_uses_the_cache_and_reports_progress(names: dict[str, Any])
 
 def test_a_setting_that_does_not_exist_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="got speed"):
-        run(tmp_path / "shot.mp4", speed=8)
+        run(tmp_path / "shot.mp4", speed=8)  # type: ignore[call-arg]
 
 
 def test_a_clip_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_every_public_name_is_there() -> None:
     assert re.fullmatch(r"\d+\.\d+.*", trueroll.__version__)
     assert all(getattr(trueroll, name) for name in trueroll.__all__)
     with pytest.raises(AttributeError, match="no attribute 'guess'"):
-        _ = trueroll.guess  # type: ignore[attr-defined]
+        _ = trueroll.guess
 
 
 @pytest.mark.parametrize("name", ["call", "certify", "compare", "fit-table", "predict", "put-back", "what-if"])
