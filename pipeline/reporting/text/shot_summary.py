@@ -295,7 +295,8 @@ class _Stroke:
         """Format the probability of the main event and of the others, and the trust level of the clip."""
         events, parts = self.fit.events, []
         if main is not None:
-            what = "First contact" if events.kind[main] == "ball" else "Stroke"
+            first = f"{self.fit.naming.say(self._find_partner(main))} first"
+            what = start_sentence(first if events.kind[main] == "ball" else "stroke")
             parts.append(f"{what}: {format_probability(float(events.probability[main]))}.")
         others = [k for k in self.own if k != main]
         worst = min(others, key=lambda k: events.probability[k], default=None)

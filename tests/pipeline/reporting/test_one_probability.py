@@ -61,7 +61,7 @@ def test_all_outputs_state_one_probability_of_an_event(tmp_path: Path, probabili
 
     assert [rows[2]["probability"], view["events"][2]["share"]] == [text, text]
     assert touched.probability.endswith(text)
-    assert f"First contact: {first.probability.removeprefix('red: ')}." in summary.confidence
+    assert f"The red first: {first.probability.removeprefix('red: ')}." in summary.confidence
 
     places = [format_check_place(one, naming) for one in select_check_places(tracks, fit, scene.table)]
     timeline = SimpleNamespace(scene=scene, state_at=fit.trajectory.at)

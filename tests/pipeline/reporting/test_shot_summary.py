@@ -70,7 +70,7 @@ def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
     assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
     assert "White arrived at 1.00 ± 0.01 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
-    assert summary.confidence.startswith("First contact: 97 %.")
+    assert summary.confidence.startswith("Red first: 97 %.")
     assert "Trust level of the clip: green." in summary.confidence
 
 
