@@ -101,10 +101,10 @@ def find_missing_colours(kinds: Sequence[str]) -> tuple[str, ...]:
         Classes of the missing balls, in the order of their values.
     """
     colours = [name for name in SNOOKER_COLOURS if name not in ("cue", "red")]
-    seen = [name for name in colours if name in kinds]
-    due = colours if "red" in kinds or not seen else colours[colours.index(seen[0]) :]
-    missing = tuple(name for name in due if name not in seen)
-    return missing if len(missing) < len(seen) else ()
+    present = [name for name in colours if name in kinds]
+    due = colours if "red" in kinds or not present else colours[colours.index(present[0]) :]
+    missing = tuple(name for name in due if name not in present)
+    return missing if len(missing) < len(present) else ()
 
 
 def _classify_snooker(appearance: Appearance, struck_ball: int | None) -> tuple[str, ...]:

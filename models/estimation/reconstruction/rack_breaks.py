@@ -42,13 +42,17 @@ def find_rack_breaks(shot: Shot, solution: JointSolution) -> tuple[tuple[RackBre
             t = min(contact.t for contact in one.contacts)
             names = tuple(ids[ball] for ball in sorted(rack))
             breaks.append(RackBreak(_find_rest_start(shot, sorted(rack), t), one.start, t, t, ids[one.balls[0]], names))
-    for found in find_break_shots(solution, shot.observations, shot.scene.table):
-        if len(found.rack) < MIN_CLUSTER_BALLS or any(abs(found.hit - one.t) < found.interval for one in breaks):
+    for break_shot in find_break_shots(solution, shot.observations, shot.scene.table):
+        if len(break_shot.rack) < MIN_CLUSTER_BALLS or any(
+            abs(break_shot.hit - one.t) < break_shot.interval for one in breaks
+        ):
             continue
-        row = _find_first_contact(solution, found, ids)
-        end = row.t + SIMULTANEOUS_INTERVALS * found.interval
-        rest = _find_rest_start(shot, found.rack, row.t)
-        breaks.append(RackBreak(rest, found.start, row.t, end, row.a, tuple(ids[ball] for ball in found.rack)))
+        row = _find_first_contact(solution, break_shot, ids)
+        end = row.t + SIMULTANEOUS_INTERVALS * break_shot.interval
+        rest = _find_rest_start(shot, break_shot.rack, row.t)
+        breaks.append(
+            RackBreak(rest, break_shot.start, row.t, end, row.a, tuple(ids[ball] for ball in break_shot.rack))
+        )
         if row.contact < 0 or solution.graph.contacts[row.contact].kind in CAUSELESS_KINDS:
             rows.append(row)
     return tuple(sorted(breaks, key=lambda one: one.t)), rows
@@ -65,16 +69,18 @@ def _find_rest_start(shot: Shot, rack: Sequence[int], hit: float) -> float:
     return float(tracks.t[: len(xy)][away.any(axis=1)].max(initial=tracks.t[0] - 1.0))
 
 
-def _find_first_contact(solution: JointSolution, found: BreakShot, ids: tuple[str, ...]) -> EventRow:
+def _find_first_contact(solution: JointSolution, break_shot: BreakShot, ids: tuple[str, ...]) -> EventRow:
     """Find the ball that the incoming one meets first by its path: how the cluster bursts shows nothing of it."""
-    graph, ball = solution.graph, found.balls[0]
-    k = find_segment_at(graph, ball, (found.start + found.hit) / 2)
-    begin = max(graph.start_time(k), found.hit - found.interval)
+    graph, ball = solution.graph, break_shot.balls[0]
+    k = find_segment_at(graph, ball, (break_shot.start + break_shot.hit) / 2)
+    begin = max(graph.start_time(k), break_shot.hit - break_shot.interval)
     state = evaluate_state(graph, solution.friction, k, begin)[:4]
     covariance = state_covariance(solution, layout_parameters(graph), k, np.array([begin - graph.start_time(k)]))[0]
-    rng, reach = np.random.default_rng(_SEED), 2 * found.diameter * found.table.ball_radius
+    rng, reach = np.random.default_rng(_SEED), 2 * break_shot.diameter * break_shot.table.ball_radius
     draws = state + rng.multivariate_normal(np.zeros(4), covariance, _DRAWS, method="eigh")  # (D, 4)
-    places = found.rest_places + found.rest_sigma[:, None] * rng.normal(size=(_DRAWS, *found.rest_places.shape))
+    places = break_shot.rest_places + break_shot.rest_sigma[:, None] * rng.normal(
+        size=(_DRAWS, *break_shot.rest_places.shape)
+    )
     speed = np.hypot(*draws[:, 2:].T)[:, None]
     way = places - draws[:, None, :2]  # (D, N, 2)
     along = np.einsum("dni,di->dn", way, draws[:, 2:] / speed)
@@ -85,9 +91,9 @@ def _find_first_contact(solution: JointSolution, found: BreakShot, ids: tuple[st
     times = begin + delay[first == best, best]
     t, sigma = float(np.median(times)), float(np.std(times))
     state = evaluate_state(graph, solution.friction, k, t)
-    normal = (found.rest_places[best] - state[:2]) / reach
+    normal = (break_shot.rest_places[best] - state[:2]) / reach
     number = graph.segments[k].end
     return EventRow(
-        "ball", t, sigma, ids[ball], ids[found.balls[1 + best]], state[:2], "", -1 if number is None else number,
+        "ball", t, sigma, ids[ball], ids[break_shot.balls[1 + best]], state[:2], "", -1 if number is None else number,
         (int((first == best).sum()) + 1) / (_DRAWS + 2), speed=float(state[2:4] @ normal),
     )  # fmt: skip
