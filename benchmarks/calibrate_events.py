@@ -25,7 +25,7 @@ from pipeline.engine.process_setup import limit_library_threads
 limit_library_threads()
 
 import numpy as np  # noqa: E402
-from scipy.optimize import minimize  # noqa: E402
+from scipy.optimize import minimize, minimize_scalar  # noqa: E402
 from scipy.special import expit  # noqa: E402
 
 from benchmarks.stress_cases.ball_matching import BallMatch, match_balls, match_events  # noqa: E402
@@ -53,6 +53,8 @@ WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
 """Standard deviations of the Gaussian priors on the weights and on the biases."""
 REST_FRAMES = 15.0
 """Frames within which a true rest makes a reported one true."""
+LAST_REST_FRAMES = 5.0
+"""Frames before the end of the clip from which the truth does not show whether a ball rests."""
 UNDAMAGED_SHARE = 0.25
 """Share of the shots that are not damaged."""
 
@@ -162,6 +164,8 @@ def label_hypotheses(
     matched = match_events(events, truth, match, kept, frame_s, fitted.recording.scene.table.ball_radius)
     labelled = []
     for (moment, one), event, at in zip(pairs, matched, fitted.tracks.frame_at(t), strict=True):
+        if one.category == "rest" and at > truth.paths.frame[-1] - LAST_REST_FRAMES:
+            continue  # the truth does not show whether the ball stays
         if one.category == "rest":  # its time has an error of its own; here it counts that the ball rests about then
             is_true = any(
                 other.kind == "rest" and moment.ball in match.ids_of(other.a) and abs(other.hi - at) < REST_FRAMES
@@ -210,6 +214,27 @@ def fit_logistic(design: FloatArray, label: FloatArray) -> FloatArray:
     return np.asarray(minimize(cost, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B").x)
 
 
+def write_bias(category: str, rows: list[LabelledHypothesis], settings: str) -> None:
+    """Fit the bias of one category beside the weights of the program, print its reliability, and write it.
+
+    Args:
+        category: One of `CATEGORIES`.
+        rows: Labelled hypotheses.
+        settings: Shots and seed that they are from.
+    """
+    path = Path(event_probability.__file__).with_name(event_probability.COEFFICIENTS)
+    content = json.loads(path.read_text())
+    weight = np.array([content["weight"][name] for name in EVIDENCE_NAMES])
+    own = [row for row in rows if row.category == category]
+    evidence, label = np.array([row.evidence for row in own]) @ weight, np.array([row.is_true for row in own], float)
+    bias = float(minimize_scalar(lambda b: np.logaddexp(0, b + evidence).sum() - label @ (b + evidence)
+                                 + 0.5 * (b / BIAS_SIGMA) ** 2).x)  # fmt: skip
+    print_reliability(expit(bias + evidence), label)
+    content["bias"][category], content["count"][category] = round(bias, 3), float(len(own))
+    content[f"source_{category}"] = f"benchmarks/calibrate_events.py {settings} --only {category}"
+    path.write_text(json.dumps(content, indent=1) + "\n")
+
+
 def _share(pairs: list[LabelledPair], kind: str) -> float:
     """Return the share of pairs that touched, by Laplace's rule of succession."""
     own = [pair.is_true for pair in pairs if pair.kind == kind]
@@ -234,6 +259,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "stress", help="folder of simulated shots")
     parser.add_argument("--rows", type=Path, help="JSON file: read the labelled hypotheses if it exists, else write it")
+    parser.add_argument("--only", choices=CATEGORIES, help="replace the bias of this category, and nothing else")
     parser.add_argument("--write", action="store_true", help="replace the coefficients of the program")
     arguments = parser.parse_args()
     work = arguments.work.absolute()
@@ -259,6 +285,9 @@ def main() -> int:
     print(f"{len(rows)} hypotheses; reliability on the half of the shots that is held out:\n")
     print_reliability(expit(design[held_out] @ beta), truth[held_out])
     beta = fit_logistic(design, truth)
+    if arguments.only:
+        write_bias(arguments.only, rows, f"--shots {arguments.shots} --seed {arguments.seed}")
+        return 0
     content = {
         "source": f"benchmarks/calibrate_events.py --shots {arguments.shots} --seed {arguments.seed}",
         "bias": dict(zip(CATEGORIES, np.round(beta[: len(CATEGORIES)], 3).tolist(), strict=True)),

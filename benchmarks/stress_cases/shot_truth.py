@@ -21,7 +21,8 @@ LAST_FRAMES = 1.5
 FALL_SECONDS = 0.08
 """Time in which a pocketed ball falls by a radius, s."""
 REST_RADII = (0.1, 0.01)
-"""Distances from the final position, in radii, between which a ball comes to rest."""
+"""Ball radii: distance from its place of rest from which a ball comes to rest, and way per frame below which it rests.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,16 +176,15 @@ def _find_first_contact(events: list[TrueEvent], cue: str) -> str | None:
 
 
 def _find_rests(paths: TruePaths, radius: float) -> list[TrueEvent]:
-    """Find where balls come to rest on the table before the end."""
+    """Find where balls come to rest on the table for three frames, whether or not they are hit again."""
     rests = []
     for k, name in enumerate(paths.names):
         xy = paths.xy[:, k]
-        away = np.linalg.norm(xy - xy[-1], axis=1) / radius  # NaN for a pocketed ball
-        if not np.isfinite(away).all() or away.max() < REST_RADII[0]:
-            continue
-        near, still = (int(np.flatnonzero(away > limit)[-1]) + 1 for limit in REST_RADII)
-        if still < len(away) - 3:
-            rests.append(TrueEvent("rest", name, "", paths.frame[near - 1], paths.frame[still], "sure", xy[-1]))
+        still = np.linalg.norm(np.diff(xy, axis=0), axis=1) < REST_RADII[1] * radius  # False once it is pocketed
+        for row in np.flatnonzero(~still[:-3] & still[1:-2] & still[2:-1] & still[3:]) + 1:
+            away = np.flatnonzero(np.linalg.norm(xy[:row] - xy[row], axis=1) > REST_RADII[0] * radius)
+            if len(away):
+                rests.append(TrueEvent("rest", name, "", paths.frame[away[-1]], paths.frame[row], "sure", xy[row]))
     return rests
 
 

@@ -280,6 +280,15 @@ def test_soft_simulated_contacts_are_not_sure_and_rests_come_from_the_paths() ->
     assert truth.first == "none"
 
 
+def test_a_ball_that_is_hit_again_has_rested_before() -> None:
+    frame = np.arange(60, dtype=float)
+    x = 0.5 + 0.01 * (np.minimum(frame, 20) + np.clip(frame - 40, 0, 10))
+    paths = TruePaths(frame, ("0",), np.stack([x, np.full(60, 0.6)], axis=1)[:, None])
+    rows = [{"kind": "strike", "t": 0.0, "a": "0", "b": "", "x": 0.5, "y": 0.6, "speed": 0.5}]
+    rests = [event for event in make_engine_truth(rows, frame / FPS, paths, R).events if event.kind == "rest"]
+    assert [(one.lo <= t <= one.hi) for one, t in zip(rests, (20, 50), strict=True)] == [True, True]
+
+
 def statement(probability: float, is_true: bool | None) -> Statement:
     return Statement(CASE, "event", "x", probability, False, is_true, "")
 

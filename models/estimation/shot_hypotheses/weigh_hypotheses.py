@@ -22,6 +22,7 @@ from models.core.shot_explanation import (
 )
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.shot_hypotheses.event_evidence import (
     EDGE_FRAMES,
@@ -175,16 +176,15 @@ def _collect_evidence(shot: _Shot, row: EventRow, rivals: tuple[RivalContact, ..
     ]
     edge = min(row.t - t_first, t_last - row.t) < EDGE_FRAMES * shot.interval
     own = EventEvidence(hidden=float(np.log1p(max(hidden, default=0.0))), edge=float(edge))
-    if row.contact < 0:
-        speed = 0.0 if np.isnan(row.speed) else row.speed
+    speed = 0.0 if np.isnan(row.speed) else row.speed
+    if row.contact < 0 and row.kind != "rest":
         return replace(own, travel=float(np.log1p(speed * shot.interval / radius)))
+    if row.contact < 0:  # the ball rolls out
+        return replace(own, **_assess_segments(shot, [find_segment_at(graph, balls[0], row.t)]))
     contact = graph.contacts[row.contact]
     around = [*contact.before, *contact.after]
     speeds = [np.hypot(*end_state(solution, k)[2:4]) for k in contact.before]
     speeds += [np.hypot(*graph.segments[k].state[2:4]) for k in contact.after]
-    chi2 = shot.chi2[around]
-    moving = [k for k in around if not graph.segments[k].static]
-    samples = min((float(shot.count[k]) for k in moving), default=np.inf)
     is_contact = row.kind in ("ball", "cushion")
     apart = 0.0
     if row.kind == "ball" and contact.kind == "ball":
@@ -192,15 +192,23 @@ def _collect_evidence(shot: _Shot, row: EventRow, rivals: tuple[RivalContact, ..
     return replace(
         own,
         gain=compress_gain(contact.gain),
-        misfit=float(np.log(max(np.nanmax(chi2) if np.isfinite(chi2).any() else 1.0, 1.0))),
         apart=compress_gain(apart),
         rival=max((compress_rival(rival.cost) for rival in rivals), default=0.0),
         travel=float(np.log1p(max(speeds) * shot.interval / radius)),
-        short=float(1 / (1 + samples)),
         graze=float(np.exp(-max(-row.gap, 0.0) / GRAZE_GAP)) if np.isfinite(row.gap) else 0.0,
         slow=float(np.exp(-max(row.speed, 0.0) / SLOW_SPEED)) if is_contact and np.isfinite(row.speed) else 0.0,
         driven=float(row.kind == "strike" and _is_other_moving(shot, row)),
+        **_assess_segments(shot, around),
     )
+
+
+def _assess_segments(shot: _Shot, around: list[int]) -> dict[str, float]:
+    """Assess how well the motion before and after an event is fitted, and how many samples show it."""
+    chi2 = shot.chi2[around]
+    moving = [k for k in around if not shot.solution.graph.segments[k].static]
+    samples = min((float(shot.count[k]) for k in moving), default=np.inf)
+    misfit = float(np.log(max(np.nanmax(chi2) if np.isfinite(chi2).any() else 1.0, 1.0)))
+    return {"misfit": misfit, "short": float(1 / (1 + samples))}
 
 
 def _is_other_moving(shot: _Shot, row: EventRow) -> bool:

@@ -134,6 +134,8 @@ def _find_unsure_moments(tracks: Tracks, fit: Fit) -> list[CheckReason]:
     interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
     reasons = []
     for moment in fit.explanation.moments:
+        if {one.cause for one in moment.hypotheses} <= {"rest", "none"}:
+            continue  # a ball that does not rest yet is no alternative to look for: its time has an error
         causes = [one.probability for one in moment.hypotheses if one.cause != "unexplained"]
         uncertainty = 1 - max([*causes, _probability_of_contacts_by_others(fit, moment, interval)])
         if uncertainty <= 1 - SURE_PROBABILITY + 1e-9:

@@ -63,8 +63,6 @@ def _format_main_clause(reason: CheckReason, naming: Naming) -> str:
 def _format_question(moment: Moment) -> str:
     """Format the question that a moment leaves open."""
     causes = {one.cause for one in moment.hypotheses} - {"unexplained", "none"}
-    if causes == {"rest"}:
-        return "whether it came to rest"
     if causes == {"strike"}:
         return "whether it was struck"
     if causes == {"pocket"}:

@@ -84,6 +84,11 @@ def test_places_of_one_ball_within_two_frames_are_one() -> None:
     assert format_check_place(place, Naming()).endswith("; also unsure at 0.35 s: red 60 %, unexplained 40 %.")
 
 
+def test_a_rest_without_another_cause_is_no_place_to_check() -> None:
+    rest = (CauseHypothesis("rest", "", 0.6), CauseHypothesis("none", "", 0.4))
+    assert select(make_case(), moment("white", 0.3, *rest)) == []
+
+
 def test_a_change_of_velocity_without_a_cause_is_named() -> None:
     (place,) = select(make_case(), moment("white", 0.3, CauseHypothesis("unexplained", "", 1.0), doubts=("no_cause",)))
     assert place.uncertainty == 1.0
@@ -102,7 +107,6 @@ def test_a_sure_contact_explains_the_change_of_the_other_ball_too() -> None:
     ("hypotheses", "words"),
     [
         ((("none", "", 0.8), ("ball", "red", 0.2)), "whether it touched another ball at 0.30 s is unsure: no contact"),
-        ((("rest", "", 0.8), ("none", "", 0.2)), "whether it came to rest at 0.30 s is unsure: at rest 80 %, still mo"),
         ((("strike", "", 0.7), ("none", "", 0.3)), "whether it was struck at 0.30 s is unsure: strike 70 %, not str"),
         ((("pocket", "top", 0.7), ("none", "", 0.3)), "whether it fell into a pocket at 0.30 s is unsure: far-side p"),
     ],

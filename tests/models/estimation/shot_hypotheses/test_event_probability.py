@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from models.core.contact_graph import Contact
+from models.core.shot_explanation import SURE_PROBABILITY
 from models.estimation.shot_hypotheses import weigh_hypotheses
 from models.estimation.shot_hypotheses.event_evidence import (
     EVIDENCE_NAMES,
@@ -42,6 +43,12 @@ def test_no_probability_is_nearer_to_certainty_than_the_number_of_known_shots_al
     sure = EventEvidence(gain=100.0, misfit=-100.0)
     assert estimate_event_probability("cushion", sure) == pytest.approx(1 - limit)
     assert estimate_event_probability("cushion", EventEvidence(slow=100.0)) == pytest.approx(limit)
+
+
+def test_a_rest_that_the_fit_shows_well_is_decided() -> None:
+    assert estimate_event_probability("rest", EventEvidence(short=0.05)) > SURE_PROBABILITY
+    doubted = EventEvidence(short=0.5, misfit=2.0)
+    assert estimate_event_probability("rest", doubted) < SURE_PROBABILITY
 
 
 def test_gains_and_rivals_are_compressed_monotonically() -> None:
