@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypedDict, get_type_hints
+from typing import Any, Literal, TypedDict, get_args, get_type_hints
 
 from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
@@ -132,6 +132,8 @@ def build_options(values: dict[str, Any]) -> RunOptions:
         if name not in values:
             continue
         value = _read_file_content(name, values[name])
+        if isinstance(value, int) and float in (setting.type, *get_args(setting.type)):
+            value = float(value)  # 8 and 8.0 are one value, with one cache entry
         _require_in_range(setting, value)
         try:
             options = _replace_setting(options, name, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from pipeline.io.particle_files import (
     summarize_physics,
     write_particle_positions,
 )
+from pipeline.io.run_views import view_run
+from pipeline.io.shot_folder import SHOT_FOLDER, read_shot
 
 
 def interpolate_particles(source: Path, factor: int, out: Path, fps: float | None, as_json: bool) -> None:
@@ -33,8 +36,9 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
     """
     target = out if out.suffix.lower() == ".csv" else out / "tracks.csv"
     require_writable_folder(target.parent)
-    shots = list(read_particles(require_tracks_file(source), fps))
-    motions = [fit_particles(shot) for shot in shots]
+    tracks = require_tracks_file(source)
+    shots = list(read_particles(tracks, fps))
+    motions = [_find_motion(shot, tracks.parent) for shot in shots]
     target.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(target) as fresh:
         write_particle_positions(
@@ -49,6 +53,19 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
         for line in format_physics_lines(shot):
             print(line)
     print(f"Look at {target}")
+
+
+def _find_motion(shot: Recording, folder: Path) -> ParticleMotion:
+    """Return the fitted motion of the run that wrote the tracks, if there is one; otherwise fit particles."""
+    if (folder / SHOT_FOLDER).is_dir():
+        fit = view_run(read_shot(folder))
+        trajectory, sigma = fit.trajectory, np.full(len(shot.bodies), fit.noise)
+        if set(shot.bodies) <= set(trajectory.ids):
+            order = [trajectory.ids.index(ball) for ball in shot.bodies]
+            return ParticleMotion("the fitted motion of the run", lambda t: trajectory.at(t).xy[:, order], sigma, {})
+    count = f"{len(shot.bodies)} particles, {len(shot.t)} samples"
+    print(f"Fitting shot {shot.shot} ({count}); many particles take minutes", file=sys.stderr, flush=True)
+    return fit_particles(shot)
 
 
 def refine_positions(shot: Recording, motion: ParticleMotion, factor: int) -> dict[str, FloatArray]:

@@ -21,7 +21,7 @@ from support.pseudo_terminal import Terminal, make_terminal
 from pipeline.batch.clip_discovery import assign_folders, find_clips
 from pipeline.cli.commands import COMMAND_NAMES, load_command, read_summary
 from pipeline.engine.process_setup import limit_library_threads
-from pipeline.run_options import list_settings
+from pipeline.run_options import build_options, list_settings
 from pipeline.terminal.command_line import app
 from video.io.video_writer import VideoWriter
 
@@ -341,3 +341,9 @@ def test_algebra_runs_on_one_thread_unless_the_user_set_another_number(monkeypat
     assert os.environ["OMP_NUM_THREADS"] == "1"
     assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
     assert os.environ["OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER"] == "0"
+
+
+def test_a_whole_number_and_the_same_decimal_number_are_one_value_with_one_cache_entry() -> None:
+    for name in ("slow", "ball_radius"):
+        assert repr(build_options({name: 8})) == repr(build_options({name: 8.0}))
+    assert repr(build_options({"no_video": True})) != repr(build_options({"no_video": False}))

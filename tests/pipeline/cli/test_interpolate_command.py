@@ -11,7 +11,9 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
+from support import synthetic_run
 
+from pipeline.actions import interpolate_particles
 from pipeline.cli.execute import execute_command_line
 from pipeline.engine.atomic_write import create_folder, machine_id, replace_file
 
@@ -122,3 +124,28 @@ def test_what_killed_runs_left_beside_the_output_is_cleared(tmp_path: Path) -> N
     with pytest.raises(RuntimeError):
         broken()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fr", "v.mp4"]
+
+
+def test_the_tracks_of_a_run_are_interpolated_by_its_own_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(25) / 30
+    fit = synthetic_run.make_fit(t)
+    xy = fit.trajectory.at(t).xy
+    rows = [
+        f"0,{k},{t[k]},{ball},{xy[k, n, 0]},{xy[k, n, 1]}"
+        for k in range(25)
+        for n, ball in enumerate(fit.trajectory.ids)
+    ]
+    (tmp_path / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *rows]), encoding="utf-8")
+    (tmp_path / "shot").mkdir()
+    monkeypatch.setattr(interpolate_particles, "read_shot", lambda folder: None)
+    monkeypatch.setattr(interpolate_particles, "view_run", lambda shot: fit)
+    monkeypatch.setattr(interpolate_particles, "fit_particles", lambda shot: pytest.fail("the run knows the motion"))
+    command = ["interpolate", str(tmp_path / "tracks.csv"), "--factor", "2", "-o", str(tmp_path / "fine.csv")]
+    assert execute_command_line(command) == 0
+    assert "the fitted motion of the run" in capsys.readouterr().out
+    fine = np.genfromtxt(tmp_path / "fine.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    between = fine[(fine["frame"] == 21) & (fine["id"] == fit.trajectory.ids[0])]
+    expected = fit.trajectory.at(np.array([(t[10] + t[11]) / 2])).xy[0, 0]
+    assert [between["x"][0], between["y"][0]] == pytest.approx(expected, abs=2e-6)
