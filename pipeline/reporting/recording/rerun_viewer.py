@@ -25,6 +25,8 @@ WEB_PORT = 9090
 """Preferred port of its web page."""
 HOST = "127.0.0.1"
 """Address on which both viewers listen: this machine only."""
+NO_OUTSIDE = dict.fromkeys(("ALL_PROXY", "HTTPS_PROXY", "HTTP_PROXY"), f"http://{HOST}:9") | {"NO_PROXY": HOST}
+"""Environment of the viewer: a proxy that is not there takes its telemetry and its question for the latest version."""
 RECORDING_FILES = ("recording.rrd", "gap.rrd", "gap/gap.rrd")
 """Recordings of a run folder: the run, and the layers of a diagnosis."""
 
@@ -104,7 +106,7 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
     """Start a viewer on recordings; it also receives live recordings.
 
     The `rerun` script starts the viewer as a child process that would outlive it, so both run in their own process
-    group. The analytics of the viewer are switched off, and its page reaches this machine alone.
+    group. Viewer and page reach this machine alone.
 
     Args:
         recordings: Recordings to show.
@@ -131,7 +133,11 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
         command += ["--serve-web", "--web-viewer-port", str(inner)]
         page = serve_sealed_page(HOST, outer, f"http://{HOST}:{inner}", f"http://{HOST}:{port}")
         address = f"http://{HOST}:{outer}/?theme=dark&url={quote(listens, safe='')}"
-    process = subprocess.Popen(command, env=os.environ | {"RERUN_ANALYTICS": "0"}, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        env=os.environ | NO_OUTSIDE | {name.lower(): value for name, value in NO_OUTSIDE.items()},
+        start_new_session=True,
+    )
     return Viewer(process, address, listens, page)
 
 

@@ -1,4 +1,4 @@
-"""The viewer is started on the recording, alone and without analytics."""
+"""The viewer is started on the recording, and asks no other machine."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pipeline.reporting.recording.sealed_page import serve_sealed_page
 trueroll = pytest.fixture(make_terminal)
 
 FAKE = """#!/bin/sh
-printf '%s\\n' "$RERUN_ANALYTICS" "$@" > "$(dirname "$0")/arguments"
+printf '%s\\n' "$HTTPS_PROXY" "$@" > "$(dirname "$0")/arguments"
 exit 3
 """
 
@@ -40,15 +40,15 @@ def arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "rerun").write_text(FAKE)
     (tmp_path / "rerun").chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
-    monkeypatch.setenv("RERUN_ANALYTICS", "1")
+    monkeypatch.setenv("HTTPS_PROXY", "http://proxy.example")
     monkeypatch.setenv("DISPLAY", ":0")
     return tmp_path / "arguments"
 
 
-def test_the_viewer_shows_the_recording_without_analytics_and_its_status_is_ours(arguments: Path) -> None:
+def test_the_viewer_shows_the_recording_without_the_network_and_its_status_is_ours(arguments: Path) -> None:
     assert show_recordings([Path("shot.rrd")], web=False) == 3
-    assert arguments.read_text().split() == ["0", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876"]
-    assert os.environ["RERUN_ANALYTICS"] == "1"
+    assert arguments.read_text().split() == ["http://127.0.0.1:9", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876"]
+    assert os.environ["HTTPS_PROXY"] == "http://proxy.example"
 
 
 @pytest.fixture
@@ -63,7 +63,8 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_in_the_browser_only_this_machine_is_served(arguments: Path, opened: list[str]) -> None:
     show_recordings([Path("shot.rrd")], web=True)
     assert arguments.read_text().split() == [
-        "0", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876", "--serve-web", "--web-viewer-port", "0"
+        "http://127.0.0.1:9", "shot.rrd", "--bind", "127.0.0.1", "--port", "9876", "--serve-web", "--web-viewer-port",
+        "0",
     ]  # fmt: skip
     assert [page.partition("?")[0] for page in opened] == ["http://127.0.0.1:9090/"]
 
