@@ -64,7 +64,15 @@ def format_value(value: float, digits: int = 3) -> str:
 
 
 def format_speed(speed: float, sigma: float = float("nan")) -> str:
-    """Format a speed and its standard deviation, in m/s, such as `1.80 m/s (6.5 km/h)`."""
+    """Format a speed.
+
+    Args:
+        speed: In m/s.
+        sigma: Its standard deviation; NaN if it is unknown.
+
+    Returns:
+        Such as `1.80 m/s (6.5 km/h)`, with the standard deviation if it is known.
+    """
     shown = format_with_sigma(speed, sigma, SPEED_DECIMALS) if sigma > 0 else f"{speed:.{SPEED_DECIMALS}f}"
     return f"{shown} m/s ({3.6 * speed:.1f} km/h)"
 
