@@ -35,7 +35,7 @@ def find_rack_breaks(shot: Shot, solution: JointSolution) -> tuple[tuple[RackBre
     Returns:
         The breaks by time, and the first contact of each where the fit has none.
     """
-    ids, breaks, rows = shot.tracks.ids, [], []
+    ids, breaks, rows = shot.tracks.ids, list[RackBreak](), list[EventRow]()
     for one in shot.breaks:
         rack = {ball for contact in one.contacts for ball in (contact.a, contact.b)} - {one.balls[0]}
         if len(rack) >= MIN_CLUSTER_BALLS:

@@ -161,6 +161,7 @@ def test_a_break_that_no_simulation_explains_has_a_first_contact_and_no_strokes_
         patch.setattr(explain_shot, "reconstruct_breaks", lambda solution, seen, table: (solution, seen, ()))
         shot = explain(filmed.tracks, filmed.scene)
     fit = view_shot(shot)
+    assert shot.solution is not None
     (rack,) = fit.explanation.breaks
     assert {rack.ball, *rack.rack} == {*shot.tracks.ids}
     happened, fitted = early(filmed, fit)
