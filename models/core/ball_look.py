@@ -39,7 +39,14 @@ class BallLook:
 
 
 def format_colour(colour: Colour) -> str:
-    """Format a colour as `#d63b3b`."""
+    """Format a colour for pages.
+
+    Args:
+        colour: sRGB, 0 to 255.
+
+    Returns:
+        Such as `#d63b3b`.
+    """
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 

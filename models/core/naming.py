@@ -72,20 +72,6 @@ class Naming:
         fitting = next((balls for balls in by_rank if balls), [])
         return fitting[0] if len(fitting) == 1 else None
 
-    def find_rail(self, text: str) -> str | None:
-        """Find the cushion that a person names.
-
-        Args:
-            text: A canonical name, which wins, or the name in the picture, such as `far rail` or `near long cushion`.
-
-        Returns:
-            One of `CUSHIONS`; None where none fits.
-        """
-        if text in CUSHIONS:
-            return text
-        words = [word for word in _split_words(text) if word not in ("rail", "cushion", "long", "short", "the")]
-        return self.view.rails.get(words[0]) if len(words) == 1 else None
-
     def find_pocket(self, text: str) -> str | None:
         """Find the pocket that a person names.
 
@@ -117,13 +103,23 @@ def build_naming(table: Table, camera: Camera | None, ids: Sequence[str], looks:
         camera: Its calibration; None for a table that no camera filmed, which lies as its plan.
         ids: N ids of balls.
         looks: How these balls look.
+
+    Returns:
+        The naming.
     """
     view = TableView() if camera is None else find_table_view(camera, table)
     return Naming(dict(zip(ids, looks, strict=True)), view, table.game)
 
 
 def join_names(names: Iterable[str]) -> str:
-    """Join names by commas and "and"."""
+    """Join names by commas and "and".
+
+    Args:
+        names: Any number of names.
+
+    Returns:
+        Such as `red 3, yellow 1 and the cue ball`.
+    """
     texts = list(names)
     return " and ".join([*(", ".join(texts[:-1]),) * (len(texts) > 1), *texts[-1:]])
 

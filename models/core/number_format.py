@@ -42,7 +42,16 @@ def format_measured(value: float, sigma: float, max_decimals: int = MAX_DECIMALS
 
 
 def format_with_sigma(value: float, sigma: float, max_decimals: int = MAX_DECIMALS) -> str:
-    """Format a value and its standard deviation as `value ± sigma`, or the value alone where that is unknown."""
+    """Format a value and its standard deviation.
+
+    Args:
+        value: The value.
+        sigma: Its standard deviation; NaN where it is unknown.
+        max_decimals: Largest number of decimals.
+
+    Returns:
+        `value ± sigma`, or the value alone where that is unknown.
+    """
     return " ± ".join(filter(None, format_measured(value, sigma, max_decimals)))
 
 
@@ -95,7 +104,14 @@ def format_probability(probability: float) -> str:
 
 
 def format_doubt(probability: float) -> str:
-    """Format a probability in brackets after what is probable; empty where it is as good as certain."""
+    """Format a probability in brackets.
+
+    Args:
+        probability: Of what stands before it.
+
+    Returns:
+        Such as ` (93 %)`; empty where it is as good as certain.
+    """
     return "" if probability > 1 - EXTREME_PROBABILITY else f" ({format_probability(probability)})"
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from models.core.scene import CUSHIONS, POCKETS, Camera, Table
 from models.core.typing import FloatArray
 
-SEEN_RAILS = ("left", "right", "far", "near")
-"""Names of the rails in the picture, in the order of `CUSHIONS` for a table that lies as its plan."""
 _TURNED_RAILS = (
     ("left", "right", "far", "near"), ("far", "near", "right", "left"),
     ("right", "left", "near", "far"), ("near", "far", "left", "right"),
@@ -36,7 +34,7 @@ class TableView:
             cushion: One of `CUSHIONS`.
 
         Returns:
-            One of `SEEN_RAILS`: `far` is at the top of the picture, `near` at its bottom.
+            `left`, `right`, `far` (at the top of the picture) or `near` (at its bottom).
         """
         return _TURNED_RAILS[self.turns][CUSHIONS.index(cushion)]
 
@@ -53,11 +51,6 @@ class TableView:
         if len(rails) == 1:
             return f"{rails[0]}-side"
         return "-".join(sorted(rails, key=("far", "near", "left", "right").index))
-
-    @property
-    def rails(self) -> dict[str, str]:
-        """The cushion by its name in the picture."""
-        return {self.name_rail(name): name for name in CUSHIONS}
 
     @property
     def pockets(self) -> dict[str, str]:

@@ -71,10 +71,10 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
     places = view.turn_points(state.xy, table)
     moves = find_moving_balls(state.xy, table.ball_radius)
     for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
-        known = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
-        if not len(known):
+        there = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
+        if not len(there):
             continue
-        for shown, mode in ((known if moves[k] else known[:0], "lines"), (known[-1:], "markers")):
+        for shown, mode in ((there if moves[k] else there[:0], "lines"), (there[-1:], "markers")):
             figure.add_scatter(
                 x=places[shown, k, 0], y=places[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
                 showlegend=mode == "markers", line_color=darken_for_page(looks[k].colour),

@@ -259,11 +259,11 @@ class _Stroke:
         events = self.fit.events
         later = [k for k in self.own if events.t[k] > t]
         contacts = [k for k in later if events.kind[k] in ("ball", "cushion")]
-        listed = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
-        more = f" and {len(contacts) - len(listed)} more" if len(contacts) > len(listed) else ""
+        first = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
+        more = f" and {len(contacts) - len(first)} more" if len(contacts) > len(first) else ""
         words = [
             f"{self.fit.naming.say(self._find_partner(k))} at {events.t[k]:.3f} s"
-            for k in sorted(listed, key=lambda k: float(events.t[k]))
+            for k in sorted(first, key=lambda k: float(events.t[k]))
         ]
         then = f"Then it touched {join_names(words)}{more}. " if words else "It had no further contact. " * (t > 0)
         for k in later:
