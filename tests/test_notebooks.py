@@ -16,10 +16,17 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 CELL_SECONDS = 300
 
 
-def test_the_three_notebooks_are_stored_without_output() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ["clip", "diagnosis", "thesis"]
-    cells = [cell for path in NOTEBOOKS for cell in nbformat.read(path, as_version=4).cells]
-    assert not [cell.source for cell in cells if cell.get("outputs")]
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_stored_with_its_outputs_which_every_web_page_shows(path: Path) -> None:
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert all(cell.execution_count for cell in cells), "run .ci/fill_notebooks.py"
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert outputs
+    for data in (output.data for output in outputs if "data" in output):
+        assert set(data) <= {"text/plain", "image/png"}
+        assert len(data.get("image/png", "")) < 400_000  # 300 kB of base64
+    figures = [cell for cell in cells if cell.source.endswith("\nfigure")]
+    assert all("image/png" in cell.outputs[-1].data for cell in figures)
 
 
 def test_every_notebook_begins_with_the_command_that_opens_it() -> None:

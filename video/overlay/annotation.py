@@ -314,7 +314,7 @@ def _place_below(inset: tuple[int, int], clock: tuple[int, int], image: tuple[in
     height = max(inset[1], clock[1]) + 2 * margin
     top = float(image[1] + margin)
     left = float(image[0] - margin - clock[0])
-    places = (float(margin), top, float(inset[0]), float(inset[1])), (left, top, float(clock[0]), float(clock[1]))
+    places: tuple[Rect, Rect] = (float(margin), top, *inset), (left, top, *clock)
     return *places, height + (image[1] + height) % 2
 
 
