@@ -95,7 +95,7 @@ def _draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
     """Draw the plan of the wanted places."""
     places, table = wanted.places, wanted.table
     title = (
-        f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest cushions;"
+        f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest {wanted.naming.rail_word}s;"
         f" the gap at the nose is {1e3 * table.ball_radius:.1f} mm less"
     )
     distances = measure_cushion_distances(table, places.xy)
@@ -111,9 +111,8 @@ def _draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
     for name, xy, own in zip(wanted.places.ids, wanted.places.xy, distances, strict=True):
         numbers = ", ".join(f"{view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
         rings.append(PlacedRing(xy, WANTED_COLOUR, f"{wanted.naming.name_ball(name)}: {numbers}"))
-    header: list[tuple[str, Colour]] = [
-        (f"{wanted.places.t:.3f} s", WHITE), ("mm from the centre to the nearest cushions", NOTE_COLOUR)
-    ]  # fmt: skip
+    note = f"mm from the centre to the nearest {wanted.naming.rail_word}s"
+    header: list[tuple[str, Colour]] = [(f"{wanted.places.t:.3f} s", WHITE), (note, NOTE_COLOUR)]
     middles = (
         wanted.table.corners[[0, 1, 0, 3]] / 2 + wanted.table.corners[[3, 2, 1, 2]] / 2
     )  # in the order of CUSHIONS

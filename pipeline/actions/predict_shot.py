@@ -10,7 +10,7 @@ from PIL import Image
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
-from models.core.number_format import format_measured, format_probability
+from models.core.number_format import format_measured
 from models.core.tracks import Tracks
 from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
@@ -71,7 +71,7 @@ def predict_shot(
     compared = [
         (naming.name_ball(row["id"]), f"{row['t']:.2f} s",
          *(f"{one} cm" for one in format_measured(row["error_mm"] / 10, row["sigma_mm"] / 10, 1)),
-         "-" if row["within_90"] is None else format_probability(row["within_90"]))
+         "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
     ]  # fmt: skip
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
@@ -83,7 +83,7 @@ def predict_shot(
             for k, ball in enumerate(state.ids)
             for column, axis in enumerate("xy")
         ),
-        rows=(("seen later", "at", "off by", "expected ±", "inside the 90 % area"), *compared) if compared else (),
+        rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
         notes=(f"Do not trust this: {why}",) if why else (),
         document={"folder": str(folder), **document},
         figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),

@@ -38,7 +38,7 @@ class CallWords:
     probability: str
     """Of the verdict; where it cannot be decided, of the most probable answer, with it."""
     statement: str
-    """What happened, as a sentence without probability."""
+    """What happened, when, and how close it was, as a sentence without probability."""
     margin: str
     """How close it was, as a clause; empty where the question has no margin."""
     reason: str
@@ -47,8 +47,8 @@ class CallWords:
     @property
     def sentence(self) -> str:
         """The whole answer."""
-        text = f"{self.verdict[0].upper()}{self.verdict[1:]} ({self.probability}): {self.statement}"
-        return " ".join(filter(None, [f"{text}{self.margin and f'; {self.margin}'}.", self.reason]))
+        text = f"{self.verdict[0].upper()}{self.verdict[1:]} ({self.probability}): {self.statement}."
+        return " ".join(filter(None, [text, self.reason]))
 
 
 def format_call(call: CallAnswer, naming: Naming) -> CallWords:
@@ -59,13 +59,14 @@ def format_call(call: CallAnswer, naming: Naming) -> CallWords:
         naming: What balls, rails and pockets are called.
     """
     likely = _name_likely_answer(call, naming)
+    margin = _format_margin(call, naming)
     probability, is_decided = format_probability(call.stated_probability), call.verdict != "inconclusive"
     return CallWords(
         format_call_question(call, naming),
         likely if is_decided else UNDECIDED,
         probability if is_decided else f"{likely}: {probability}",
-        _format_statement(call, naming) + _format_others(call, naming) + _format_moment(call),
-        _format_margin(call, naming),
+        _format_statement(call, naming, margin),
+        margin,
         _format_reason(call),
     )
 
@@ -91,7 +92,15 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
     return "yes" if call.probability >= 0.5 else "no"
 
 
-def _format_statement(call: CallAnswer, naming: Naming) -> str:
+def _format_statement(call: CallAnswer, naming: Naming, margin: str) -> str:
+    """Format what most probably happened, and when; of what did not happen, when it was closest."""
+    text, moment = _format_fact(call, naming) + _format_others(call, naming), _format_moment(call)
+    if not margin or call.probability >= 0.5:
+        return "; ".join(filter(None, [text + moment, margin]))
+    return f"{text}; {margin}{moment}"
+
+
+def _format_fact(call: CallAnswer, naming: Naming) -> str:
     """Format what most probably happened."""
     a, is_yes = naming.say(call.subject[0]), call.probability >= 0.5
     if call.kind == "contact":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -186,7 +187,15 @@ def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margi
     order = format_call(no, Naming())
     contact = format_call(replace(no, kind="contact", subject=("white", "red")), Naming())
     assert (order.verdict, order.probability, order.margin) == ("no", "99.8 %", "")
+    assert order.statement == "white met red first at 0.5000 s ± 1.0 ms, frame 15.0"
     assert contact.margin == "17.3 ± 0.1 mm from a miss"
+
+
+def test_what_did_not_happen_has_the_moment_of_the_smallest_distance() -> None:
+    no = CallAnswer("pocket", ("white", "top"), 0.001, 0.5, math.nan, 15.0, 0.2, 0.001)
+    assert format_call(no, Naming()).statement == (
+        "white stayed on the table; 200.0 ± 1.0 mm short of the pocket at 0.5000 s, frame 15.0"
+    )
 
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:
