@@ -47,6 +47,7 @@ class RunSettings(TypedDict, total=False):
     table: str | None
     ball_radius: float | None
     profile: str
+    looks: str
     detector: Literal["auto", "hough", "onnx"]
     model: str | None
     breadth: int

@@ -13,7 +13,6 @@ from rich.table import Table as Grid
 
 from models.core.answer import Answer
 from models.core.errors import OptionError
-from pipeline.io.strict_json import format_strict_json
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -45,6 +44,8 @@ def print_answer(answer: Answer, as_json: bool) -> None:
         answer: The answer.
         as_json: Whether to print JSON.
     """
+    from pipeline.io.strict_json import format_strict_json  # numpy is slow to import
+
     for refusal in answer.refusals:
         console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
     if as_json:

@@ -89,10 +89,7 @@ def test_the_values_of_a_run_come_back_exactly(tmp_path: Path) -> None:
     scene = shot.make_scene()
     drifting = dataclasses.replace(scene.camera, motion=np.tile(np.eye(3), (clip.frame_count, 1, 1)))
     tracks = shot.make_tracks(clip, scene)
-    values = (
-        clip, scene, dataclasses.replace(scene, camera=drifting), tracks, shot.make_detections(tracks),
-        shot.make_fit(tracks.t),
-    )  # fmt: skip
+    values = (clip, scene, dataclasses.replace(scene, camera=drifting), tracks, shot.make_detections(tracks))
     for k, value in enumerate(values):
         folder = tmp_path / str(k)
         folder.mkdir()

@@ -388,7 +388,7 @@ def test_the_command_leaves_a_table_figures_and_a_page_and_resumes(
     assert all(wanted <= set(row) for row in rows)
     page = (tmp_path / "out" / "reproduce.html").read_text(encoding="utf-8")
     assert not re.search(r'<(?:script|img|link|iframe)[^>]*="https?:', page), "the page loads nothing from elsewhere"
-    assert re.findall(r'<div id="([\w-]+)" class="plotly', page) == [
+    assert re.findall(r'<div id="([\w-]+)" style="height', page) == [
         "figure-5-double-pendulum", "figure-6-double-pendulum-errors", "double-pendulum-error-over-time"
     ]  # fmt: skip
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").count("\n") == len(rows) + 1

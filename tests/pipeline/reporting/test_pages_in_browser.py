@@ -73,7 +73,7 @@ def test_choosing_a_contact_seeks_the_video(report: Path, browser: webdriver.Chr
     open_page(report, browser)
     wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2)
     browser.execute_script("document.getElementById('slow').play = () => Promise.resolve()")  # the moment stands still
-    hit = next(b for b in browser.find_elements(By.CSS_SELECTOR, "[data-seek]") if "right cushion" in b.text)
+    hit = next(b for b in browser.find_elements(By.CSS_SELECTOR, "[data-seek]") if "right short rail" in b.text)
     browser.execute_script("arguments[0].click()", hit)
     wait_on(browser).until(lambda b: not b.execute_script("return document.getElementById('slow').seeking"))
     at = browser.execute_script("return document.getElementById('slow').currentTime")
@@ -110,7 +110,7 @@ def test_the_contact_that_is_shown_is_marked_in_the_list(report: Path, browser: 
     wait_on(browser).until(lambda b: b.execute_script("return document.getElementById('slow').readyState") >= 2)
     browser.execute_script("document.getElementById('slow').currentTime = 0.7")
     now = wait_on(browser).until(lambda b: b.find_elements(By.CSS_SELECTOR, "[aria-current]"))
-    assert "right cushion" in now[0].get_attribute("textContent")
+    assert "right short rail" in now[0].get_attribute("textContent")
     assert float(browser.find_element(By.ID, "now").text) == pytest.approx(0.2 + 0.7 / SLOWER, abs=2e-3)
 
 

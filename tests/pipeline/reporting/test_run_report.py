@@ -14,9 +14,9 @@ import pytest
 from PIL import Image
 from support import synthetic_run as shot
 
-from models.core.ball_look import BallLook
+from models.core.ball_look import BallLook, describe_unseen_balls
 from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
-from models.core.naming import Naming
+from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
 from models.core.shot import Note
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
@@ -107,7 +107,9 @@ def test_the_plan_lies_as_the_table_in_the_clip_with_the_names_of_its_rails(turn
     c, s = np.round([np.cos(turns * np.pi / 2), np.sin(turns * np.pi / 2)])
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     turned = replace(scene, camera=replace(scene.camera, matrix=turn @ scene.camera.matrix))
-    figure = build_plan_figure(turned, fit, ["white", "red"])
+    ids, looks = fit.trajectory.ids, describe_unseen_balls(fit.trajectory.ids, fit.trajectory.ids)
+    fit = replace(fit, naming=build_naming(scene.table, turned.camera, ids, looks))
+    figure = build_plan_figure(turned, fit, looks)
     (path,) = [trace for trace in figure.data if trace.mode == "lines" and trace.name == "white"]
     drawn = np.array([path.x[-1] - path.x[0], path.y[-1] - path.y[0]])
     xy = fit.trajectory.at(np.array([0.0, 0.8])).xy[:, fit.trajectory.ids.index("white")]

@@ -29,7 +29,6 @@ def test_red_stays_red_and_no_warning_changes_nothing() -> None:
 def test_residuals_that_contradict_the_noise_are_said_and_turn_the_level_amber(chi2: float, level: str) -> None:
     trust = assess_trust(1.0, NoiseAssessment(2e-4, chi2, (0.2, 1.6)), 5.0, [])
     assert trust.level == level
-    doubt = (
-        f"Residuals contradict the assumed noise: chi2 per degree of freedom is {chi2:.2f}, where 0.20 to 1.60 agree."
-    )
+    doubt = f"The positions scatter {chi2**0.5:.1f} times as much around the fitted paths as their errors say;"
+    doubt = f"{doubt} 0.4 to 1.3 times would agree."
     assert (doubt in trust.reasons) == (level == "amber")

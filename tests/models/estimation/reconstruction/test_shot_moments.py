@@ -41,8 +41,8 @@ def test_a_doubt_concerns_what_happens_within_a_few_frames(away: float, concerns
     record = make_shot_record(
         shot.tracks(times), fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation((hidden,))
     )
-    sentence = call_answers._explain_doubt(record, 0.5 + away, ("cue", "red"))
-    assert (call_answers.DOUBT_SENTENCES["hidden"] in sentence) == concerns
+    doubts = call_answers._list_doubts(record, 0.5 + away, ("cue", "red"), True)["doubts"]
+    assert ("hidden" in doubts) == concerns
 
 
 @pytest.mark.parametrize(("sigma", "count"), [(0.42, 1), (0.58, 0)])
