@@ -66,6 +66,7 @@ class Answer:
     def _repr_html_(self) -> str:
         """Show the answer in a notebook: its sentences, its table and its pictures."""
         parts = [format_html((self.question, *self.sentences), self.rows), format_html(self.notes)]
+        parts.append(format_html([f"Left out: {one}" for one in self.refusals]))
         for path in self.figures:
             if path.endswith(".png"):
                 with suppress(OSError), open(path, "rb") as file:

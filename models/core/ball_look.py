@@ -33,7 +33,7 @@ class BallLook:
     colour: Colour = UNKNOWN_COLOUR
     """Of its paint as the clip shows it: the median of its pixels that are neither white, in shade nor highlight."""
     number: int = 0
-    """Number that was read from the ball; 0 where none was."""
+    """Number that follows from the colours of the set; 0 where none is certain."""
     is_striped: bool = False
     """Whether it is white with a band of `colour`."""
 

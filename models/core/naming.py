@@ -55,7 +55,8 @@ class Naming:
         """Find the id of the ball that a person names.
 
         Args:
-            text: An id, a name, a number, or a word that only one name has, in any case, with spaces or hyphens.
+            text: An id, a name, a number, or a word that only one name has, in any case. `solid 2` is the ball with
+                that number rather than the one with the id `solid-2`.
 
         Returns:
             The id; None where no ball or more than one fits.
@@ -63,11 +64,14 @@ class Naming:
         wanted = _split_words(text)
         if not wanted:
             return None
+        plain = [word for word in wanted if word not in ("the", "ball", "number")] or wanted
+        number = [word for word in plain if word not in ("solid", "stripe")]
         by_rank = (
-            [ball for ball in self.looks if _split_words(ball) == wanted],
-            [ball for ball, look in self.looks.items() if _split_words(look.name) == wanted],
-            [ball for ball, look in self.looks.items() if wanted == [str(look.number)] and look.number],
-            [ball for ball, look in self.looks.items() if set(wanted) <= set(_split_words(look.name))],
+            [ball for ball in self.looks if ball == text.strip().lower()],
+            [ball for ball, look in self.looks.items() if _split_words(look.name) in (wanted, plain)],
+            [ball for ball, look in self.looks.items() if number == [str(look.number)] and look.number],
+            [ball for ball, look in self.looks.items() if set(plain) <= set(_split_words(look.name))],
+            [ball for ball in self.looks if _split_words(ball) == plain],
         )
         fitting = next((balls for balls in by_rank if balls), [])
         return fitting[0] if len(fitting) == 1 else None
@@ -84,7 +88,8 @@ class Naming:
         if text in POCKETS:
             return text
         words = sorted(word for word in _split_words(text) if word not in ("pocket", "corner", "the"))
-        by_words = {tuple(sorted(_split_words(name))): pocket for name, pocket in self.view.pockets.items()}
+        names = {**{name: name for name in POCKETS}, **self.view.pockets}
+        by_words = {tuple(sorted(_split_words(name))): pocket for name, pocket in names.items()}
         return by_words.get(tuple(words))
 
     def list_balls(self) -> str:

@@ -65,6 +65,8 @@ def read_looks_text(path: Path) -> str:
     """
     looks = {}
     for ball in read_scene_document(path).get("balls", []):
+        if not (isinstance(ball.get("id"), str) and str(ball.get("name", "x")).strip()):
+            raise OptionError(f"A ball has an id and a name; {path} has {ball}")
         looks[ball["id"]] = look = {key: ball[key] for key in ("name", "number", "colour") if ball.get(key) is not None}
         if look.get("number", 1) not in range(1, 16):
             raise OptionError(f"A pool ball has a number from 1 to 15; {path} has {look['number']} for {ball['id']}")

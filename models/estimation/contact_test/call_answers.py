@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.scene import CUSHIONS, POCKETS
-from models.core.shot_explanation import SURE_PROBABILITY, Doubt
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt
 from models.estimation.contact_test.candidate_contacts import (
     REST_SPEED,
     CandidateContact,
@@ -203,7 +203,10 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
         no_contact_yet *= 1 - p
     unlisted = probability_of_unlisted_event()
     probability = float(np.clip(probability, unlisted, 1 - unlisted))
-    best = next((candidate for candidate in candidates if candidate.probability > 0.5), None)
+    fitting = [one for one in candidates if one.probability >= MIN_LISTED_PROBABILITY
+               and (one.other in CUSHIONS) == (probability >= 0.5)]  # fmt: skip
+    best = next((one for one in fitting if one.probability > 0.5), None)
+    best = best or max(fitting, key=lambda one: one.probability, default=None)
     met = "" if best is None else best.other
     balls = (a,) if met in ("", *CUSHIONS) else (a, met)
     answer = CallAnswer("cushion-first", (a,), probability, balls=balls, met=met)
@@ -258,7 +261,7 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     if here:
         t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, here[-1][1].probability
     candidate = CandidateContact(one, name, t, t_sigma, probability, margin, sigma)
-    met = falls[-1][1].other if falls else ""
+    met = next((one.other for _, one in reversed(falls) if one.other != name and one.probability > 0.5), "")
     return _build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
 
 

@@ -86,8 +86,10 @@ def _find_first_contact(solution: JointSolution, break_shot: BreakShot, ids: tup
     along = np.einsum("dni,di->dn", way, draws[:, 2:] / speed)
     aside = (way**2).sum(axis=2) - along**2
     delay = np.where(aside < reach**2, along - np.sqrt(np.maximum(reach**2 - aside, 0.0)), np.inf) / speed  # (D, N) s
-    first = np.argmin(delay, axis=1)
-    best = int(np.bincount(first).argmax())
+    first = np.where(np.isfinite(delay).any(axis=1), np.argmin(delay, axis=1), -1)
+    if first.max() < 0:  # every path passes the cluster: the ball nearest to it is the best guess
+        first[:], delay = int(np.bincount(np.argmin(aside, axis=1)).argmax()), along / speed
+    best = int(np.bincount(first[first >= 0]).argmax())
     times = begin + delay[first == best, best]
     t, sigma = float(np.median(times)), float(np.std(times))
     state = evaluate_state(graph, solution.friction, k, t)

@@ -9,6 +9,7 @@ import numpy as np
 from models.core.naming import Naming, join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
 from models.core.scene import CUSHIONS
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt
 
 UNDECIDED = "cannot be decided"
@@ -125,7 +126,7 @@ def _format_others(call: CallAnswer, naming: Naming) -> str:
         f"{'an unknown ball' if name == UNKNOWN else 'no ball' if name == 'none' else naming.say(name)}"
         f" {format_probability(p)}"
         for name, p in call.alternatives[1:4]
-        if p >= EXTREME_PROBABILITY and call.met != "none"
+        if p >= (MIN_LISTED_PROBABILITY if call.met == "none" else EXTREME_PROBABILITY)
     ]
     return f" (else {join_names(others)})" if others else ""
 
@@ -139,8 +140,9 @@ def _format_moment(call: CallAnswer) -> str:
 
 
 def _format_margin(call: CallAnswer, naming: Naming) -> str:
-    """Format how close a call was."""
-    if call.kind in ("first", "cushion-first") or not np.isfinite(call.margin):
+    """Format how close a call was; nothing where the free paths say the opposite of all evidence."""
+    is_yes = call.probability >= 0.5
+    if call.kind in ("first", "cushion-first") or not np.isfinite(call.margin) or (call.margin <= 0) != is_yes:
         return ""
     if call.kind == "contact":
         return format_gap(call.margin, call.margin_sigma)

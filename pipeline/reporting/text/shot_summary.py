@@ -74,9 +74,9 @@ def summarize_shots(
     Returns:
         One summary per stroke; if the clip begins after the stroke, one for the ball that moves first.
     """
+    likely = [k for k in range(len(fit.events)) if fit.events.probability[k] >= MIN_PROBABILITY]
     fit = replace(fit, events=_state_first_contacts(fit.events, calls))
     events = fit.events
-    likely = [k for k in range(len(events)) if events.probability[k] >= MIN_PROBABILITY]
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     starts: list[tuple[str, float, int | None]] = [(events.a[k], float(events.t[k]), k) for k in strikes]
     if not strikes and (first_ball := _find_first_mover(tracks, fit, likely)) is not None:

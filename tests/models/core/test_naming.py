@@ -63,6 +63,7 @@ def test_canonical_and_seen_names_name_the_same_pocket_and_rail() -> None:
     assert naming.find_pocket("top-left") == "top-left"
     assert naming.find_pocket("far-right") == naming.find_pocket("far right pocket") == "top-left"
     assert naming.find_pocket("right side") == "top"
+    assert naming.find_pocket("top left") == naming.find_pocket("top-left pocket") == "top-left"
     assert naming.name_pocket("top") == "right-side pocket"
     assert naming.name_rail("top") == "right long rail"
     assert replace(naming, game="snooker").name_rail("left") == "far short cushion"
@@ -78,7 +79,8 @@ def test_a_ball_is_found_by_id_name_number_or_a_word_that_only_it_has() -> None:
     for text, ball in (
         ("solid-1", "solid-1"), ("Red 3", "solid-1"), ("red-3", "solid-1"), ("3", "solid-1"), ("1", "solid-3"),
         ("white", None), ("cue", "cue"), ("CUE BALL", "cue"), ("green", "stripe-1"), ("red", None), ("stripe", None),
-        ("solid-9", None), ("", None),
+        ("solid-9", None), ("", None), ("the cue ball", "cue"), ("3 ball", "solid-1"), ("solid 3", "solid-1"),
+        ("the 1", "solid-3"), ("stripe 2", "stripe-2"),
     ):  # fmt: skip
         assert naming.find_ball(text) == ball, text
     assert naming.name_ball("solid-1") == "red 3"

@@ -54,7 +54,9 @@ def test_a_name_and_a_colour_that_were_changed_are_taken_as_they_are() -> None:
     assert correct_looks(IDS, LOOKS, changed)[1] == BallLook("the dented one", (255, 0, 0), 3)
 
 
-@pytest.mark.parametrize(("value", "words"), [({"number": 16}, "1 to 15"), ({"colour": "red"}, "#d63b3b")])
+@pytest.mark.parametrize(
+    ("value", "words"), [({"number": 16}, "1 to 15"), ({"colour": "red"}, "#d63b3b"), ({"name": " "}, "a name")]
+)
 def test_a_value_that_no_ball_has_is_refused(tmp_path: Path, value: dict[str, object], words: str) -> None:
     with pytest.raises(OptionError, match=words):
         read_looks_text(write_scene(tmp_path, {"id": "solid-1", **value}))

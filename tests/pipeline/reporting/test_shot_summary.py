@@ -15,6 +15,7 @@ from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
+from models.estimation.contact_test.call_answers import CallAnswer
 from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 
 T = np.linspace(0, 2, 61)
@@ -83,6 +84,14 @@ def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_la
     assert summary.spread.startswith("White broke a cluster of 1 balls: 1 of them moved, 0 reached a rail and none")
     assert summary.spread.endswith("until 0.90 s is beyond what the film can show.")
     assert "It was last seen at 1.50 s, when it moved at 0.64 m/s" in summary.after
+
+
+def test_a_call_that_is_less_sure_states_its_probability_but_drops_no_contact() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    call = CallAnswer("first", ("white",), 0.4, TOUCH, met="red", alternatives=(("red", 0.4), ("unknown", 0.6)))
+    (summary,) = summarize_shots(tracks, fit, shot.make_scene().table, calls=(call,))
+    assert "red" in summary.first
+    assert "40 %" in summary.confidence
 
 
 @pytest.mark.parametrize(
