@@ -190,7 +190,10 @@ def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margi
     contact = format_call(replace(no, kind="contact", subject=("white", "red")), Naming())
     assert (order.verdict, order.probability, order.margin) == ("no", "99.8 %", "")
     assert order.statement == "white met red first at 0.5000 s ± 1.0 ms, frame 15.0"
-    assert contact.margin == "17.3 ± 0.1 mm from a miss"
+    assert contact.margin == "", "free paths that overlap contradict what all evidence says"
+    assert format_call(replace(no, kind="contact", subject=("white", "red"), probability=0.998), Naming()).margin == (
+        "17.3 ± 0.1 mm from a miss"
+    )
 
 
 def test_what_did_not_happen_has_the_moment_of_the_smallest_distance() -> None:

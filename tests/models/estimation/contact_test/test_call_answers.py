@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+
 import pytest
 from support import synthetic_run as shot
 
-from models.core.shot_explanation import Moment, ShotExplanation
+from models.core.shot_explanation import ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 
 
-def make_record(*moments: Moment) -> ShotRecord:
+def make_record(folder: Path) -> ShotRecord:
     """A white ball that moves and a red one at rest."""
-    scene = shot.make_scene()
-    tracks, fit = shot.make_tracks(None, scene), shot.make_fit(np.arange(shot.FRAMES) / shot.RATE)
-    return make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation(moments))
+    scene, clip = shot.make_scene(), shot.write_clip(folder / "clip.mp4")
+    tracks, fit = shot.make_tracks(clip, scene), shot.make_fit(clip.t)
+    return make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation())
 
 
 @pytest.mark.parametrize(
     ("ball", "cushions", "is_yes", "met"), [(0.5, (0.95,), False, "red"), (0.9, (0.4, 0.4), True, "top")]
 )
 def test_what_came_first_is_of_the_kind_that_the_verdict_names(
-    monkeypatch: pytest.MonkeyPatch, ball: float, cushions: tuple[float, ...], is_yes: bool, met: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, ball: float, cushions: tuple[float, ...], is_yes: bool, met: str
 ) -> None:
     """A ball at 0.3 s before cushions from 0.4 s on, or after cushions from 0.1 s on."""
     ball_time = 0.3
@@ -33,5 +34,5 @@ def test_what_came_first_is_of_the_kind_that_the_verdict_names(
     monkeypatch.setattr(call_answers, "_find_all_ball_candidates", lambda record, one: near)
     monkeypatch.setattr(call_answers, "find_cushion_candidates", lambda record, one: rails)
     monkeypatch.setattr(call_answers, "find_unexplained_changes", lambda record, one: [])
-    answer = call_answers.answer_cushion_first(make_record(), "white")
+    answer = call_answers.answer_cushion_first(make_record(tmp_path), "white")
     assert ((answer.probability >= 0.5), answer.met) == (is_yes, met)
