@@ -125,13 +125,13 @@ def _mark_contact(editor: Editor, truth: ClipRun) -> None:
 
 
 def _reject_contact(editor: Editor, truth: ClipRun) -> None:
-    editor.click("#events button", "cue is struck")
+    editor.click("#events button", "The cue ball is struck")
     editor.press(Keys.DELETE)
 
 
 def _join_tracks(editor: Editor, truth: ClipRun) -> None:
     state = wait_for_result(editor.server)
-    (later,) = [ball["id"] for ball in state["run"]["balls"] if ball["path"][0][0] >= SPLIT_FRAME - 1]
+    (later,) = [ball["name"] for ball in state["run"]["balls"] if ball["path"][0][0] >= SPLIT_FRAME - 1]
     editor.show(SPLIT_FRAME - 5)
     editor.click_at(point_of(truth, "cue", SPLIT_FRAME - 5))
     editor.press("m")
