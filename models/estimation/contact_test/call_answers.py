@@ -140,6 +140,7 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     moments = [(candidate.t, candidate.other, candidate.probability) for candidate in candidates]
     # an unexplained change was a contact with an unknown body, or none at all
     moments += [(t, UNKNOWN, UNOBSERVED_PROBABILITY * p) for t, p in find_unexplained_changes(record, one)]
+    moments += [(rack.t, UNKNOWN, 1.0) for rack in record.explanation.breaks if a in rack.rack]
     for k, name in enumerate(record.ids):  # another ball that moved for no known cause may have been touched
         if k != one and all(candidate.other != name for candidate in candidates):
             moments += [
@@ -195,6 +196,7 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     moments = [(candidate.t, float(candidate.other in CUSHIONS), candidate.probability) for candidate in candidates]
     # an unknown cause was a cushion or a ball, and so was what came before the clip
     moments += [(t, UNOBSERVED_PROBABILITY, p) for t, p in find_unexplained_changes(record, one)]
+    moments += [(rack.t, 0.0, 1.0) for rack in record.explanation.breaks if a in rack.rack]  # other balls pushed it
     if a in record.explanation.moving_at_start:
         moments.append((float(record.moments[0]), UNOBSERVED_PROBABILITY, 1.0))
     probability, no_contact_yet = 0.0, 1.0
