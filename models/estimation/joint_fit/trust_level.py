@@ -154,7 +154,7 @@ def assess_trust(share: float, noise: NoiseAssessment | None, moving_seconds: fl
     """
     if moving_seconds == 0:
         return Trust("green", ("No ball moves.",)) if not warnings else Trust("amber", ("No ball moves.", *warnings))
-    time = "all the time" if share == 1 else f"{min(100 * share, 99):.0f} % of the time"
+    time = "all the time" if share > 0.995 else f"{100 * share:.0f} % of the time"
     reasons = [f"The listed strokes and contacts explain how the balls move {time}."]
     if noise is not None and not noise.chi2_range[0] <= np.nan_to_num(noise.chi2, nan=1.0) <= noise.chi2_range[1]:
         low, high = noise.chi2_range

@@ -44,7 +44,7 @@ NOT_OBSERVABLE = "not measurable"
 SURE_SIGMAS = 2.0
 """Standard deviations from 0 from which the side of a number is known."""
 FULLNESS_WORDS = (
-    (0.74, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
+    (0.875, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
 )  # fmt: skip
 """Words by the least share of the object ball that the cue ball covers at the contact, 1 - sin(cut angle)."""
 MAX_CUT_SIGMA = 3.0

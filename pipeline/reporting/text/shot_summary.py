@@ -183,7 +183,7 @@ class _Stroke:
         )  # fmt: skip
 
     def format_potted(self) -> str:
-        """Format the potted balls; empty if there are none."""
+        """Format the potted balls; empty for a table without pockets."""
         events, naming = self.fit.events, self.fit.naming
         text = join_names(
             f"{naming.say(events.a[k])} into the {naming.name_pocket(events.b[k])} at {format_event_time(events, k)}"
@@ -191,7 +191,7 @@ class _Stroke:
             for k in self.likely
             if events.kind[k] == "pocket"
         )
-        return start_sentence(f"{text}.") if text else ""
+        return start_sentence(f"{text}.") if text else "No ball." if self.table.pockets else ""
 
     def format_break(self, rack: RackBreak) -> str:
         """Format how a rack burst: balls that moved, reached a cushion or were potted, and what frames do not show."""
@@ -304,7 +304,8 @@ class _Stroke:
             parts.append("Every other event of this ball: above 99.9 %.")
         elif worst is not None:
             share = format_probability(float(events.probability[worst]))
-            parts.append(f"{format_event(events, worst, self.fit.naming)}: {share}, its least sure other event.")
+            event = format_event(events, worst, self.fit.naming)
+            parts.append(f"Least sure of the other events of this ball: {event} ({share}).")
         return " ".join([*parts, f"Trust level of the clip: {self.fit.trust.level}."])
 
 

@@ -116,7 +116,10 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.500 s." in after.after
-    assert "White hits the far long rail at 1.00 m/s (3.6 km/h): 80 %, its least sure other event." in after.confidence
+    assert (
+        "Least sure of the other events of this ball: White hits the far long rail at 1.00 m/s (3.6 km/h) (80 %)."
+        in after.confidence
+    )
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
