@@ -17,6 +17,7 @@ from detectors.measurement.ball_colour import (
 )  # fmt: skip
 from models.core.ball_look import BallLook, Colour
 from models.core.scene import Game, Scene
+from models.core.srgb import decode_srgb, encode_srgb
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 from models.tracking.ball_names import FIRST_NUMBERS, LIGHTNESS_WEIGHT, name_balls
@@ -197,7 +198,7 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
     white = next((k for k, kind in enumerate(tracks.kinds) if kind in ("cue", "white") and samples[k]), None)
     if white is None:
         return np.ones(3)
-    pixels = _to_linear(np.concatenate(samples[white]))
+    pixels = decode_srgb(np.concatenate(samples[white]) / 255)
     brightness = pixels.mean(axis=1)
     low, high = np.nanquantile(brightness, [SHADE_QUANTILE, 1 - HIGHLIGHT_SHARE])
     return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
@@ -211,7 +212,7 @@ def _measure_ball(
     discs: FloatArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from lit discs (F, n, 3) of sRGB; and if certain."""
-    corrected = _to_lab(_to_linear(discs) / light)
+    corrected = _to_lab(decode_srgb(discs / 255) / light)
     lightness, tint = corrected[..., 0], np.linalg.norm(corrected[..., 1:] - white[1:], axis=-1)
     painted = lightness <= np.nanquantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
     coloured = painted & ((tint > MAX_WHITE_TINT) | (lightness < MIN_WHITE_LIGHTNESS))
@@ -221,7 +222,7 @@ def _measure_ball(
     purity = np.hypot(LIGHTNESS_WEIGHT * (white[0] - lightness), tint)  # a band is seen mixed with white at its edges
     rank = purity if kind == "stripe" else lightness
     quantile = {"stripe": DULL_QUANTILE, "eight": 0.0, "black": 0.0}.get(kind, SHADE_QUANTILE)  # black shines, but grey
-    own = painted & ~_is_cloth(_to_lab(_to_linear(discs)), cloth_lab)
+    own = painted & ~_is_cloth(rgb2lab(discs / 255), cloth_lab)
     sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)
     choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in sets]
     colours = [np.median(corrected[one], axis=0) for one in choices]
@@ -241,13 +242,6 @@ def _is_cloth(lab: FloatArray, cloth_lab: FloatArray) -> BoolArray:
     return np.asarray((np.abs(np.angle(pixel / cloth)) < CLOTH_HUE) & (np.abs(pixel) < abs(cloth)))
 
 
-def _to_linear(rgb: FloatArray) -> FloatArray:
-    """Convert sRGB, 0 to 255, to linear light, 0 to 1 (IEC 61966-2-1)."""
-    x = rgb / 255
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-
-
-def _to_lab(linear: FloatArray) -> FloatArray:
+def _to_lab(light: FloatArray) -> FloatArray:
     """Convert linear light (..., 3) to CIE L*a*b*."""
-    x = np.clip(linear, 0, 1)
-    return np.asarray(rgb2lab(np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)))
+    return np.asarray(rgb2lab(encode_srgb(np.clip(light, 0, 1))))

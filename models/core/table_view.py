@@ -61,6 +61,10 @@ class TableView:
         """Return whether a cushion is a long one."""
         return cushion in ("top", "bottom")
 
+    def find_size(self, table: Table) -> tuple[float, float]:
+        """Find width and height, m, of a table as the picture shows it."""
+        return (table.length, table.width) if self.turns % 2 == 0 else (table.width, table.length)
+
     def turn_points(self, xy: FloatArray, table: Table) -> FloatArray:
         """Turn points of the table to a plan that lies as the picture.
 

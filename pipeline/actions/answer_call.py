@@ -125,8 +125,8 @@ def answer_call(
     """
     require_writable_folder(target)
     call = answer_question(record, words, edge)
-    pictures, why_not = write_call_images(record, call, folder, clip, target, words)
     text = format_call(call, record.naming)
+    pictures, why_not = write_call_images(record, call, text, folder, clip, target, words)
     numbers = {
         "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
         "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
@@ -162,13 +162,15 @@ def _parse_line(text: str) -> tuple[str, float]:
 
 
 def write_call_images(
-    record: ShotRecord, call: CallAnswer, folder: Path, clip: Path | None, target: Path, words: Sequence[str]
-) -> tuple[list[Path], str]:
+    record: ShotRecord, call: CallAnswer, text: CallWords, folder: Path, clip: Path | None, target: Path,
+    words: Sequence[str],
+) -> tuple[list[Path], str]:  # fmt: skip
     """Write a close-up and a strip of frames of the moment of a call.
 
     Args:
         record: Observations and fitted motion of a shot.
         call: The answer.
+        text: The answer in words.
         folder: Run folder of the shot.
         clip: Video of the shot; None for the one that the run noted.
         target: Folder of the images; created if it does not exist.
@@ -201,18 +203,12 @@ def write_call_images(
     ]
     nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
     paths = [target / f"{name}.png", target / f"{name}_strip.png"]
-    text = format_call(call, record.naming)
-    close = draw_close_up(nearest, f"{text.verdict}  ({text.probability})", _format_close_up_lines(call, text))
+    lines = [text.question, *filter(None, [text.margin]), text.moment]
+    close = draw_close_up(nearest, f"{text.verdict}  ({text.probability})", lines)
     for path, image in zip(paths, (close, draw_frame_strip(scenery, call.t)), strict=True):
         with replace_file(path) as part:
             Image.fromarray(image).save(part, format="PNG")
     return paths, ""
-
-
-def _format_close_up_lines(call: CallAnswer, text: CallWords) -> list[str]:
-    """Format the lines of text of a close-up."""
-    when = f"{call.t:.4f} s" + (f" ± {1e3 * call.t_sigma:.1f} ms" if np.isfinite(call.t_sigma) else "")
-    return [text.question, *filter(None, [text.margin]), f"{when}, frame {call.frame:.1f}"]
 
 
 def find_run_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.core.srgb import decode_srgb
 from models.core.typing import Float32Array, FloatArray
 from video.rendering.scene_appearance import IVORY, BallAppearance, Colour
 
@@ -49,8 +50,7 @@ def to_float32(values: ArrayLike) -> Float32Array:
 
 def srgb_to_linear(colour: Colour) -> Float32Array:
     """Convert sRGB in [0, 1] to linear light (3,)."""
-    c = np.asarray(colour, dtype=np.float64)
-    return to_float32(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4))
+    return to_float32(decode_srgb(np.asarray(colour, dtype=np.float64)))
 
 
 def lamp_irradiance(light: Illumination, lamp: int, point: Float32Array, normal: Float32Array) -> Float32Array:

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from models.core.scene import Camera, Table
+from models.core.srgb import encode_srgb
 from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.rendering.ball_shading import SHADOW_REACH_RADII, Illumination, RenderedBall, render_ball, shadow_factor
 from video.rendering.pinhole_camera import Lens, make_lens, project_points
@@ -361,9 +362,7 @@ def _vignette_factor(view: SceneView) -> Float32Array:
 
 
 def _srgb_curve(levels: int = 4096) -> ImageArray:
-    x = np.linspace(0, 1, levels)
-    y = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return (y * 255 + 0.5).astype(np.uint8)
+    return (encode_srgb(np.linspace(0, 1, levels)) * 255 + 0.5).astype(np.uint8)
 
 
 _SRGB_CURVE = _srgb_curve()

@@ -13,7 +13,6 @@ from models.core.fit_result import Fit, Parameter
 from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
 from models.core.scene import CUSHIONS, Scene
-from models.core.table_view import find_table_view
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
@@ -58,7 +57,7 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
         The figure, which lies as the table lies in the clip, with the names of its rails.
     """
     table, view = scene.table, fit.naming.view
-    columns, rows = find_plan_size(scene)
+    columns, rows = view.find_size(table)
     figure = go.Figure()
     figure.add_shape(type="rect", x0=0, y0=0, x1=columns, y1=rows, line={"color": "#4b6b5d", "width": 3})
     for x, y in view.turn_points(table.pocket_centres, table):
@@ -98,12 +97,6 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
         range=[rows + rim, -rim], scaleanchor="x", constrain="domain", constraintoward="top", visible=False
     )
     return figure.update_xaxes(range=[-rim, columns + rim], constrain="domain", visible=False)
-
-
-def find_plan_size(scene: Scene) -> tuple[float, float]:
-    """Find width and height, m, of the plan of a table that lies as in the clip."""
-    sides = (scene.table.length, scene.table.width)
-    return sides if find_table_view(scene.camera, scene.table).turns % 2 == 0 else sides[::-1]
 
 
 def _add_contacts(figure: go.Figure, fit: Fit, places: FloatArray) -> None:

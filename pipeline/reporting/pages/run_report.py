@@ -30,7 +30,6 @@ from pipeline.reporting.figures.run_figures import (
     build_plan_figure,
     build_speed_figure,
     darken_for_page,
-    find_plan_size,
 )
 from pipeline.reporting.pages.check_views import build_check_views
 from pipeline.reporting.pages.page_embedding import embed_image_file
@@ -132,7 +131,7 @@ def write_report(
         events=build_event_rows(fit, files),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
-        plan_size=find_plan_size(scene),
+        plan_size=fit.naming.view.find_size(scene.table),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
         calls=[format_call(call, fit.naming) for call in calls],

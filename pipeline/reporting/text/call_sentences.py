@@ -40,6 +40,8 @@ class CallWords:
     """Of the verdict; where it cannot be decided, of the most probable answer, with it."""
     statement: str
     """What happened, when, and how close it was, as a sentence without probability."""
+    moment: str
+    """When it happened, or was closest; empty where there is no moment."""
     margin: str
     """How close it was, as a clause; empty where the question has no margin."""
     reason: str
@@ -60,13 +62,14 @@ def format_call(call: CallAnswer, naming: Naming) -> CallWords:
         naming: What balls, rails and pockets are called.
     """
     likely = _name_likely_answer(call, naming)
-    margin = _format_margin(call, naming)
+    margin, moment = _format_margin(call, naming), _format_moment(call)
     probability, is_decided = format_probability(call.stated_probability), call.verdict != "inconclusive"
     return CallWords(
         format_call_question(call, naming),
         likely if is_decided else UNDECIDED,
         probability if is_decided else f"{likely}: {probability}",
-        _format_statement(call, naming, margin),
+        _format_statement(call, naming, margin, moment),
+        moment,
         margin,
         _format_reason(call),
     )
@@ -93,12 +96,12 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
     return "yes" if call.probability >= 0.5 else "no"
 
 
-def _format_statement(call: CallAnswer, naming: Naming, margin: str) -> str:
+def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str) -> str:
     """Format what most probably happened, and when; of what did not happen, when it was closest."""
-    text, moment = _format_fact(call, naming) + _format_others(call, naming), _format_moment(call)
+    text, when = _format_fact(call, naming) + _format_others(call, naming), moment and f" at {moment}"
     if not margin or call.probability >= 0.5:
-        return "; ".join(filter(None, [text + moment, margin]))
-    return f"{text}; {margin}{moment}"
+        return "; ".join(filter(None, [text + when, margin]))
+    return f"{text}; {margin}{when}"
 
 
 def _format_fact(call: CallAnswer, naming: Naming) -> str:
@@ -136,7 +139,7 @@ def _format_moment(call: CallAnswer) -> str:
     if not np.isfinite(call.t):
         return ""
     sigma = f" ± {1e3 * call.t_sigma:.1f} ms" if np.isfinite(call.t_sigma) else ""
-    return f" at {call.t:.4f} s{sigma}, frame {call.frame:.1f}"
+    return f"{call.t:.4f} s{sigma}, frame {call.frame:.1f}"
 
 
 def _format_margin(call: CallAnswer, naming: Naming) -> str:
