@@ -37,8 +37,7 @@ from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
-from pipeline.reporting.text.table_words import format_meeting
-from pipeline.reporting.text.text_formatting import format_event_time
+from pipeline.reporting.text.text_formatting import format_event_time, format_meeting
 from pipeline.run_options import RunSettings, build_options, list_settings
 
 if TYPE_CHECKING:

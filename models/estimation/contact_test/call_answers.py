@@ -86,7 +86,7 @@ class CallAnswer:
     @property
     def verdict(self) -> Literal["yes", "no", "inconclusive"]:
         """Yes, no or inconclusive."""
-        if self.doubts or 1 - SURE_PROBABILITY <= self.probability <= SURE_PROBABILITY:
+        if self.doubts or _is_undecided(self.probability):
             return "inconclusive"
         return "yes" if self.probability > SURE_PROBABILITY else "no"
 
@@ -339,10 +339,9 @@ def _build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateCo
         name for name in answer.balls if record.speed_at(record.ball_index(name), candidate.t - step) > REST_SPEED
     )
     is_doubtful = answer.kind != "first" and _is_undecided(answer.probability)
-    doubts = _list_doubts(record, candidate.t, answer.balls, is_doubtful)
     return replace(
         answer, t=candidate.t, t_sigma=candidate.t_sigma, frame=record.frame_at(candidate.t), margin=candidate.gap,
-        margin_sigma=candidate.gap_sigma, moved=moved, **(doubts if is_doubtful else {}),
+        margin_sigma=candidate.gap_sigma, moved=moved, **_list_doubts(record, candidate.t, answer.balls, is_doubtful),
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
-from pipeline.reporting.text.table_words import format_meeting
+from pipeline.reporting.text.text_formatting import format_meeting
 from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 

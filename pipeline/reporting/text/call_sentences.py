@@ -1,4 +1,4 @@
-"""Words of calls: question, verdict, margin and reasons, the same for terminal, JSON, page and picture."""
+"""Words of calls: question, verdict, margin and reasons, the same for terminal, JSON, page and image."""
 
 from __future__ import annotations
 

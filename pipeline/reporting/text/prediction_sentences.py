@@ -7,7 +7,8 @@ import numpy as np
 from models.core.naming import Naming
 from models.core.number_format import EXTREME_PROBABILITY, format_doubt, format_probability
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
-from pipeline.reporting.text.table_words import format_meeting, format_place
+from pipeline.reporting.text.table_words import format_place
+from pipeline.reporting.text.text_formatting import format_meeting
 
 MAX_REST_SHIFT = 0.005
 """m, largest displacement of a ball that is described as staying at rest."""

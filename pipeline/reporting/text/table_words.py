@@ -1,4 +1,4 @@
-"""Words for what happens on the table: contacts, places and stops, with the names of the clip."""
+"""Words for places on the table, with the names of the clip."""
 
 from __future__ import annotations
 
@@ -10,21 +10,6 @@ from models.estimation.ball_placement.ball_places import find_nearest_cushions, 
 
 MAX_CM_DECIMALS = 1
 """Decimals of centimetres: nobody lays a ball to a tenth of a millimetre."""
-
-
-def format_meeting(kind: str, other: str, naming: Naming) -> str:
-    """Format what a ball does, such as `touches red 3`, `hits the far long rail` or `falls into the far-left pocket`.
-
-    Args:
-        kind: Kind of the event, one of `EVENT_KINDS`.
-        other: Id of the other ball, or canonical name of the cushion or pocket; empty for a strike and a rest.
-        naming: What balls, rails and pockets are called.
-    """
-    if kind in ("strike", "rest"):
-        return "is struck" if kind == "strike" else "comes to rest"
-    if kind == "pocket":
-        return f"falls into the {naming.name_pocket(other)}"
-    return f"{'touches' if kind == 'ball' else 'hits'} {naming.say(other)}"
 
 
 def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> str:
@@ -40,7 +25,8 @@ def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> 
         Such as `12.0 cm from the near long rail and 64.0 cm from the left short rail, each ± 0.5 cm`.
     """
     own = measure_cushion_distances(table, xy[None])[0]
-    texts = [format_measured(100 * own[k], 100 * sigma, MAX_CM_DECIMALS) for k in find_nearest_cushions(own)[::-1]]
-    names = [naming.say(CUSHIONS[k]) for k in find_nearest_cushions(own)[::-1]]
+    nearest = find_nearest_cushions(own)[::-1]
+    texts = [format_measured(100 * own[k], 100 * sigma, MAX_CM_DECIMALS) for k in nearest]
+    names = [naming.say(CUSHIONS[k]) for k in nearest]
     places = " and ".join(f"{text} cm from {name}" for (text, _), name in zip(texts, names, strict=True))
     return places + (f", each ± {texts[0][1]} cm" if texts[0][1] else "")

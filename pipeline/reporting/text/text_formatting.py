@@ -32,14 +32,24 @@ MIN_REPORTED_SPEED = 0.005
 def format_event(events: Events, k: int, naming: Naming) -> str:
     """Format event k as a sentence without a full stop: balls, what happened and, if it is large enough, speed."""
     a, b, speed = naming.say(events.a[k]), events.b[k], float(events.speed[k])
-    what = {
-        "strike": f"{a} is struck",
-        "ball": f"{a} and {naming.say(b)} touch",
-        "cushion": f"{a} hits {naming.say(b)}",
-        "pocket": f"{a} falls into the {naming.name_pocket(b)}",
-        "rest": f"{a} comes to rest",
-    }[events.kind[k]]
+    is_touch = events.kind[k] == "ball"  # neither ball did it to the other
+    what = f"{a} and {naming.say(b)} touch" if is_touch else f"{a} {format_meeting(events.kind[k], b, naming)}"
     return start_sentence(what) + (f" at {format_speed(speed)}" if speed >= MIN_REPORTED_SPEED else "")
+
+
+def format_meeting(kind: str, other: str, naming: Naming) -> str:
+    """Format what a ball does, such as `touches red 3`, `hits the far long rail` or `falls into the far-left pocket`.
+
+    Args:
+        kind: Kind of the event, one of `EVENT_KINDS`.
+        other: Id of the other ball, or canonical name of the cushion or pocket; empty for a strike and a rest.
+        naming: What balls, rails and pockets are called.
+    """
+    if kind in ("strike", "rest"):
+        return "is struck" if kind == "strike" else "comes to rest"
+    if kind == "pocket":
+        return f"falls into the {naming.name_pocket(other)}"
+    return f"{'touches' if kind == 'ball' else 'hits'} {naming.say(other)}"
 
 
 def start_sentence(text: str) -> str:

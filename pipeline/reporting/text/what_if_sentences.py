@@ -7,7 +7,7 @@ from typing import Any
 
 from models.core.naming import Naming
 from models.core.number_format import format_doubt, format_speed
-from pipeline.reporting.text.table_words import format_meeting
+from pipeline.reporting.text.text_formatting import format_meeting
 
 MIN_PROBABILITY = 0.1
 """Least probability of an event that is mentioned."""
