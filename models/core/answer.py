@@ -1,4 +1,4 @@
-"""The answer to a question: one value, which terminal, JSON, page, picture and Python show."""
+"""The answer to a question: one value, which terminal, JSON, page, image and Python show."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Answer:
     document: Mapping[str, Any] = field(default_factory=dict)
     """The answer as JSON values."""
     figures: tuple[str, ...] = ()
-    """Files of the pictures, pages and tables that were written."""
+    """Files of the images, pages and tables that were written."""
 
     def __getitem__(self, name: str) -> Quantity:
         """Return the quantity with a name.
@@ -64,7 +64,7 @@ class Answer:
         return f"Answer({self.question} {verdict})"
 
     def _repr_html_(self) -> str:
-        """Show the answer in a notebook: its sentences, its table and its pictures."""
+        """Show the answer in a notebook: its sentences, its table and its images."""
         parts = [format_html((self.question, *self.sentences), self.rows), format_html(self.notes)]
         parts.append(format_html([f"Left out: {one}" for one in self.refusals]))
         for path in self.figures:

@@ -80,7 +80,7 @@ class Naming:
         """Find the pocket that a person names.
 
         Args:
-            text: A canonical name, or the name in the picture, such as `far-left` or `near side`.
+            text: A canonical name, or the name in the frame, such as `far-left` or `near side`.
 
         Returns:
             One of `POCKETS`; None where none fits.

@@ -18,10 +18,10 @@ _TURNED_RAILS = (
 
 @dataclass(frozen=True, slots=True)
 class TableView:
-    """Orientation of a table in the picture."""
+    """Orientation of a table in the frame."""
 
     turns: int = 0
-    """Quarter turns, clockwise, from the plan of table coordinates (x right, y down) to the picture; 0 to 3."""
+    """Quarter turns, clockwise, from the plan of table coordinates (x right, y down) to the frame; 0 to 3."""
 
     def __post_init__(self) -> None:
         if self.turns not in range(4):
@@ -34,7 +34,7 @@ class TableView:
             cushion: One of `CUSHIONS`.
 
         Returns:
-            `left`, `right`, `far` (at the top of the picture) or `near` (at its bottom).
+            `left`, `right`, `far` (at the top of the frame) or `near` (at its bottom).
         """
         return _TURNED_RAILS[self.turns][CUSHIONS.index(cushion)]
 
@@ -54,7 +54,7 @@ class TableView:
 
     @property
     def pockets(self) -> dict[str, str]:
-        """The pocket by its name in the picture."""
+        """The pocket by its name in the frame."""
         return {self.name_pocket(name): name for name in POCKETS}
 
     def is_long(self, cushion: str) -> bool:
@@ -62,11 +62,11 @@ class TableView:
         return cushion in ("top", "bottom")
 
     def find_size(self, table: Table) -> tuple[float, float]:
-        """Find width and height, m, of a table as the picture shows it."""
+        """Find width and height, m, of a table as the frame shows it."""
         return (table.length, table.width) if self.turns % 2 == 0 else (table.width, table.length)
 
     def turn_points(self, xy: FloatArray, table: Table) -> FloatArray:
-        """Turn points of the table to a plan that lies as the picture.
+        """Turn points of the table to a plan that lies as in the frame.
 
         Args:
             xy: Points (..., 2), m.
@@ -84,7 +84,7 @@ class TableView:
 
 
 def find_table_view(camera: Camera, table: Table) -> TableView:
-    """Find how a table lies in the picture.
+    """Find how a table lies in the frame.
 
     Args:
         camera: The calibrated camera.

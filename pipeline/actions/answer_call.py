@@ -149,7 +149,7 @@ def answer_call(
     return Answer(
         text.question, (text.sentence,), text.verdict, call.stated_probability,
         tuple(one for one in quantities if math.isfinite(one.value)),
-        notes=(f"No picture: {why_not}",) if why_not else (), document=document, figures=tuple(map(str, pictures)),
+        notes=(f"No image: {why_not}",) if why_not else (), document=document, figures=tuple(map(str, pictures)),
     )  # fmt: skip
 
 

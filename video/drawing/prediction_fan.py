@@ -65,7 +65,7 @@ def draw_prediction_fans(table: Table, naming: Naming, fans: Sequence[Prediction
 
     Args:
         table: Table to draw.
-        naming: Names and looks of the balls, and how the table lies in the picture.
+        naming: Names and looks of the balls, and how the table lies in the frame.
         fans: Predicted paths of each ball.
         title: Title below the table.
 
@@ -92,7 +92,7 @@ def draw_changed_shot(table: Table, naming: Naming, fans: Sequence[PredictionFan
 
     Args:
         table: Table to draw.
-        naming: Names and looks of the balls, and how the table lies in the picture.
+        naming: Names and looks of the balls, and how the table lies in the frame.
         fans: Plays of each ball, over its real path.
         title: Title below the table.
 

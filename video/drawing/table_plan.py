@@ -71,7 +71,7 @@ def draw_table_plan(
 
     Args:
         table: Table to draw.
-        naming: Names and looks of the balls, and how the table lies in the picture.
+        naming: Names and looks of the balls, and how the table lies in the frame.
         ids: Ids of the balls.
         paths: Path of each ball (n, 2), m; NaN makes a gap.
         contact_points: Positions of the contacts (m, 2), m.
@@ -173,7 +173,7 @@ WOOD: Colour = (58, 44, 36)
 
 @dataclass(frozen=True, slots=True)
 class TableInset:
-    """A plan of the table, which lies as in the picture."""
+    """A plan of the table, which lies as in the frame."""
 
     canvas: ImageArray
     """(h, w, 3) the empty table, `SUPERSAMPLE` times the final size."""
@@ -255,7 +255,7 @@ def build_empty_inset(table: Table, cloth: Colour, view: TableView, longest: int
     Args:
         table: Table to draw.
         cloth: Colour of the cloth.
-        view: How the table lies in the picture.
+        view: How the table lies in the frame.
         longest: Longer side of the plan, px.
 
     Returns:

@@ -90,7 +90,7 @@ class Annotation:
     reading_time: float
     """s of the shot for which a contact time is shown."""
     strip_height: int = 0
-    """px below the picture for plan and clock, where balls cross every place in it; 0 where they do not."""
+    """px below the frame for plan and clock, where balls cross every place in it; 0 where they do not."""
     label_positions: dict[int, tuple[LabelPosition, LabelPosition]] = field(default_factory=dict)
     """Target and current position of each ball's label."""
     label_opacity: dict[int, float] = field(default_factory=dict)
@@ -118,12 +118,12 @@ class Annotation:
             The frame with its strip (H + `strip_height`, W, 3).
         """
         whole = self.extend(image)
-        picture = whole[: len(image)]
-        with keep_balls_on_top(picture, balls):
+        frame = whole[: len(image)]
+        with keep_balls_on_top(frame, balls):
             if self.style != "clean":
-                self._draw_motion(picture, t, balls)
+                self._draw_motion(frame, t, balls)
                 self._draw_panels(whole, t, xy)
-                self._draw_labels(picture, t, balls)
+                self._draw_labels(frame, t, balls)
             elif self.clock.trust_level != "green":
                 self.clock.draw(whole, self.clock_place, t, self.scale)
         return whole

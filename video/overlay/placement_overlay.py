@@ -229,7 +229,7 @@ def draw_placement_plan(
 
     Args:
         table: The table.
-        naming: Names and looks of the balls, and how the table lies in the picture.
+        naming: Names and looks of the balls, and how the table lies in the frame.
         ids: Ids of the N balls.
         xy: Centres (N, 2), m.
         distances: Distances (N, 4), m, of the centres to the noses in the order of `CUSHIONS`.

@@ -143,24 +143,24 @@ def _draw_poster(
     fit: Fit,
 ) -> None:
     """Draw ghosts, paths, contacts, names and the plan onto the last frame and its strip."""
-    picture = still[: len(still) - annotation.strip_height]
+    frame = still[: len(still) - annotation.strip_height]
     end = float(timeline.t[-1])
     for sprite, place in ghosts:
-        composite_balls(picture, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
+        composite_balls(frame, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
     count = len(annotation.paths)
     centre = timeline.centre[-1]
     none = np.zeros(count, dtype=bool)
     balls = FrameBalls(centre, timeline.radius[-1], np.zeros(count), np.zeros((count, 2)), none, none, ~none)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
-    with keep_balls_on_top(picture, balls):
+    with keep_balls_on_top(frame, balls):
         for ball, path in enumerate(annotation.paths):
             if len(path.t):
                 trail = timeline.project(path.xy, end)
                 width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
-                draw_trail(picture, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
+                draw_trail(frame, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
         annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
-        _draw_labels(picture, timeline, annotation, balls)
+        _draw_labels(frame, timeline, annotation, balls)
 
 
 def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotation, balls: FrameBalls) -> None:
