@@ -37,7 +37,7 @@ from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
-from pipeline.reporting.text.text_formatting import format_event_time, format_meeting
+from pipeline.reporting.text.text_formatting import format_event_time, name_event
 from pipeline.run_options import RunSettings, build_options, list_settings
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Run:
         events, naming = self.events, self.shot.naming
         rows = [
             (format_event_time(events, k),
-             f"{naming.say(events.a[k])} {format_meeting(events.kind[k], events.b[k], naming)}",
+             name_event(events, k, naming),
              format_probability(float(events.probability[k])))
             for k in range(len(events))
         ]  # fmt: skip

@@ -20,6 +20,7 @@ from models.core.fit_result import Fit, Trust
 from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot import Shot
+from models.core.shot_explanation import ShotExplanation
 from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
@@ -87,6 +88,8 @@ class FinishedRun:
     """Numbers of each shot."""
     naming: Naming = field(default_factory=Naming)
     """What balls, rails and pockets are called."""
+    explanation: ShotExplanation = field(default_factory=ShotExplanation)
+    """What may have happened instead of each event."""
 
 
 def build_run_graph(
@@ -373,7 +376,9 @@ def _summarize_run(
     of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
     all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_profile))
     whole_shot = "" if fit.laws is None else format_whole_shot(fit)
-    return FinishedRun(folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers, fit.naming)
+    return FinishedRun(
+        folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers, fit.naming, fit.explanation
+    )
 
 
 def _forward_value(listener: Callable[[str, Any], None], shown: set[str], name: str, value: Any) -> Any:

@@ -80,7 +80,7 @@ def certify_table(
     write_certificate_page(certified, name_folders(certified.sources), folder / PAGE_FILE, rows, name)
     numbers = document["numbers"].items()
     notes = (
-        f"Pocket openings are not observable: {document['pocket_openings']['why']}.",
+        f"The openings of the pockets cannot be measured: {document['pocket_openings']['why']}.",
         *(f"Note: {refusal}." for refusal in document["refused"]),
         format_comparison(rows, name) if rows else "",
     )

@@ -29,6 +29,8 @@ from models.estimation.contact_test.unlisted_contacts import (
 
 UNKNOWN = "unknown"
 """Name of an answer for a contact with an unknown body."""
+_UNKNOWN_CUSHION = "unknown cushion"
+_CUSHIONS = (*CUSHIONS, _UNKNOWN_CUSHION)
 UNOBSERVED_PROBABILITY = 0.5
 """Probability of what nothing observed speaks for or against (principle of indifference)."""
 DOUBT_TIME = 0.15
@@ -137,24 +139,19 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     """
     one = record.ball_index(a)
     candidates = _find_all_ball_candidates(record, one)
-    moments = [(candidate.t, candidate.other, candidate.probability) for candidate in candidates]
-    # an unexplained change was a contact with an unknown body, or none at all
-    moments += [(t, UNKNOWN, UNOBSERVED_PROBABILITY * p) for t, p in find_unexplained_changes(record, one)]
-    moments += [(rack.t, UNKNOWN, 1.0) for rack in record.explanation.breaks if a in rack.rack]
+    meetings = _list_meetings(record, one)
     for k, name in enumerate(record.ids):  # another ball that moved for no known cause may have been touched
         if k != one and all(candidate.other != name for candidate in candidates):
-            moments += [
-                (t, name, UNOBSERVED_PROBABILITY)
+            meetings += [
+                (t, {name: UNOBSERVED_PROBABILITY})
                 for t in list_unclear_times(record, k)
                 if is_pair_near(record, one, k, t)
             ]
-    names: dict[str, float] = {}
-    no_contact_yet = 1.0
     if any(name in record.explanation.moving_at_start for name in record.ids if name != a):
-        names[UNKNOWN], no_contact_yet = UNOBSERVED_PROBABILITY, 1 - UNOBSERVED_PROBABILITY
-    for _, other, p in sorted(moments):
-        names[other] = names.get(other, 0.0) + no_contact_yet * p
-        no_contact_yet *= 1 - p
+        meetings.append((-math.inf, {UNKNOWN: UNOBSERVED_PROBABILITY}))
+    names, no_contact_yet = _weigh_first(
+        [(t, {name: p for name, p in causes.items() if name not in _CUSHIONS}) for t, causes in meetings]
+    )
     unlisted = max((probability_of_unlisted_contact(record, one, k) for k in range(len(record.ids)) if k != one),
                    default=0.0)  # fmt: skip
     names["none"] = no_contact_yet * (1 - unlisted)
@@ -165,7 +162,8 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     if name == UNKNOWN:
         name, probability = next(entry for entry in ranked if entry[0] != UNKNOWN)
         ranked = ((name, probability), *(entry for entry in ranked if entry[0] != name))
-    doubts = _list_doubts(record, min((t for t, *_ in moments), default=float(record.moments[0])), (a,), is_doubtful)
+    times = [t for t, _ in meetings if np.isfinite(t)]
+    doubts = _list_doubts(record, min(times, default=float(record.moments[0])), (a,), is_doubtful)
     best = max(
         (entry for entry in candidates if entry.other == name),
         key=lambda entry: (entry.probability, -entry.t),
@@ -193,18 +191,12 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     candidates = sorted(
         [*_find_all_ball_candidates(record, one), *find_cushion_candidates(record, one)], key=lambda entry: entry.t
     )
-    moments = [(candidate.t, float(candidate.other in CUSHIONS), candidate.probability) for candidate in candidates]
-    # an unknown cause was a cushion or a ball, and so was what came before the clip
-    moments += [(t, UNOBSERVED_PROBABILITY, p) for t, p in find_unexplained_changes(record, one)]
-    moments += [(rack.t, 0.0, 1.0) for rack in record.explanation.breaks if a in rack.rack]  # other balls pushed it
-    if a in record.explanation.moving_at_start:
-        moments.append((float(record.moments[0]), UNOBSERVED_PROBABILITY, 1.0))
-    probability, no_contact_yet = 0.0, 1.0
-    for _, share, p in sorted(moments):
-        probability += no_contact_yet * share * p
-        no_contact_yet *= 1 - p
+    meetings = _list_meetings(record, one)
+    if a in record.explanation.moving_at_start:  # what came before the clip was a cushion or a ball
+        meetings.append((-math.inf, {UNKNOWN: 1 - UNOBSERVED_PROBABILITY, _UNKNOWN_CUSHION: UNOBSERVED_PROBABILITY}))
+    weights, _ = _weigh_first(meetings)
     unlisted = probability_of_unlisted_event()
-    probability = float(np.clip(probability, unlisted, 1 - unlisted))
+    probability = float(np.clip(sum(weights.get(name, 0.0) for name in _CUSHIONS), unlisted, 1 - unlisted))
     fitting = [one for one in candidates if one.probability >= MIN_LISTED_PROBABILITY
                and (one.other in CUSHIONS) == (probability >= 0.5)]  # fmt: skip
     best = next((one for one in fitting if one.probability > 0.5), None)
@@ -215,6 +207,35 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     if best is None:
         return replace(answer, **_list_doubts(record, float(record.moments[0]), (a,), _is_undecided(probability)))
     return _build_answer(record, answer, best)
+
+
+def _list_meetings(record: ShotRecord, one: int) -> list[tuple[float, dict[str, float]]]:
+    """List what a ball may have met at each moment; the probabilities of one moment exclude each other.
+
+    An unknown cause is a cushion as probably as the known ones of its moment are; half of what is not known is.
+    """
+    meetings: dict[float, dict[str, float]] = {}
+    for candidate in (*_find_all_ball_candidates(record, one), *find_cushion_candidates(record, one)):
+        meetings.setdefault(candidate.t, {})[candidate.other] = candidate.probability
+    for t, p in find_unexplained_changes(record, one):
+        causes = meetings.setdefault(t, {})
+        of_cushions = sum(causes.get(name, 0.0) for name in CUSHIONS) + UNOBSERVED_PROBABILITY * p
+        share = of_cushions / max(sum(causes.values()) + p, 1e-12)
+        causes |= {UNKNOWN: (1 - share) * p, _UNKNOWN_CUSHION: share * p}
+    racks = [(rack.t, {UNKNOWN: 1.0}) for rack in record.explanation.breaks if record.ids[one] in rack.rack]
+    return [*meetings.items(), *racks]
+
+
+def _weigh_first(meetings: list[tuple[float, dict[str, float]]]) -> tuple[dict[str, float], float]:
+    """Weigh what was met first, by its name, and that nothing was."""
+    weights: dict[str, float] = {}
+    nothing_yet = 1.0
+    for _, causes in sorted(meetings, key=lambda entry: entry[0]):
+        total = sum(causes.values())
+        for name, p in causes.items():
+            weights[name] = weights.get(name, 0.0) + nothing_yet * p / max(total, 1.0)
+        nothing_yet *= 1 - min(total, 1.0)
+    return weights, nothing_yet
 
 
 @lru_cache(maxsize=4)

@@ -85,6 +85,8 @@ def find_cushion_candidates(record: ShotRecord, one: int) -> list[CandidateConta
 def find_unexplained_changes(record: ShotRecord, one: int) -> list[tuple[float, float]]:
     """Find when a moving ball changed its velocity for an unknown cause; a start that may be a strike is left out.
 
+    A contact of two balls is a moment of one of them: of the other one, what is not that contact is unexplained.
+
     Args:
         record: The shot.
         one: Index of the ball.
@@ -92,13 +94,16 @@ def find_unexplained_changes(record: ShotRecord, one: int) -> list[tuple[float, 
     Returns:
         Time (s) and probability of each such moment.
     """
-    return [
-        (moment.t, hypothesis.probability)
-        for moment in record.explanation.moments
-        if moment.ball == record.ids[one] and all(entry.cause != "strike" for entry in moment.hypotheses)
-        for hypothesis in moment.hypotheses
-        if hypothesis.cause == "unexplained"
-    ]
+    name, changes = record.ids[one], {}
+    for moment in record.explanation.moments:
+        causes = {entry.cause: entry.probability for entry in moment.hypotheses}
+        if "unexplained" not in causes or "strike" in causes:
+            continue
+        if moment.ball == name:
+            changes[moment.t] = causes["unexplained"]
+        elif (moment.best.cause, moment.best.other) == ("ball", name):
+            changes.setdefault(moment.t, 1 - moment.best.probability)
+    return list(changes.items())
 
 
 def find_close_passes(record: ShotRecord) -> tuple[ClosePass, ...]:

@@ -26,6 +26,8 @@ MAX_MISFIT_RADII = 0.7
 VARIANCE_ERROR, MAX_DEVIATION = 0.2, 3.0
 """Relative error of the assumed variances: real noise is known to about 10 %; and the standard deviations by which
 chi2 may deviate, which also scatters between segments."""
+EXPLAINED = "The listed strokes and contacts explain how the balls move"
+"""Beginning of the reason that is no doubt."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 """Shares of the moving time that accepted fits must explain."""
 
@@ -155,7 +157,7 @@ def assess_trust(share: float, noise: NoiseAssessment | None, moving_seconds: fl
     if moving_seconds == 0:
         return Trust("green", ("No ball moves.",)) if not warnings else Trust("amber", ("No ball moves.", *warnings))
     time = "all the time" if share > 0.995 else f"{100 * share:.0f} % of the time"
-    reasons = [f"The listed strokes and contacts explain how the balls move {time}."]
+    reasons = [f"{EXPLAINED} {time}."]
     if noise is not None and not noise.chi2_range[0] <= np.nan_to_num(noise.chi2, nan=1.0) <= noise.chi2_range[1]:
         low, high = noise.chi2_range
         doubt = (

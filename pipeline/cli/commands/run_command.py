@@ -11,18 +11,17 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table as Grid
 
-from models.core.number_format import format_probability
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.io.shot_numbers_json import describe_shot_numbers
+from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
     format_trust_line,
-    is_undecided,
     summarize_trust,
 )
 from pipeline.run_options import RunOptions, use_growing_profile
@@ -159,7 +158,7 @@ def _print_answer(finished: FinishedRun) -> None:
             grid.add_row(
                 format_event_time(finished.events, k),
                 format_event(finished.events, k, finished.naming),
-                _format_probability(float(finished.events.probability[k])),
+                format_event_probability(finished.events, k, finished.explanation, finished.naming),
             )
         screen.print(grid)
     else:
@@ -170,8 +169,3 @@ def _print_answer(finished: FinishedRun) -> None:
     if finished.whole_shot:
         screen.print(finished.whole_shot, markup=False)
     print(f"Look at {finished.folder / 'poster.png'} and {finished.folder / 'report.html'}", flush=True)
-
-
-def _format_probability(probability: float) -> str:
-    """Format the probability of an event, and whether it is undecided."""
-    return f"{format_probability(probability)}{' (undecided)' if is_undecided(probability) else ''}"

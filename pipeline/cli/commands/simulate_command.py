@@ -18,7 +18,7 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
-from pipeline.reporting.text.text_formatting import format_meeting
+from pipeline.reporting.text.text_formatting import name_event
 from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 
@@ -56,10 +56,7 @@ def simulate_shot(
         write_events(events, path)
     with replace_file(folder / "plan.png") as path:
         Image.fromarray(_draw_shot(wanted, naming, state, events)).save(path, format="PNG")
-    rows = [
-        (f"{events.t[k]:.6f} s", f"{naming.say(events.a[k])} {format_meeting(events.kind[k], events.b[k], naming)}")
-        for k in range(len(events))
-    ]
+    rows = [(f"{events.t[k]:.6f} s", name_event(events, k, naming)) for k in range(len(events))]
     event_values = [
         {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}
         for k in range(len(events))

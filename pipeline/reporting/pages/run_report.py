@@ -15,12 +15,12 @@ from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
-from models.core.shot_explanation import Moment
 from models.core.tracks import Tracks
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.forecast.forecast_values import ForecastErrors
+from models.estimation.joint_fit.trust_level import EXPLAINED
 from pipeline.engine.atomic_write import write_text
 from pipeline.reporting.figures.run_figures import PARAMETER_ROW_PX as PARAMETER_PX
 from pipeline.reporting.figures.run_figures import (
@@ -36,7 +36,7 @@ from pipeline.reporting.pages.page_embedding import embed_image_file
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text.call_sentences import format_call, format_gap
 from pipeline.reporting.text.check_list import select_check_places
-from pipeline.reporting.text.check_sentences import format_hypotheses
+from pipeline.reporting.text.check_sentences import format_alternatives, format_least_sure
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
 from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.shot_summary import summarize_shots
@@ -52,8 +52,6 @@ from video.io.clip import Clip
 
 LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
-MOMENT_TIME = 0.1
-"""s between an event and the moment whose hypotheses it belongs to, at most."""
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
 WHOLE_SHOT_HEADING = "One contact model fitted to the whole shot"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
@@ -129,13 +127,17 @@ def write_report(
         slow=files.slow_factor,
         start=files.start,
         events=build_event_rows(fit, files),
+        least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
         plan_size=fit.naming.view.find_size(scene.table),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
         calls=[format_call(call, fit.naming) for call in calls],
-        shot_numbers=[(shot.t, list_number_rows(shot, fit.naming)) for shot in fit.shot_numbers],
+        shot_numbers=[
+            (shot.t, list_number_rows(shot, fit.naming, scene.table.ball_radius)) for shot in fit.shot_numbers
+        ],
+        rail=fit.naming.rail_word,
         plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=_list_parameters(fit),
@@ -195,8 +197,7 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
     events, naming = fit.events, fit.naming
     rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
-        undecided = is_undecided(events.probability[k])
-        moment = _find_moment(fit, k) if undecided else None
+        alternatives = format_alternatives(events, k, fit.explanation, naming)
         rows.append(
             {
                 "seek": _seek_time(float(events.t[k]), files),
@@ -206,8 +207,8 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "sentence": format_event(events, k, naming),
                 "gap": format_gap(events.gap[k], events.gap_sigma[k]) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),
-                "undecided": undecided,
-                "hypotheses": f"{naming.name_ball(moment.ball)}: {format_hypotheses(moment, naming)}" if moment else "",
+                "undecided": bool(alternatives) and is_undecided(events.probability[k]),
+                "alternatives": alternatives,
             }
         )
     return rows
@@ -216,20 +217,6 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
 def _seek_time(t: float, files: ReportFiles) -> float:
     """Return the time of the video, s, shortly before t (s of the clip)."""
     return round(max(t - LEAD_IN_SECONDS - files.start, 0.0) * files.slow_factor, 3)
-
-
-def _find_moment(fit: Fit, event: int) -> Moment | None:
-    """Find the moment with the hypothesis that an event stands for; None if there is none."""
-    events = fit.events
-    kind, a, b, t = events.kind[event], events.a[event], events.b[event], float(events.t[event])
-    bodies = {(a, b), (b, a)}
-    candidates = [
-        (abs(one.probability - float(events.probability[event])), abs(moment.t - t), moment)
-        for moment in fit.explanation.moments
-        for one in moment.hypotheses
-        if abs(moment.t - t) < MOMENT_TIME and one.cause == kind and (moment.ball, one.other) in bodies
-    ]
-    return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
 
 
 def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
@@ -279,6 +266,8 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
     low, high = fit.chi2_range
     chi2 = f"{fit.chi2_per_dof:.2f} ({low:.2f} to {high:.2f} agree with the noise)"
+    doubts = [one for one in fit.trust.reasons if not one.startswith(EXPLAINED) and one not in scene.warnings]
+    is_green = fit.trust.level == "green"
     return [
         QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),
         QualityFlag("Frames", frames, True),
@@ -294,6 +283,7 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
             "irregular" if fit.trajectory.clock is not None else "regular",
             fit.trajectory.clock is None,
         ),
+        QualityFlag("Other doubts", "none" if is_green else " ".join(doubts) or "none", is_green or not doubts),
     ]
 
 

@@ -9,7 +9,7 @@ import rerun as rr
 
 from models.core.detections import Detections
 from models.core.fit_result import Fit, Parameter
-from models.core.number_format import format_measured, format_probability, format_unit
+from models.core.number_format import format_measured, format_unit
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
@@ -23,6 +23,7 @@ from pipeline.reporting.recording.recorded_shot import (
     frame_shown_at,
 )
 from pipeline.reporting.text.call_sentences import format_gap
+from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import lighten_for_text
@@ -97,7 +98,7 @@ def format_mark(fit: Fit, k: int) -> str:
     if events.kind[k] == "ball" and np.isfinite(events.gap[k]):
         parts.append(format_gap(events.gap[k], events.gap_sigma[k]))
     if is_undecided(events.probability[k]):
-        parts.append(f"undecided, {format_probability(events.probability[k])}")
+        parts.append(format_event_probability(events, k, fit.explanation, fit.naming))
     return " · ".join(parts)
 
 

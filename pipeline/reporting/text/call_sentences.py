@@ -149,8 +149,8 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
         return ""
     if call.kind == "contact":
         return format_gap(call.margin, call.margin_sigma)
-    target = "the pocket" if call.kind == "pocket" else "the line"
-    return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else 'past'} {target}"
+    inside, target = ("inside", "the mouth of the pocket") if call.kind == "pocket" else ("past", "the line")
+    return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"
 
 
 def format_gap(gap: float, sigma: float) -> str:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
+from models.core.events import Events
 from models.core.naming import Naming
-from models.core.number_format import format_probability
-from models.core.shot_explanation import CauseHypothesis, Moment
+from models.core.number_format import EXTREME_PROBABILITY, format_probability
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
-from pipeline.reporting.text.text_formatting import start_sentence
+from pipeline.reporting.text.text_formatting import is_undecided, name_event, start_sentence
 
 MIN_NAMED_PROBABILITY = 0.005
 """Least probability of a hypothesis that is named."""
+MOMENT_TIME = 0.1
+"""s between an event and the moment whose hypotheses it belongs to, at most."""
 MAX_HYPOTHESES = 3
 """Hypotheses that a sentence names."""
 MAX_FURTHER_REASONS = 2
 """Reasons that a sentence names besides the main one."""
+NOTHING_WORDS = {"rest": "still moving", "strike": "not struck", "pocket": "not potted"}
+"""Words for no cause at all, by the only cause that a moment may have."""
 SELF_EVIDENT_DOUBTS = ("rival", "no_cause", "hidden")
 """Doubts that the probabilities show, or that have their own clause with a number of frames."""
 
@@ -30,11 +37,82 @@ def format_check_place(place: CheckPlace, naming: Naming) -> str:
 
 
 def format_hypotheses(moment: Moment, naming: Naming) -> str:
-    """Format the most probable hypotheses of a moment, such as `red 3 61 %, unexplained 39 %`."""
-    is_rest = any(one.cause == "rest" for one in moment.hypotheses)
-    is_strike = all(one.cause in ("strike", "none") for one in moment.hypotheses)
-    nothing = "still moving" if is_rest else "not struck" if is_strike else "no contact"
-    named = [one for one in moment.hypotheses[:MAX_HYPOTHESES] if one.probability >= MIN_NAMED_PROBABILITY]
+    """Format the most probable hypotheses of a moment, such as `red 3 61 %, unknown cause 39 %`."""
+    return _format_causes(moment, moment.hypotheses, naming)
+
+
+def format_alternatives(events: Events, k: int, explanation: ShotExplanation, naming: Naming) -> str:
+    """Format what may have happened instead of an event, such as `else red 3 8 %`; empty where nothing is named.
+
+    A ball that does not rest yet is no alternative: the time of its rest has an error.
+    """
+    moment = None if events.kind[k] == "rest" else _find_moment(events, k, explanation)
+    if moment is None:
+        return ""
+    others = [one for one in moment.hypotheses if not _is_event(moment, one, events, k)]
+    causes = _format_causes(moment, others, naming)
+    return causes and f"else {causes}"
+
+
+def format_event_probability(events: Events, k: int, explanation: ShotExplanation, naming: Naming) -> str:
+    """Format the probability of event k with its alternatives, which are undecided where it is below 0.9.
+
+    Args:
+        events: The events.
+        k: Which one.
+        explanation: What may have happened at each moment.
+        naming: What balls, rails and pockets are called.
+
+    Returns:
+        Such as `99.8 %`, `92 %, else not potted 8 %` or `undecided: 61 %, else red 3 39 %`.
+    """
+    alternatives = format_alternatives(events, k, explanation, naming)
+    begin = "undecided: " if alternatives and is_undecided(events.probability[k]) else ""
+    return ", ".join(filter(None, [f"{begin}{format_probability(events.probability[k])}", alternatives]))
+
+
+def format_least_sure(events: Events, rows: Iterable[int], explanation: ShotExplanation, naming: Naming) -> str:
+    """Format the least sure of some events with its probability and alternatives, without a full stop.
+
+    Args:
+        events: The events.
+        rows: Which ones.
+        explanation: What may have happened at each moment.
+        naming: What balls, rails and pockets are called.
+
+    Returns:
+        Such as `yellow 9 falls into the far-left pocket (92 %, else not potted 8 %)`; empty where all are as good as
+        certain.
+    """
+    k = min(rows, key=lambda row: events.probability[row], default=None)
+    if k is None or events.probability[k] > 1 - EXTREME_PROBABILITY:
+        return ""
+    return f"{name_event(events, k, naming)} ({format_event_probability(events, k, explanation, naming)})"
+
+
+def _find_moment(events: Events, k: int, explanation: ShotExplanation) -> Moment | None:
+    """Find the moment with the hypothesis that an event stands for; None if there is none."""
+    p, t = float(events.probability[k]), float(events.t[k])
+    candidates = [
+        (abs(one.probability - p), abs(moment.t - t), moment)
+        for moment in explanation.moments
+        for one in moment.hypotheses
+        if abs(moment.t - t) < MOMENT_TIME and _is_event(moment, one, events, k)
+    ]
+    return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
+
+
+def _is_event(moment: Moment, one: CauseHypothesis, events: Events, k: int) -> bool:
+    """Return whether an event stands for a hypothesis of a moment."""
+    bodies = (events.a[k], events.b[k])
+    return one.cause == events.kind[k] and (moment.ball, one.other) in (bodies, bodies[::-1])
+
+
+def _format_causes(moment: Moment, hypotheses: Sequence[CauseHypothesis], naming: Naming) -> str:
+    """Format the most probable of some hypotheses of a moment."""
+    causes = {one.cause for one in moment.hypotheses} - {"none"}
+    nothing = NOTHING_WORDS.get(causes.pop(), "no contact") if len(causes) == 1 else "no contact"
+    named = [one for one in hypotheses[:MAX_HYPOTHESES] if one.probability >= MIN_NAMED_PROBABILITY]
     return ", ".join(f"{_format_cause(one, nothing, naming)} {format_probability(one.probability)}" for one in named)
 
 
@@ -46,7 +124,7 @@ def _format_cause(hypothesis: CauseHypothesis, nothing: str, naming: Naming) -> 
         "cushion": naming.name_rail(hypothesis.other),
         "pocket": naming.name_pocket(hypothesis.other),
         "rest": "at rest",
-        "unexplained": "unexplained",
+        "unexplained": "unknown cause",
         "none": nothing,
     }[hypothesis.cause]
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from models.core.naming import Naming
 from models.core.number_format import format_probability, format_speed, format_with_sigma
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
-    "direction": "Direction from the x axis",
-    "top_spin": "Top spin after the strike",
-    "top_spin_share": "Top spin over rolling spin",
+    "direction": "Direction of the shot",
+    "top_spin": "Top or back spin after the strike",
+    "top_spin_share": "Top or back spin over rolling spin",
+    "tip_height": "Cue tip above or below the centre",
     "side_spin": "Side spin after the strike",
-    "side_spin_share": "Side spin, R ω / v",
+    "side_spin_share": "Side spin over rolling spin",
+    "tip_side": "Cue tip beside the centre",
     "contact_speed": "Speed at the first ball",
-    "contact_spin_share": "Top spin over rolling spin at the first ball",
+    "contact_spin_share": "Top or back spin over rolling spin at the first ball",
     "cut_angle": "Cut angle",
     "throw": "Throw",
     "object_speed": "Speed of the object ball",
@@ -34,13 +37,18 @@ SIDES = {
     "top_spin": ("top", "back"), "top_spin_share": ("top", "back"), "side_spin": ("right", "left"),
     "side_spin_share": ("right", "left"), "contact_spin_share": ("top", "back"), "cut_angle": ("right", "left"),
     "throw": ("right", "left"), "deflection": ("right", "left"), "pocket_offset": ("right", "left"),
+    "tip_height": ("above", "below"), "tip_side": ("right", "left"),
 }  # fmt: skip
 """Words for positive and negative values."""
+TIP_NUMBERS = {"top_spin_share": "tip_height", "side_spin_share": "tip_side"}
+TIP_SHARE = 0.4
+"""Offset of a level cue from the centre over the ball radius, for rolling spin w = v / R: a solid ball that an impulse
+at the offset b sends off at the speed v spins with w = 5 v b / (2 R^2) (Alciatore, technical proof A.30)."""
 DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
 """Most decimals by unit that a player can use."""
 UNSURE_CUSHIONS = 0.1
-"""Deviation from a whole number, and standard deviation, of a number of cushions from which it has a decimal."""
-NOT_OBSERVABLE = "not measurable"
+"""Deviation of an expected number of cushions from a whole one from which both neighbours are possible."""
+NOT_OBSERVABLE, NONE_MEASURABLE = "not measurable", "none measurable"
 SURE_SIGMAS = 2.0
 """Standard deviations from 0 from which the side of a number is known."""
 FULLNESS_WORDS = (
@@ -50,7 +58,9 @@ FULLNESS_WORDS = (
 MAX_CUT_SIGMA = 3.0
 """Degrees, standard deviation of a cut angle from which its fullness has no word."""
 MIN_STATE_PROBABILITY = 0.95
-"""Probability from which the spin of the cue ball at the first ball has a word."""
+"""Probability that the named states of the cue ball at the first ball must have together."""
+MAX_STATES = 2
+"""States that are named; where more are possible, the spin is not measurable."""
 
 
 def format_number(one: ShotNumber) -> str:
@@ -60,21 +70,22 @@ def format_number(one: ShotNumber) -> str:
         one: The number.
 
     Returns:
-        Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `either way` for its side.
+        Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `none measurable (1 ± 2°)`
+        where its side is not known, because its error holds zero.
     """
     if not one.observable:
         return NOT_OBSERVABLE
     if one.name == "cushions":
-        return format_cushions(one.value, one.sigma)
+        return format_cushions(one.value)
     if one.unit == "m/s":
         return format_speed(one.value, one.sigma)
     sides = SIDES.get(one.name)
     value = one.value if sides is None else abs(one.value)
     unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
-    shown = format_with_sigma(value, one.sigma, DECIMALS[one.unit])
-    if sides is None or shown.startswith("0 "):
-        return f"{shown}{unit}"
-    return f"{shown}{unit} {sides[one.value < 0] if _is_sure(one) else 'either way'}"
+    shown = f"{format_with_sigma(value, one.sigma, DECIMALS[one.unit])}{unit}"
+    if sides is None:
+        return shown
+    return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NONE_MEASURABLE} ({shown})"
 
 
 def _is_sure(one: ShotNumber) -> bool:
@@ -83,14 +94,16 @@ def _is_sure(one: ShotNumber) -> bool:
 
 
 def format_hit(shot: ShotNumbers) -> str:
-    """Format what the data determine of a hit, such as `half ball, draw, left side`; empty where it is nothing."""
+    """Format fullness and spin of a hit, such as `half ball, draw, left side`; empty for one of a cluster of balls."""
     cut, side = (shot.find_number(name) for name in ("cut_angle", "side_spin_share"))
     words = []
     if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
         fullness = 1 - abs(math.sin(math.radians(cut.value)))
         words.append(next(word for least, word in FULLNESS_WORDS if fullness >= least))
-    if max(shot.spin_state_probabilities, default=0.0) >= MIN_STATE_PROBABILITY and shot.spin_state != "unknown":
-        words.append(STATE_WORDS[shot.spin_state])
+    elif cut is not None:
+        words.append(f"fullness {NOT_OBSERVABLE}")
+    if shot.spin_state_probabilities:
+        words.append(_format_states(shot))
     if side is not None and _is_sure(side):
         words.append(f"{SIDES[side.name][side.value < 0]} side")
     return ", ".join(words)
@@ -99,7 +112,10 @@ def format_hit(shot: ShotNumbers) -> str:
 def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
     parts = [f"{naming.say(shot.cue)} at {shot.t:.2f} s"]
-    labels = {"cue_speed": "", "top_spin_share": "spin ", "side_spin_share": "side ", "cut_angle": "cut "}
+    labels = {
+        "cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue ",
+        "cut_angle": "cut ",
+    }  # fmt: skip
     parts += [
         label + format_number(one)
         for name, label in labels.items()
@@ -113,13 +129,27 @@ def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     return ", ".join(parts)
 
 
-def list_number_rows(shot: ShotNumbers, naming: Naming) -> list[tuple[str, str, str, bool]]:
-    """List the numbers of a shot as table rows: words, ball or pocket, value, and whether it is observable."""
+def list_number_rows(shot: ShotNumbers, naming: Naming, radius: float) -> list[tuple[str, str, str, bool]]:
+    """List the numbers of a shot as table rows: words, ball or pocket, value, and whether it is observable.
+
+    Args:
+        shot: The numbers.
+        naming: What balls, rails and pockets are called.
+        radius: m, of the balls.
+
+    Returns:
+        The rows; where spin was measured, also where the tip of a level cue hit.
+    """
     rows = []
     for one in shot.numbers:
         ball = naming.name_ball(one.ball)
         subject = f"{ball}, {naming.name_pocket(one.place)}" if one.place else ball
-        rows.append((NUMBER_NAMES[one.name], subject, format_number(one), one.observable))
+        value = format_direction(one, naming) if one.name == "direction" else format_number(one)
+        rows.append((NUMBER_NAMES[one.name], subject, value, one.observable))
+        if one.name in TIP_NUMBERS and _is_sure(one):
+            size, name = 1e3 * TIP_SHARE * radius, TIP_NUMBERS[one.name]
+            tip = replace(one, name=name, value=size * one.value, sigma=size * one.sigma, unit="mm")
+            rows.append((NUMBER_NAMES[name], subject, format_number(tip), True))
         if one.name == "contact_spin_share":
             rows.append(("State at the first ball", ball, _format_state(shot), shot.spin_state != "unknown"))
     return rows
@@ -131,6 +161,24 @@ def _format_state(shot: ShotNumbers) -> str:
     return f"{STATE_WORDS[shot.spin_state]} ({format_probability(max(shot.spin_state_probabilities))})"
 
 
-def format_cushions(count: float, sigma: float = 0.0) -> str:
-    """Format a number of cushions: a whole one, unless single contacts are undecided."""
-    return f"{count:.1f}" if sigma > UNSURE_CUSHIONS or abs(count - round(count)) > UNSURE_CUSHIONS else f"{count:.0f}"
+def _format_states(shot: ShotNumbers) -> str:
+    """Format the states of the cue ball at the first ball that are probable enough together, such as `draw or stun`."""
+    ranked = sorted(zip(shot.spin_state_probabilities, SPIN_STATES, strict=True), reverse=True)[:MAX_STATES]
+    count = next((n for n in range(1, MAX_STATES + 1) if sum(p for p, _ in ranked[:n]) >= MIN_STATE_PROBABILITY), 0)
+    if shot.spin_state == "unknown" or not count:
+        return f"spin {NOT_OBSERVABLE}"
+    return " or ".join(STATE_WORDS[state] for _, state in ranked[:count])
+
+
+def format_direction(one: ShotNumber, naming: Naming) -> str:
+    """Format the direction of a shot by the rails that it leads towards, and its angle to the long ones."""
+    along, across = math.cos(math.radians(one.value)), math.sin(math.radians(one.value))
+    rails = naming.say("right" if along > 0 else "left"), naming.say("bottom" if across > 0 else "top")
+    angle = format_with_sigma(math.degrees(math.atan2(abs(across), abs(along))), one.sigma, DECIMALS["deg"])
+    return f"{angle}° to the long {naming.rail_word}s, towards {rails[0]} and {rails[1]}"
+
+
+def format_cushions(count: float) -> str:
+    """Format a number of cushions: a whole one, or two where single contacts are undecided."""
+    nearest, lower = round(count), math.floor(count)
+    return f"{nearest}" if abs(count - nearest) <= UNSURE_CUSHIONS else f"{lower} or {lower + 1}"

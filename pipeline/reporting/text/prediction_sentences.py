@@ -27,8 +27,8 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Such as `The cue ball keeps moving, touches red 3 first (97 %); it comes to rest at 2.31 s, 12 cm from the near
-        long rail and 64 cm from the left short rail, each ± 2 cm.`
+        Such as `The cue ball keeps moving, touches red 3 first (97 %); it comes to rest at 2.31 s, its centre 12 cm
+        (0.4 diamonds) from the near long rail and 64 cm (2.0 diamonds) from the left short rail, each ± 2 cm.`
     """
     state, table = prediction.state, prediction.state.table
     name = naming.say(state.ids[k])
@@ -52,7 +52,7 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     if potted > 1 - EXTREME_PROBABILITY:
         return f"{begin}, and is potted."
     rest = next((one for one in prediction.events if one.event == ("rest", state.ids[k], "")), None)
-    when = f"at {prediction.t[-1]:.2f} s it is"
+    when = f"at {prediction.t[-1]:.2f} s it has"
     if rest is not None and rest.probability >= 0.5:
         when = f"it comes to rest at {rest.t:.2f} s{format_doubt(rest.probability)},"
     place = format_place(prediction.path[-1, k], float(prediction.sigma[-1, k]), table, naming)

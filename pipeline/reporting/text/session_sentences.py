@@ -68,5 +68,5 @@ def format_shot_cell(name: str, value: float, sigma: float) -> str:
     if not isfinite(value):
         return ""
     if name.endswith("cushions"):
-        return format_cushions(value, sigma)
+        return format_cushions(value)
     return format_with_sigma(value, sigma, 1 if abs(value) >= 10 else 2)

@@ -10,7 +10,7 @@ import numpy as np
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import join_names
-from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_speed
+from models.core.number_format import format_probability, format_speed
 from models.core.scene import Table
 from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
@@ -18,9 +18,10 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
+from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
 from pipeline.reporting.text.number_sentences import format_hit, format_number
 from pipeline.reporting.text.table_words import format_place
-from pipeline.reporting.text.text_formatting import format_event, format_event_time, start_sentence
+from pipeline.reporting.text.text_formatting import format_event_time, start_sentence
 
 CONTACT_MARGIN = 1e-3
 """s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
@@ -158,9 +159,10 @@ class _Stroke:
         """Summarize the stroke, without the potted balls."""
         events, naming, strike = self.fit.events, self.fit.naming, self.strike
         touch = next((k for k in self.own if events.kind[k] == "ball"), None)
-        left = "" if strike is None or not np.isfinite(events.speed[strike]) else format_speed(events.speed[strike])
-        struck = f"It was struck at {format_event_time(events, strike)}" if strike is not None else STROKE_NOT_VISIBLE
-        struck += f"{left and f' and left at {left}'}." if strike is not None else ""
+        left, struck = "", STROKE_NOT_VISIBLE
+        if strike is not None:
+            left = format_speed(events.speed[strike]) if np.isfinite(events.speed[strike]) else ""
+            struck = f"{self.name} was struck at {format_event_time(events, strike)}{left and f' and left at {left}'}."
         if touch is None:
             return ShotSummary(
                 self.start, f"{self.name} touched no other ball. {struck}",
@@ -187,7 +189,7 @@ class _Stroke:
         events, naming = self.fit.events, self.fit.naming
         text = join_names(
             f"{naming.say(events.a[k])} into the {naming.name_pocket(events.b[k])} at {format_event_time(events, k)}"
-            f" ({format_probability(events.probability[k])})"
+            f" ({format_event_probability(events, k, self.fit.explanation, naming)})"
             for k in self.likely
             if events.kind[k] == "pocket"
         )
@@ -265,7 +267,8 @@ class _Stroke:
             f"{self.fit.naming.say(self._find_partner(k))} at {events.t[k]:.3f} s"
             for k in sorted(first, key=lambda k: float(events.t[k]))
         ]
-        then = f"Then it touched {join_names(words)}{more}. " if words else "It had no further contact. " * (t > 0)
+        none = "It had no further contact. " if t > self.start else ""
+        then = f"Then it touched {join_names(words)}{more}. " if words else none
         for k in later:
             if events.kind[k] == "pocket":
                 pocket = self.fit.naming.name_pocket(events.b[k])
@@ -298,14 +301,10 @@ class _Stroke:
             first = f"{self.fit.naming.say(self._find_partner(main))} first"
             what = start_sentence(first if events.kind[main] == "ball" else "stroke")
             parts.append(f"{what}: {format_probability(float(events.probability[main]))}.")
-        others = [k for k in self.own if k != main]
-        worst = min(others, key=lambda k: events.probability[k], default=None)
-        if worst is not None and events.probability[worst] > 1 - EXTREME_PROBABILITY:
-            parts.append("Every other event of this ball: above 99.9 %.")
-        elif worst is not None:
-            share = format_probability(float(events.probability[worst]))
-            event = format_event(events, worst, self.fit.naming)
-            parts.append(f"Least sure of the other events of this ball: {event} ({share}).")
+        others = {*self.likely, *(() if self.strike is None else (self.strike,))} - {main}
+        worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
+        if others:
+            parts.append(f"Least sure of all else: {worst}." if worst else "All else: above 99.9 %.")
         return " ".join([*parts, f"Trust level of the clip: {self.fit.trust.level}."])
 
 
@@ -313,6 +312,8 @@ def _format_turn(before: FloatArray, later: FloatArray) -> str:
     """Format the change of direction between two velocities (2,); y runs down, so that clockwise is positive."""
     angle = float(np.degrees(np.arctan2(before[0] * later[1] - before[1] * later[0], before @ later)))
     side = "right" if angle > 0 else "left"
+    if abs(angle) < 0.5:
+        return "went straight on"
     if abs(angle) < MAX_STRAIGHT_ANGLE:
-        return f"continued in its direction ({abs(angle):.0f}° to the {side})"
+        return f"went on {abs(angle):.0f}° to the {side} of its line"
     return "came back" if abs(angle) > MIN_RETURN_ANGLE else f"turned {abs(angle):.0f}° to the {side}"

@@ -25,16 +25,26 @@ TEXTBOOK_RANGES = {
 """Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
 Billiards, 1995."""
 
+SPEED_WORDS = {
+    "strike": " and leaves at {}", "ball": ", closing at {}", "cushion": ", {} straight into it", "pocket": " at {}",
+}  # fmt: skip
+"""Words for the speed of an event: the component along the line of a contact is not the speed of a ball."""
 MIN_REPORTED_SPEED = 0.005
 """m/s below which an event is described without its speed, which would be printed as 0.00."""
 
 
 def format_event(events: Events, k: int, naming: Naming) -> str:
-    """Format event k as a sentence without a full stop: balls, what happened and, if it is large enough, speed."""
-    a, b, speed = naming.say(events.a[k]), events.b[k], float(events.speed[k])
+    """Format event k as a sentence without a full stop: `name_event`, and which speed, if it is large enough."""
+    words, speed = SPEED_WORDS.get(events.kind[k], ""), float(events.speed[k])
+    shown = words.format(format_speed(speed)) if speed >= MIN_REPORTED_SPEED else ""
+    return start_sentence(name_event(events, k, naming)) + shown
+
+
+def name_event(events: Events, k: int, naming: Naming) -> str:
+    """Name event k by its balls and what happened, such as `the cue ball and red 3 touch`."""
+    a, b = naming.say(events.a[k]), events.b[k]
     is_touch = events.kind[k] == "ball"  # neither ball did it to the other
-    what = f"{a} and {naming.say(b)} touch" if is_touch else f"{a} {format_meeting(events.kind[k], b, naming)}"
-    return start_sentence(what) + (f" at {format_speed(speed)}" if speed >= MIN_REPORTED_SPEED else "")
+    return f"{a} and {naming.say(b)} touch" if is_touch else f"{a} {format_meeting(events.kind[k], b, naming)}"
 
 
 def format_meeting(kind: str, other: str, naming: Naming) -> str:

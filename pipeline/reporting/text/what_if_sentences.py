@@ -101,16 +101,16 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
     if abs(change["angle"]) > MIN_CHANGE:
         side = "right" if change["angle"] > 0 else "left"
         parts.append(f"the direction turned by {abs(change['angle']):g} degrees to the {side}")
-    for name, sides in (("side", ("right", "left")), ("top", ("top", "back"))):
+    for name, sides in (("side", ("right side", "left side")), ("top", ("top", "back"))):
         if abs(changed[name] - real[name]) <= MIN_CHANGE:
             continue
         if real[f"{name}_sigma"] < MAX_SPIN_SIGMA:
             new, old = (f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real))
-            parts.append(f"{name} spin {new} instead of {old}")
+            parts.append(f"{new} spin instead of {old} spin")
         else:
             added = changed[name] if change[name] is not None else change[f"{name}_added"]
             more = "" if change[name] is not None else " more than in the real stroke"
-            parts.append(f"{name} spin {abs(added):.2f} {sides[added < 0]}{more}, where it is not measurable")
+            parts.append(f"{abs(added):.2f} {sides[added < 0]} spin{more}, where it is not measurable")
     return parts
 
 

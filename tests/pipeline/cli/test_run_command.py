@@ -1,4 +1,4 @@
-"""`trueroll run` prints every event with its probability, and marks those that are not decided."""
+"""`trueroll run` prints every event with its probability, and the alternatives of those that are not decided."""
 
 from __future__ import annotations
 
@@ -13,10 +13,16 @@ from pipeline.chain import FinishedRun
 from pipeline.cli.commands.run_command import _print_answer
 
 
-def test_undecided_events_are_marked(capsys: pytest.CaptureFixture[str]) -> None:
-    fit = shot.make_fit(np.linspace(0, 0.8, 25))
-    events = replace(fit.events, probability=np.array([0.97, 0.61]))
-    _print_answer(FinishedRun(Path("out"), fit.trust, events))
-    struck, cushion = (line for line in capsys.readouterr().out.splitlines() if " ms " in line)
-    assert struck.rstrip().endswith("97 %")
-    assert cushion.rstrip().endswith("61 % (undecided)")
+def test_an_event_is_undecided_where_an_alternative_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    fit = shot.make_unsure_fit(np.linspace(0, 0.8, 25))
+    still = fit.events.select_rows(np.array([0, 1, 1]))
+    events = replace(still, kind=("strike", "cushion", "rest"), probability=np.array([0.97, 0.61, 0.85]))
+    _print_answer(FinishedRun(Path("out"), fit.trust, events, explanation=fit.explanation))
+    struck, cushion, rest = (line.rstrip() for line in capsys.readouterr().out.splitlines() if " ms " in line)
+    assert struck.endswith("97 %")
+    assert cushion.endswith("undecided: 61 %, else unknown cause 39 %")
+    assert rest.endswith(" 85 %")
+    assert "undecided" not in rest, "a ball that does not rest yet is no alternative"

@@ -164,6 +164,6 @@ def test_the_state_holds_what_the_page_shows(server: EditServer) -> None:
     run = wait_for_result(server)["run"]
     assert run["frames"]["distinct"] == list(range(24))
     assert [ball["id"] for ball in run["balls"]] == ["white", "red"]
-    assert run["events"][0]["text"] == "White is struck at 1.00 m/s (3.6 km/h)"
+    assert run["events"][0]["text"] == "White is struck and leaves at 1.00 m/s (3.6 km/h)"
     assert run["checks"][0]["balls"][0] == "white"
     json.dumps(run, allow_nan=False)

@@ -10,10 +10,10 @@ from support import synthetic_run as shot
 
 from models.core.fit_result import Fit
 from models.core.naming import Naming
-from models.core.shot_explanation import CauseHypothesis, Doubt, Moment, ShotExplanation
+from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from pipeline.reporting.text.check_list import MAX_PLACES, CheckPlace, select_check_places
-from pipeline.reporting.text.check_sentences import format_check_place
+from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure
 
 TIMES = np.arange(shot.FRAMES) / shot.RATE
 TABLE = shot.make_scene().table
@@ -61,7 +61,7 @@ def test_an_undecided_contact_is_a_place_with_its_hypotheses_and_missed_frames()
     assert (place.frame, place.balls) == (10, ("white", "red"))
     assert place.uncertainty == pytest.approx(0.39)
     assert format_check_place(place, Naming()) == (
-        "White: what it met at 0.33 s is unsure: red 61 %, unexplained 39 %; it was not detected for 2 frames."
+        "White: what it met at 0.33 s is unsure: red 61 %, unknown cause 39 %; it was not detected for 2 frames."
     )
 
 
@@ -81,7 +81,7 @@ def test_places_of_one_ball_within_two_frames_are_one() -> None:
     first, same, later = (moment("white", t, *touch("red", 0.6)) for t in (0.30, 0.35, 0.50))
     assert codes(select(make_case(), first, same, later)) == [["undecided", "undecided"], ["undecided"]]
     (place, _) = select(make_case(), first, same, later)
-    assert format_check_place(place, Naming()).endswith("; also unsure at 0.35 s: red 60 %, unexplained 40 %.")
+    assert format_check_place(place, Naming()).endswith("; also unsure at 0.35 s: red 60 %, unknown cause 40 %.")
 
 
 def test_a_rest_without_another_cause_is_no_place_to_check() -> None:
@@ -199,3 +199,18 @@ def test_a_clip_without_frames_has_no_places() -> None:
         sigma_along=tracks.sigma_along[:0], streak=tracks.streak[:0], radius_px=tracks.radius_px[:0],
     )  # fmt: skip
     assert select_check_places(empty, fit, TABLE) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "other", "words"), [("pocket", "top-right", "not potted"), ("strike", "", "not struck")]
+)
+def test_the_least_sure_event_names_its_alternative(kind: Cause, other: str, words: str) -> None:
+    _, fit = make_case()
+    events = replace(fit.events, kind=("strike", kind), b=("", other), probability=np.array([0.99, 0.92]))
+    causes = (CauseHypothesis(kind, other, 0.92), CauseHypothesis("none", "", 0.08))
+    explanation = ShotExplanation((moment("white", float(events.t[1]), *causes),))
+    least = format_least_sure(events, range(2), explanation, Naming())
+    assert least.startswith("white ")
+    assert least.endswith(f" (92 %, else {words} 8 %)")
+    assert format_alternatives(events, 0, explanation, Naming()) == "", "no moment stands for it"
+    assert format_least_sure(replace(events, probability=np.ones(2)), range(2), explanation, Naming()) == ""

@@ -67,7 +67,7 @@ def test_all_outputs_state_one_probability_of_an_event(tmp_path: Path, probabili
     timeline = SimpleNamespace(scene=scene, state_at=fit.trajectory.at)
     labels = [mark.label.value for mark in select_contact_marks(timeline, fit)]  # type: ignore[arg-type]
     cushion = [
-        rows[1]["probability"], view["events"][1]["share"], rows[1]["hypotheses"], format_mark(fit, 1), places[0],
+        rows[1]["probability"], view["events"][1]["share"], format_mark(fit, 1), places[0],
         labels[1],
     ]  # fmt: skip
     assert [("61 %" in str(one)) for one in cushion] == [True] * len(cushion), cushion

@@ -132,12 +132,12 @@ def test_a_mark_is_shown_from_its_event_on_with_balls_time_speed_and_gap(
     assert times(chunks["/plan/events/01-cushion"]) == pytest.approx([0.5])
     labels = [c.to_record_batch().column("Points2D:labels").to_pylist() for c in chunks["/plan/events/01-cushion"]
               if c.is_static]  # fmt: skip
-    assert labels == [[["0.5000 s ± 1.0 ms · White hits the right short rail at 0.50 m/s (1.8 km/h)"]]]
+    assert labels == [[["0.5000 s ± 1.0 ms · White hits the right short rail, 0.50 m/s (1.8 km/h) straight into it"]]]
 
 
 def test_the_mark_of_an_undecided_event_has_its_probability() -> None:
     fit = shot.make_unsure_fit(np.linspace(0, 0.8, 25))
-    assert format_mark(fit, 1).endswith(" · undecided, 61 %")
+    assert format_mark(fit, 1).endswith(" · undecided: 61 %, else unknown cause 39 %")
     assert "undecided" not in format_mark(fit, 0)
 
 

@@ -23,6 +23,7 @@ from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.forecast.forecast_values import ForecastErrors
+from models.estimation.joint_fit.trust_level import EXPLAINED
 from pipeline.io.run_views import assess_run_trust
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
@@ -75,7 +76,7 @@ def test_events_seek_where_a_slow_motion_without_its_still_beginning_shows_them(
 
 
 def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
-    assert "White hits the right short rail at 0.50 m/s (1.8 km/h)" in page
+    assert "White hits the right short rail, 0.50 m/s (1.8 km/h) straight into it" in page
     assert "0.5000 s ± 1.0 ms" in page
     assert "everything is made up" in page
     assert "rolling resistance, mu" in page
@@ -84,7 +85,7 @@ def test_the_page_lists_events_with_time_and_trust_level(page: str) -> None:
 def test_a_touch_of_negligible_speed_is_described_without_it() -> None:
     events = shot.make_fit(np.linspace(0, 0.8, 25)).events
     slow = replace(events, speed=np.array([np.nan, 0.004]))
-    assert format_event(events, 1, Naming()) == "White hits the right short rail at 0.50 m/s (1.8 km/h)"
+    assert format_event(events, 1, Naming()) == "White hits the right short rail, 0.50 m/s (1.8 km/h) straight into it"
     assert format_event(slow, 1, Naming()) == "White hits the right short rail"
     assert format_event(slow, 0, Naming()) == "White is struck"
 
@@ -151,21 +152,23 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
     assert middle.max() > 200, "the white ball is in the middle of its close-up"
     assert "frame 15 · 0.50 s · 39 % unsure" in unsure_page
     assert (
-        "White: what it met at 0.50 s is unsure: right short rail 61 %, unexplained 39 %; too few frames" in unsure_page
+        "White: what it met at 0.50 s is unsure: right short rail 61 %, unknown cause 39 %; too few frames"
+        in unsure_page
     )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
-    assert "No place stands out" not in unsure_page
+    assert "Nothing is undecided" not in unsure_page
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
-    assert unsure_page.count("? undecided, 61 %") == 1
-    assert "undecided: white: right short rail 61 %, unexplained 39 %" in unsure_page
+    assert unsure_page.count("? undecided: 61 %, else unknown cause 39 %") == 1
+    assert 'class="doubt">undecided: 61 %<div class="small">else unknown cause 39 %</div>' in unsure_page
 
 
 def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
-    assert "No place stands out" in page
+    assert "Nothing is undecided" in page
+    assert "Least sure: white hits the right short rail (90\N{NO-BREAK SPACE}%)." in page
     assert "data-check=" not in page
-    assert "undecided" not in page
+    assert "undecided:" not in page
 
 
 def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) -> None:
@@ -199,8 +202,19 @@ def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margi
 def test_what_did_not_happen_has_the_moment_of_the_smallest_distance() -> None:
     no = CallAnswer("pocket", ("white", "top"), 0.001, 0.5, math.nan, 15.0, 0.2, 0.001)
     assert format_call(no, Naming()).statement == (
-        "white stayed on the table; 200.0 ± 1.0 mm short of the pocket at 0.5000 s, frame 15.0"
+        "white stayed on the table; 200.0 ± 1.0 mm short of the mouth of the pocket at 0.5000 s, frame 15.0"
     )
+    yes = format_call(replace(no, probability=0.99, margin=-0.0157), Naming())
+    assert yes.statement.endswith("; 15.7 ± 1.0 mm inside the mouth of the pocket")
+
+
+def test_the_reason_of_an_amber_run_stands_in_the_table_of_its_quality(clip: Clip) -> None:
+    doubt = "No green ball was detected, although it belongs on the table."
+    scene, fit = replace(shot.make_scene(), warnings=()), shot.make_fit(clip.t)
+    tracks = shot.make_tracks(clip, scene)
+    assert all(flag.good for flag in run_report.assess_quality(clip, scene, tracks, fit))
+    amber = replace(fit, trust=Trust("amber", (f"{EXPLAINED} all the time.", doubt)))
+    assert [flag.value for flag in run_report.assess_quality(clip, scene, tracks, amber) if not flag.good] == [doubt]
 
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:

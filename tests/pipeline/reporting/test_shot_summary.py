@@ -66,7 +66,7 @@ def summarize(tracks: Tracks, fit: Fit, doubts: Sequence[str] = ()) -> list[Shot
 def test_the_first_contact_has_its_time_speeds_and_probability() -> None:
     (summary,) = summarize(*make_shot((0.0, 0.5)))
     assert summary.first.startswith(
-        "White hit red first. It was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s (3.6 km/h)"
+        "White hit red first. White was struck at 0.2000 s ± 1.0 ms and left at 1.00 m/s (3.6 km/h)"
     )
     assert summary.when.startswith("0.8000 s ± 1.0 ms (frame 24.00), 0.600 s after the stroke")
     assert "White arrived at 1.00 ± 0.01 m/s" in summary.speed
@@ -97,7 +97,8 @@ def test_a_call_that_is_less_sure_states_its_probability_but_drops_no_contact() 
 @pytest.mark.parametrize(
     ("after", "expected"),
     [
-        ((0.3, 0.05), "continued in its direction (9° to the right), at 0.30 m/s (1.1 km/h)"),
+        ((0.3, 0.05), "White went on 9° to the right of its line, at 0.30 m/s (1.1 km/h)"),
+        ((0.3, 0.001), "White went straight on, at 0.30 m/s (1.1 km/h)"),
         ((0.0, 0.5), "turned 90° to the right, at 0.50 m/s (1.8 km/h)"),
         ((0.0, -0.5), "turned 90° to the left, at 0.50 m/s (1.8 km/h)"),
         ((-0.4, 0.0), "came back, at 0.40 m/s (1.4 km/h)"),
@@ -116,10 +117,10 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.500 s." in after.after
-    assert (
-        "Least sure of the other events of this ball: White hits the far long rail at 1.00 m/s (3.6 km/h) (80 %)."
-        in after.confidence
-    )
+    assert "Least sure of all else: white hits the far long rail (80 %)." in after.confidence
+    tracks, fit = make_shot((0.0, 0.5))
+    (struck,) = summarize(tracks, replace(fit, events=replace(fit.events, probability=np.array([0.98, 0.997]))))
+    assert "Least sure of all else: white is struck (98 %)." in struck.confidence
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
@@ -159,7 +160,7 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
     )  # fmt: skip
     (summary,) = summarize(tracks, replace(fit, events=many))
     assert "the far long rail at 1.400 s and red at 1.700 s and 2 more." in summary.after
-    assert "Every other event of this ball: above 99.9 %." in summary.confidence
+    assert "All else: above 99.9 %." in summary.confidence
 
 
 def test_speeds_are_those_of_the_table_of_numbers() -> None:
@@ -184,8 +185,8 @@ def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
 def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
     (summary,) = summarize(*make_shot((0.0, 0.3)))
     assert (
-        "When the clip ends, at 2.00 s, it still moves at 0.30 m/s (1.1 km/h), 14 cm from the near long rail and 100 cm"
-        in summary.after
+        "When the clip ends, at 2.00 s, it still moves at 0.30 m/s (1.1 km/h), its centre 14 cm (0.6 diamonds) from the"
+        " near long rail and 100 cm (4.0 diamonds) from the left short rail." in summary.after
     )
 
 
@@ -193,7 +194,8 @@ def test_unlikely_events_are_not_mentioned() -> None:
     tracks, fit = make_shot((0.0, 0.3))
     doubtful = replace(fit, events=replace(fit.events, probability=np.array([1.0, 0.2])))
     (summary,) = summarize(tracks, doubtful)
-    assert summary.first.startswith("White touched no other ball.")
+    assert summary.first.startswith("White touched no other ball. White was struck at")
+    assert "no further contact" not in summary.after
 
 
 def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> None:

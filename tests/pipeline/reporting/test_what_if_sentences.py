@@ -45,7 +45,7 @@ def test_what_was_played_stands_beside_the_real_stroke() -> None:
     assert format_what_if(fast, NAMING)[0] == (
         "Played with 74 % more speed: 5.00 m/s (18.0 km/h) instead of 2.88 m/s (10.4 km/h);"
         " the direction turned by 0.5 degrees to the left;"
-        " side spin 0.10 right instead of 0.50 left."
+        " 0.10 right side spin instead of 0.50 left side spin."
     )
     same = make_document(0.5, 0.02, {}, {"speed": 2.88, "side": -0.5, "top": 0.2})
     assert format_what_if(same, NAMING)[0] == "Played as it was struck: nothing is changed."
@@ -54,7 +54,7 @@ def test_what_was_played_stands_beside_the_real_stroke() -> None:
 def test_a_spin_that_the_film_does_not_show_has_no_number() -> None:
     added = {"side": None, "side_added": 0.1}
     more = make_document(0.5, 0.02, added, {"speed": 2.88, "side": 0.1, "top": 0.2}, spin_sigma=0.4)
-    sentence = "Played with side spin 0.10 right more than in the real stroke, where it is not measurable."
+    sentence = "Played with 0.10 right side spin more than in the real stroke, where it is not measurable."
     assert format_what_if(more, NAMING)[0] == sentence
     assert format_what_if_question(more, NAMING) == f"What if the white is played{sentence[6:-1]}?"
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import synthetic_run as shot
 
-from models.core.shot_explanation import RackBreak, ShotExplanation
+from models.core.number_format import format_probability
+from models.core.shot_explanation import CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
@@ -48,3 +50,28 @@ def test_a_ball_of_a_rack_that_bursts_was_pushed_by_balls_that_no_frame_tells_ap
     record = make_record(tmp_path, burst)
     assert call_answers.answer_cushion_first(record, "red").verdict == "no"
     assert call_answers.answer_first_contact(record, "red").verdict == "inconclusive"
+
+
+@pytest.mark.parametrize("is_own", [True, False], ids=["moment of the ball", "moment of the other ball"])
+def test_a_first_contact_is_as_probable_as_the_touch_though_the_balls_meet_again(tmp_path: Path, is_own: bool) -> None:
+    """The causes of one moment exclude each other: what was not that touch came first, and was unknown."""
+    p = 0.998
+    moments = tuple(
+        Moment(
+            "white" if is_own else "red", t, 1e-3, np.array([0.9, 0.5]),
+            (CauseHypothesis("ball", "red" if is_own else "white", p), CauseHypothesis("unexplained", "", 1 - p)),
+        )
+        for t in (0.3, 0.6)
+    )  # fmt: skip
+    record = make_record(tmp_path, ShotExplanation(moments))
+    first, touch = call_answers.answer_first_contact(record, "white"), record.explanation.moments[0].best
+    assert format_probability(first.probability) == format_probability(touch.probability) == "99.8 %"
+    assert dict(first.alternatives)["unknown"] == pytest.approx(1 - p, rel=0.01), "a small part was no ball"
+    assert call_answers.answer_cushion_first(record, "white").probability < 0.01
+
+
+def test_an_unknown_cause_beside_a_probable_cushion_was_no_ball(tmp_path: Path) -> None:
+    causes = CauseHypothesis("cushion", "top", 0.9), CauseHypothesis("unexplained", "", 0.1)
+    record = make_record(tmp_path, ShotExplanation((Moment("white", 0.3, 1e-3, np.array([0.9, 0.5]), causes),)))
+    assert call_answers.answer_first_contact(record, "white").alternatives[0][0] == "none"
+    assert call_answers.answer_cushion_first(record, "white").probability > 0.99
