@@ -168,7 +168,7 @@ def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
     assert "Nothing is undecided" in page
     assert "Least sure: white hits the right short rail (90\N{NO-BREAK SPACE}%)." in page
     assert "data-check=" not in page
-    assert "undecided:" not in page
+    assert "? undecided" not in page
 
 
 def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) -> None:
