@@ -22,6 +22,13 @@ SURE_PROBABILITY = 0.9
 """Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
 MIN_LISTED_PROBABILITY = 0.1
 """Least probability of a listed event; below, it is a hypothesis of the explanation only."""
+
+
+def is_undecided(probability: float) -> bool:
+    """Return whether a probability decides nothing: 0.1 to 0.9."""
+    return MIN_LISTED_PROBABILITY <= probability < SURE_PROBABILITY
+
+
 MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
 """What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
 was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the

@@ -10,12 +10,12 @@ from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.naming import Naming
 from models.core.number_format import format_probability
 from models.core.shot import Note, Shot
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import measure_shots
 from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.correction_sentences import format_outcomes
-from pipeline.reporting.text.text_formatting import is_undecided
+from pipeline.reporting.text.text_formatting import format_meeting
 
 _KEPT_VIEWS = 4
 """Shots whose views are kept in memory: a command reads one, and compares it with few."""
@@ -90,9 +90,5 @@ def _is_same_event(one: tuple[Moment, CauseHypothesis], two: tuple[Moment, Cause
 
 def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: Naming) -> str:
     """Format an event that may have happened, with its probability."""
-    what = {
-        "strike": "was struck",
-        "ball": f"touched {naming.say(hypothesis.other)}",
-        "pocket": f"fell into the {naming.name_pocket(hypothesis.other)}",
-    }[hypothesis.cause]
+    what = format_meeting(hypothesis.cause, hypothesis.other, naming)
     return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({format_probability(hypothesis.probability)})"

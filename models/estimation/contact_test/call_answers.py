@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.scene import CUSHIONS, POCKETS
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt, is_undecided
 from models.estimation.contact_test.candidate_contacts import (
     REST_SPEED,
     CandidateContact,
@@ -88,9 +88,9 @@ class CallAnswer:
     @property
     def verdict(self) -> Literal["yes", "no", "inconclusive"]:
         """Yes, no or inconclusive."""
-        if self.doubts or _is_undecided(self.probability):
+        if self.doubts or is_undecided(self.probability):
             return "inconclusive"
-        return "yes" if self.probability > SURE_PROBABILITY else "no"
+        return "yes" if self.probability >= SURE_PROBABILITY else "no"
 
     @property
     def stated_probability(self) -> float:
@@ -205,7 +205,7 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     balls = (a,) if met in ("", *CUSHIONS) else (a, met)
     answer = CallAnswer("cushion-first", (a,), probability, balls=balls, met=met)
     if best is None:
-        return replace(answer, **_list_doubts(record, float(record.moments[0]), (a,), _is_undecided(probability)))
+        return replace(answer, **_list_doubts(record, float(record.moments[0]), (a,), is_undecided(probability)))
     return _build_answer(record, answer, best)
 
 
@@ -359,16 +359,11 @@ def _build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateCo
     moved = tuple(
         name for name in answer.balls if record.speed_at(record.ball_index(name), candidate.t - step) > REST_SPEED
     )
-    is_doubtful = answer.kind != "first" and _is_undecided(answer.probability)
+    is_doubtful = answer.kind != "first" and is_undecided(answer.probability)
     return replace(
         answer, t=candidate.t, t_sigma=candidate.t_sigma, frame=record.frame_at(candidate.t), margin=candidate.gap,
         margin_sigma=candidate.gap_sigma, moved=moved, **_list_doubts(record, candidate.t, answer.balls, is_doubtful),
     )  # fmt: skip
-
-
-def _is_undecided(probability: float) -> bool:
-    """Return whether a probability decides nothing."""
-    return 1 - SURE_PROBABILITY <= probability <= SURE_PROBABILITY
 
 
 def _list_doubts(record: ShotRecord, t: float, balls: tuple[str, ...], is_doubtful: bool) -> _Doubts:

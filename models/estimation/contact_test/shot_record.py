@@ -150,13 +150,9 @@ def estimate_reach_sigma(table: Table, camera: Camera | None) -> float:
 
 
 def make_shot_record(
-    tracks: Tracks,
-    events: Events,
-    motion: Trajectory,
-    table: Table,
-    camera: Camera | None,
+    tracks: Tracks, events: Events, motion: Trajectory, table: Table, camera: Camera | None,
     explanation: ShotExplanation = NO_EXPLANATION,
-) -> ShotRecord:
+) -> ShotRecord:  # fmt: skip
     """Make the record of a shot that was just fitted.
 
     Args:
@@ -178,23 +174,7 @@ def make_shot_record(
     state = motion.at(t)
     spin_velocity = np.stack([state.w[..., 1], -state.w[..., 0]], axis=-1)
     return ShotRecord(
-        tracks.ids,
-        tracks.kinds,
-        tracks.frame,
-        tracks.t,
-        ball.astype(np.int64),
-        tracks.t[row],
-        tracks.xy[row, ball],
-        tracks.px[row, ball],
-        sigma,
-        events,
-        t,
-        state.xy,
-        state.v,
-        state.v - table.ball_radius * spin_velocity,
-        state.sigma,
-        table,
-        camera,
-        explanation,
-        build_naming(table, camera, tracks.ids, tracks.looks),
-    )
+        tracks.ids, tracks.kinds, tracks.frame, tracks.t, ball.astype(np.int64), tracks.t[row], tracks.xy[row, ball],
+        tracks.px[row, ball], sigma, events, t, state.xy, state.v, state.v - table.ball_radius * spin_velocity,
+        state.sigma, table, camera, explanation, build_naming(table, camera, tracks.ids, tracks.looks),
+    )  # fmt: skip

@@ -40,7 +40,7 @@ def render_template(template: str, **values: object) -> str:
 
 def _keep_units(text: str) -> str:
     """Keep units on the line of their number."""
-    return re.sub(r"(?<=\d) (?=(?:s|mm|mrad|frames?)\b|%)", "\N{NO-BREAK SPACE}", text)
+    return re.sub(r"(?<=\d) (?=(?:s|c?mm?|m/s|km/h|mrad|rad/s|diamonds|frames?)\b|%|±)", "\N{NO-BREAK SPACE}", text)
 
 
 def pack_plotly_source() -> str:

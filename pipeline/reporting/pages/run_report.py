@@ -15,6 +15,7 @@ from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
+from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
@@ -44,7 +45,6 @@ from pipeline.reporting.text.text_formatting import (
     format_event,
     format_parameter_name,
     format_textbook_range,
-    is_undecided,
 )
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
@@ -86,16 +86,9 @@ class QualityFlag:
 
 
 def write_report(
-    clip: Clip,
-    scene: Scene,
-    tracks: Tracks,
-    fit: Fit,
-    files: ReportFiles,
-    title: str,
-    settings: Sequence[str],
-    path: Path,
-    errors: ForecastErrors | None = None,
-) -> None:
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, files: ReportFiles, title: str, settings: Sequence[str],
+    path: Path, errors: ForecastErrors | None = None,
+) -> None:  # fmt: skip
     """Write the page of a run.
 
     Args:
@@ -178,11 +171,8 @@ def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str,
 def _embed_parameter_plot(fit: Fit) -> str:
     """Embed the figure of the fitted parameters; empty if there are none."""
     parameters = [p for p in fit.parameters if np.isfinite(p.sigma)]
-    return (
-        embed_figure(build_parameter_figure(parameters), "parameters", 50 + PARAMETER_PX * len(parameters))
-        if parameters
-        else ""
-    )
+    height = 50 + PARAMETER_PX * len(parameters)
+    return embed_figure(build_parameter_figure(parameters), "parameters", height) if parameters else ""
 
 
 def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, str], naming: Naming) -> str:
@@ -221,15 +211,12 @@ def _seek_time(t: float, files: ReportFiles) -> float:
 
 def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
     """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
-    struck = list(
-        dict.fromkeys(record.events.a[k] for k in range(len(record.events)) if record.events.kind[k] == "strike")
-    )
-    calls = [call_answers.answer_first_contact(record, a) for a in struck if a in record.ids]
-    calls += [call_answers.answer_cushion_first(record, a) for a in struck if a in record.ids]
-    for k in range(len(record.events)):
-        if record.events.kind[k] == "pocket" and record.events.a[k] in record.ids:
-            a, pocket = record.events.a[k], record.events.b[k]
-            calls.append(call_answers.answer_pocket(record, a, pocket))
+    rows = zip(record.events.kind, record.events.a, record.events.b, strict=True)
+    events = [row for row in rows if row[1] in record.ids]
+    struck = dict.fromkeys(a for kind, a, _ in events if kind == "strike")
+    calls = [call_answers.answer_first_contact(record, a) for a in struck]
+    calls += [call_answers.answer_cushion_first(record, a) for a in struck]
+    calls += [call_answers.answer_pocket(record, a, pocket) for kind, a, pocket in events if kind == "pocket"]
     return calls + _answer_near_misses(record)
 
 
@@ -243,12 +230,8 @@ def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:
         separation = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
         distances = separation[np.isfinite(separation)]
         pair = (record.ids[a], record.ids[b])
-        if (
-            len(distances)
-            and distances.min() < reach
-            and np.ptp(distances) > NEAR_MISS_GAP
-            and frozenset(pair) not in touching
-        ):
+        is_near = len(distances) and distances.min() < reach and np.ptp(distances) > NEAR_MISS_GAP
+        if is_near and frozenset(pair) not in touching:
             near.append((float(distances.min()), pair))
     pairs = [pair for _, pair in sorted(near)[:MAX_NEAR_MISSES]]
     return [call_answers.answer_contact(record, a, b) for a, b in pairs]
@@ -258,12 +241,12 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     """Assess the properties that the trust level depends on, and others, as good or doubtful."""
     moving, explained_count = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
     share = explained_count / moving if moving else 1.0
-    scale = float(
-        np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(_table_centre(scene), scene.table.ball_radius))))
-    )
+    centre, is_regular = scene.table.corners.mean(axis=0), fit.trajectory.clock is None
+    scale = float(np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(centre, scene.table.ball_radius)))))
     frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {float(clip.fps):.3f} fps"
     explained = f"{100 * share:.0f} % of their time" if moving else "no ball moves"
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
+    table = f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m"
     low, high = fit.chi2_range
     chi2 = f"{fit.chi2_per_dof:.2f} ({low:.2f} to {high:.2f} agree with the noise)"
     doubts = [one for one in fit.trust.reasons if not one.startswith(EXPLAINED) and one not in scene.warnings]
@@ -271,22 +254,11 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     return [
         QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),
         QualityFlag("Frames", frames, True),
-        QualityFlag(
-            "Table", f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m", not scene.warnings
-        ),
+        QualityFlag("Table", table, not scene.warnings),
         QualityFlag("Camera", "moves" if scene.camera.motion is not None else "static", scene.camera.motion is None),
         QualityFlag("Moving balls explained by physics", explained, share >= MIN_EXPLAINED_SHARE),
         QualityFlag("Noise of a measured position", noise, fit.noise / scale <= MAX_NOISE_PX),
         QualityFlag("Chi-square per degree of freedom", chi2, low <= fit.chi2_per_dof <= high),
-        QualityFlag(
-            "Capture times",
-            "irregular" if fit.trajectory.clock is not None else "regular",
-            fit.trajectory.clock is None,
-        ),
+        QualityFlag("Capture times", "regular" if is_regular else "irregular", is_regular),
         QualityFlag("Other doubts", "none" if is_green else " ".join(doubts) or "none", is_green or not doubts),
     ]
-
-
-def _table_centre(scene: Scene) -> np.ndarray:
-    """Return the centre (2,) of the table, m."""
-    return np.array([scene.table.length / 2, scene.table.width / 2])

@@ -11,6 +11,7 @@ from models.core.detections import Detections
 from models.core.fit_result import Fit, Parameter
 from models.core.number_format import format_measured, format_unit
 from models.core.scene import Scene, Table
+from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.reporting.figures.motion_samples import kinetic_energy
@@ -24,7 +25,7 @@ from pipeline.reporting.recording.recorded_shot import (
 )
 from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.check_sentences import format_event_probability
-from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range, is_undecided
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import lighten_for_text
 from video.io.clip import Clip

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from models.core.events import Events
 from models.core.naming import Naming
 from models.core.number_format import EXTREME_PROBABILITY, format_probability
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
-from pipeline.reporting.text.text_formatting import is_undecided, name_event, start_sentence
+from pipeline.reporting.text.text_formatting import name_event, start_sentence
 
 MIN_NAMED_PROBABILITY = 0.005
 """Least probability of a hypothesis that is named."""

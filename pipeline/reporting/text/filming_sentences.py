@@ -34,89 +34,51 @@ class FilmingWords:
 
 WORDS = {
     "exposure": FilmingWords(
-        "brightness of the table",
-        "of 255",
-        0,
-        "Add light over the table, or raise the exposure.",
+        "brightness of the table", "of 255", 0, "Add light over the table, or raise the exposure.",
     ),
     "clipping": FilmingWords(
-        "clipped pixels",
-        "%",
-        1,
-        "Lower the exposure, or lock it on the cloth: parts of the table are plain white.",
+        "clipped pixels", "%", 1, "Lower the exposure, or lock it on the cloth: parts of the table are plain white.",
     ),
     "flicker": FilmingWords(
-        "change of the light",
-        "%",
-        1,
+        "change of the light", "%", 1,
         "Lock the exposure; if the lamps flicker, choose a rate of 50 or 25 fps (60 or 30 where mains have 60 Hz).",
     ),
     "glare": FilmingWords(
-        "glare on the cloth",
-        "% of it",
-        1,
-        "Move the lamp or the camera until its reflection leaves the cloth.",
+        "glare on the cloth", "% of it", 1, "Move the lamp or the camera until its reflection leaves the cloth.",
     ),
     "motion_blur": FilmingWords(
-        "exposure time",
-        "ms",
-        1,
-        "Shorten the exposure (1/500 s): set it by hand, and add light.",
+        "exposure time", "ms", 1, "Shorten the exposure (1/500 s): set it by hand, and add light.",
         "no ball moved by three radii between the frames looked at; film a firmer shot",
     ),
-    "frame_rate": FilmingWords(
-        "distinct frames",
-        "per s",
-        1,
-        "Choose 60 fps or more in the camera.",
-    ),
+    "frame_rate": FilmingWords("distinct frames", "per s", 1, "Choose 60 fps or more in the camera."),
     "duplicates": FilmingWords(
-        "duplicate frames",
-        "%",
-        0,
+        "duplicate frames", "%", 0,
         "Use the file as the camera wrote it; a converter or a screen recorder repeated frames.",
     ),
     "irregular_times": FilmingWords(
-        "irregular frame steps",
-        "%",
-        0,
-        "Switch off the variable frame rate of the camera or screen recorder.",
+        "irregular frame steps", "%", 0, "Switch off the variable frame rate of the camera or screen recorder.",
     ),
     "corners": FilmingWords(
-        "corners of the table in view",
-        "of 4",
-        0,
+        "corners of the table in view", "of 4", 0,
         "Move the camera back or up until all four corners are visible, or give them with --corners.",
     ),
     "ball_size": FilmingWords(
-        "diameter of a far ball",
-        "px",
-        1,
-        "Go nearer, use the full resolution, or film from higher up.",
+        "diameter of a far ball", "px", 1, "Go nearer, use the full resolution, or film from higher up.",
         "no table was found",
     ),
     "camera_drift": FilmingWords(
-        "motion of the camera",
-        "px",
-        1,
-        "Fix the camera to a tripod or the ceiling, and do not zoom.",
+        "motion of the camera", "px", 1, "Fix the camera to a tripod or the ceiling, and do not zoom.",
         "too little detail around the table",
     ),
     "compression": FilmingWords(
-        "brightness lost by compression",
-        "of 255 levels",
-        0,
-        "Use the original file at a higher bit rate, not one sent by a messenger.",
-        "the codec does not state it",
+        "brightness lost by compression", "of 255 levels", 0,
+        "Use the original file at a higher bit rate, not one sent by a messenger.", "the codec does not state it",
     ),
     "focus": FilmingWords(
-        "blur of edges",
-        "of a ball's radius",
-        2,
-        "Focus on the middle of the table and lock the focus; clean the lens.",
-        "too few clear edges",
+        "blur of edges", "of a ball's radius", 2,
+        "Focus on the middle of the table and lock the focus; clean the lens.", "too few clear edges",
     ),
-}
+}  # fmt: skip
 """Words for each measurement."""
 
 

@@ -30,9 +30,7 @@ NUMBER_NAMES = {
     "cushions": "Cushions",
 }
 """Words by name of a number."""
-STATE_WORDS = {
-    "draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll", "unknown": "not measurable",
-}  # fmt: skip
+STATE_WORDS = {"draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll"}
 SIDES = {
     "top_spin": ("top", "back"), "top_spin_share": ("top", "back"), "side_spin": ("right", "left"),
     "side_spin_share": ("right", "left"), "contact_spin_share": ("top", "back"), "cut_angle": ("right", "left"),
@@ -103,7 +101,8 @@ def format_hit(shot: ShotNumbers) -> str:
     elif cut is not None:
         words.append(f"fullness {NOT_OBSERVABLE}")
     if shot.spin_state_probabilities:
-        words.append(_format_states(shot))
+        state, p = _name_states(shot)
+        words.append(state if p else f"spin {state}")
     if side is not None and _is_sure(side):
         words.append(f"{SIDES[side.name][side.value < 0]} side")
     return ", ".join(words)
@@ -151,23 +150,19 @@ def list_number_rows(shot: ShotNumbers, naming: Naming, radius: float) -> list[t
             tip = replace(one, name=name, value=size * one.value, sigma=size * one.sigma, unit="mm")
             rows.append((NUMBER_NAMES[name], subject, format_number(tip), True))
         if one.name == "contact_spin_share":
-            rows.append(("State at the first ball", ball, _format_state(shot), shot.spin_state != "unknown"))
+            state, p = _name_states(shot)
+            rows.append(("State at the first ball", ball, f"{state} ({format_probability(p)})" if p else state, p > 0))
     return rows
 
 
-def _format_state(shot: ShotNumbers) -> str:
-    if shot.spin_state == "unknown" or not shot.spin_state_probabilities:
-        return NOT_OBSERVABLE
-    return f"{STATE_WORDS[shot.spin_state]} ({format_probability(max(shot.spin_state_probabilities))})"
-
-
-def _format_states(shot: ShotNumbers) -> str:
-    """Format the states of the cue ball at the first ball that are probable enough together, such as `draw or stun`."""
-    ranked = sorted(zip(shot.spin_state_probabilities, SPIN_STATES, strict=True), reverse=True)[:MAX_STATES]
-    count = next((n for n in range(1, MAX_STATES + 1) if sum(p for p, _ in ranked[:n]) >= MIN_STATE_PROBABILITY), 0)
-    if shot.spin_state == "unknown" or not count:
-        return f"spin {NOT_OBSERVABLE}"
-    return " or ".join(STATE_WORDS[state] for _, state in ranked[:count])
+def _name_states(shot: ShotNumbers) -> tuple[str, float]:
+    """Name the states of the cue ball at the first ball that are probable enough together, and state how probable."""
+    ranked = sorted(zip(shot.spin_state_probabilities, SPIN_STATES, strict=False), reverse=True)
+    for count in range(1, MAX_STATES + 1):
+        p = sum(chance for chance, _ in ranked[:count])
+        if p >= MIN_STATE_PROBABILITY and shot.spin_state != "unknown":
+            return " or ".join(STATE_WORDS[state] for _, state in ranked[:count]), p
+    return NOT_OBSERVABLE, 0.0
 
 
 def format_direction(one: ShotNumber, naming: Naming) -> str:

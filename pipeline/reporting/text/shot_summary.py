@@ -76,7 +76,6 @@ def summarize_shots(
         One summary per stroke; if the clip begins after the stroke, one for the ball that moves first.
     """
     likely = [k for k in range(len(fit.events)) if fit.events.probability[k] >= MIN_PROBABILITY]
-    fit = replace(fit, events=_state_first_contacts(fit.events, calls))
     events = fit.events
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     starts: list[tuple[str, float, int | None]] = [(events.a[k], float(events.t[k]), k) for k in strikes]
@@ -86,22 +85,12 @@ def summarize_shots(
     summaries = []
     for (ball, start, strike), end in zip(starts, ends, strict=True):
         own = [k for k in likely if start <= events.t[k] < end and k != strike]
-        stroke = _Stroke(tracks, fit, table, ball, start, end, strike, own)
+        stroke = _Stroke(tracks, fit, table, ball, start, end, strike, own, calls)
         summary = stroke.summarize()
         speed = " ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())])
         spread = " ".join(stroke.format_break(one) for one in fit.explanation.breaks if start <= one.t < end)
         summaries.append(replace(summary, speed=speed, potted=stroke.format_potted(), spread=spread))
     return summaries
-
-
-def _state_first_contacts(events: Events, calls: Sequence[CallAnswer]) -> Events:
-    """Give each first contact the probability that its call states: the same ball may be touched again later."""
-    probability = events.probability.copy()
-    for call in calls:
-        pairs = [{a, b} == {*call.subject, call.met} for a, b in zip(events.a, events.b, strict=True)]
-        is_same = np.array(pairs, bool) & (np.abs(events.t - call.t) < SAME_MOMENT_TIME)
-        probability[is_same & (call.kind == "first")] = call.probability
-    return replace(events, probability=probability)
 
 
 def _find_first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
@@ -144,6 +133,8 @@ class _Stroke:
     """Its event; None where the clip begins later."""
     likely: list[int]
     """The other events of this time that are mentioned."""
+    calls: Sequence[CallAnswer]
+    """The same ball may be touched again later, so that which ball was first may be surer than a touch."""
 
     @property
     def name(self) -> str:
@@ -300,7 +291,9 @@ class _Stroke:
         if main is not None:
             first = f"{self.fit.naming.say(self._find_partner(main))} first"
             what = start_sentence(first if events.kind[main] == "ball" else "stroke")
-            parts.append(f"{what}: {format_probability(float(events.probability[main]))}.")
+            firsts = (one for one in self.calls if one.kind == "first" and one.subject == (self.ball,))
+            called = (one.probability for one in firsts if abs(one.t - events.t[main]) < SAME_MOMENT_TIME)
+            parts.append(f"{what}: {format_probability(next(called, float(events.probability[main])))}.")
         others = {*self.likely, *(() if self.strike is None else (self.strike,))} - {main}
         worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
         if others:

@@ -13,7 +13,6 @@ from models.core.events import Events
 from models.core.fit_result import Trust
 from models.core.naming import Naming
 from models.core.number_format import format_speed
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY
 
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
@@ -65,11 +64,6 @@ def format_meeting(kind: str, other: str, naming: Naming) -> str:
 def start_sentence(text: str) -> str:
     """Begin a text with a capital letter."""
     return text[:1].upper() + text[1:]
-
-
-def is_undecided(probability: float) -> bool:
-    """Return whether a probability decides nothing: 0.1 to 0.9."""
-    return MIN_LISTED_PROBABILITY <= probability < SURE_PROBABILITY
 
 
 def format_event_time(events: Events, k: int) -> str:
