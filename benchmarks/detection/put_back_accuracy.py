@@ -37,7 +37,7 @@ from models.tracking.ball_classes import assign_ids
 from pipeline.actions.placement_views import draw_live_image
 from pipeline.actions.put_back import PlacementGuide, WantedPlaces
 from pipeline.io.image_file import read_image
-from video.calibration.place_sigma import estimate_place_sigma
+from video.calibration.camera_model import estimate_place_sigma
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
 from video.rendering.ball_arrangement import BallArrangement, arrange_balls

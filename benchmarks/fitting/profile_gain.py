@@ -24,10 +24,9 @@ from models.core.errors import TrackError
 from models.estimation.forecast.current_state import estimate_states
 from models.estimation.forecast.ensemble_prediction import forecast_shot
 from models.estimation.table_learning.learn_table import learn_table
-from pipeline.actions.fit_table import prepare_shot
+from pipeline.actions.fit_table import prepare_shot, write_learned_profile
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import explain_tracks
-from pipeline.io.learned_profile import write_learned_profile
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 
 AHEAD_S, PREDICTED_S = 0.5, 14.0

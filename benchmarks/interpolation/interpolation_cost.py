@@ -26,7 +26,7 @@ from pipeline.run_options import RunOptions
 from video.io.clip import read_frames
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
-from video.overlay.frame_balls import balls_at_times
+from video.overlay.slow_motion import balls_at_times
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance, prepare_interval
 
 QUICK_CLIP = ROOT / "sample_videos" / "many_contacts.mp4"

@@ -19,8 +19,7 @@ from torch import Tensor, nn
 
 from detectors.network.ball_model import CentreModel, open_ball_model
 from detectors.training.data.augmentation import augment_image
-from detectors.training.data.shard_rotation import ShardRotation
-from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
+from detectors.training.data.training_shards import ShardRotation, TrainingShard, prepare_shard_file, read_shard
 from detectors.training.networks.ball_loss import build_targets, compute_ball_loss
 from detectors.training.networks.ball_network import BallNetwork
 from detectors.training.training_loop import StepCallback, TrainOptions, run_training

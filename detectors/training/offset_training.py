@@ -15,7 +15,7 @@ from detectors.network.offset_regressor import INPUT_NAME, OUTPUT_NAME
 from detectors.network.peak_decoding import LOG_SIGMA_LIMITS
 from detectors.training.ball_training import to_network_input
 from detectors.training.data.offset_samples import LightAugmentation, OffsetSamples, SampleSource
-from detectors.training.data.shard_rotation import ShardRotation
+from detectors.training.data.training_shards import ShardRotation
 from detectors.training.networks.offset_network import OffsetNetwork, offset_loss
 from detectors.training.offset_evaluation import DiscFigures, StreakFigures, round_figures
 from detectors.training.onnx_export import encode_json_values, write_onnx_network

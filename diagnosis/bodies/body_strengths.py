@@ -13,7 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.fitting.hypothesis_fits import FULL_FIT, DiagnosisProblem, EffectFit, build_window_model, linearize_fit
+from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
+from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor
+from diagnosis.fitting.hypothesis_fits import (
+    FULL_FIT,
+    DiagnosisProblem,
+    EffectFit,
+    LinearizedFit,
+    build_window_model,
+    linearize_fit,
+)
+from diagnosis.fitting.prediction_windows import (
+    Predictions,
+    PredictionWindow,
+    build_prediction_windows,
+    predict_windows,
+    select_predictable,
+)
 from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
@@ -225,3 +241,131 @@ def _estimate_shot_scatter(
     variance = np.where(scale > 0, np.maximum(scatter - more, 0.0) / np.where(scale > 0, scale, 1.0), 0.0)
     is_clear = chi2.sf(scatter, np.maximum(more, 1)) < DIFFERENCE_P_VALUE
     return np.where(is_clear, np.sqrt(variance), 0.0), variance * shares
+
+
+def linearize_bodies(
+    problem: DiagnosisProblem, like: EffectFit, body_fit: BodyFit
+) -> tuple[tuple[EffectFit, LinearizedFit], ...]:
+    """Linearise the windows of every body at its own strengths.
+
+    Args:
+        problem: Scene and priors.
+        like: Fit with strengths that all bodies share.
+        body_fit: Fit with strengths of every body.
+
+    Returns:
+        Fit and linearisation per body, in the order of `body_fit.bodies`.
+    """
+    fits = (select_body_fit(like, body_fit, body) for body in body_fit.bodies)
+    return tuple((fitted, linearize_fit(problem, fitted)) for fitted in fits)
+
+
+def compute_body_residuals(
+    problem: DiagnosisProblem, bodies: tuple[tuple[EffectFit, LinearizedFit], ...], rng: np.random.Generator
+) -> FitResiduals:
+    """Compute the residuals of all windows of a `BodyFit`, in its order; or those of one fit of all bodies.
+
+    Args:
+        problem: Scene and noise.
+        bodies: Fit and linearisation per body.
+        rng: Random generator of the noise.
+
+    Returns:
+        Residuals of all observations; with several fits, `body` is 0 throughout, as a window has one body.
+    """
+    parts = [compute_residuals(problem, fitted, linearized, rng) for fitted, linearized in bodies]
+    if len(parts) == 1:
+        return parts[0]
+    first_windows = np.cumsum([0, *(len(fitted.segments) for fitted, _ in bodies)])
+    counts = np.array([one.values.size for one in parts])
+    scale = float(np.sqrt(counts @ np.square([one.scale for one in parts]) / counts.sum()))
+    images = [one.image for one in parts if one.image is not None]
+    return replace(
+        parts[0],
+        values=np.concatenate([one.values * one.scale / scale for one in parts]),
+        noise_draws=np.concatenate([one.noise_draws for one in parts]),
+        window=np.concatenate([one.window + first for one, first in zip(parts, first_windows[:-1], strict=True)]),
+        shot=np.concatenate([one.shot for one in parts]),
+        body=np.concatenate([one.body for one in parts]),
+        frame=np.concatenate([one.frame for one in parts]),
+        t=np.concatenate([one.t for one in parts]),
+        phase=np.concatenate([one.phase for one in parts]),
+        position=np.concatenate([one.position for one in parts]),
+        velocity=np.concatenate([one.velocity for one in parts]),
+        since_contact=np.concatenate([one.since_contact for one in parts]),
+        image=np.concatenate(images) if len(images) == len(parts) else None,
+        scale=scale,
+    )
+
+
+def predict_bodies(
+    problem: DiagnosisProblem,
+    windows: tuple[PredictionWindow, ...],
+    like: EffectFit,
+    body_fit: BodyFit,
+    starts: tuple[FloatArray, ...],
+) -> tuple[Predictions, FloatArray]:
+    """Predict windows, each with the strengths of its body.
+
+    Args:
+        problem: Scene and priors.
+        windows: W prediction windows, of one body each; an unknown body has the mean strengths of all.
+        like: Fit with strengths that all bodies share.
+        body_fit: Fit with strengths of every body.
+        starts: Start state (S,) of each window, as an initial guess.
+
+    Returns:
+        Predictions of all windows, and (W,) the sum of squared errors that a right model would have.
+    """
+    names = [one.segment.bodies[0] for one in windows]
+    parts: dict[int, tuple[FloatArray, FloatArray, FloatArray, float, float]] = {}
+    for body in sorted(set(names)):
+        here = [k for k, name in enumerate(names) if name == body]
+        own = replace(like, shared=body_fit.values_of(body))
+        its_windows = tuple(windows[k] for k in here)
+        predicted = predict_windows(problem, its_windows, own, tuple(starts[k] for k in here))
+        floor = estimate_noise_floor(problem, its_windows, own, predicted)
+        for place, k in enumerate(here):
+            parts[k] = (
+                predicted.starts[place],
+                predicted.covariances[place],
+                predicted.paths[place],
+                float(predicted.squares[place]),
+                float(floor[place]),
+            )
+    ordered = [parts[k] for k in range(len(windows))]
+    predictions = Predictions(
+        tuple(one[0] for one in ordered),
+        tuple(one[1] for one in ordered),
+        tuple(one[2] for one in ordered),
+        np.array([one[3] for one in ordered]),
+    )
+    return predictions, np.array([one[4] for one in ordered])
+
+
+def measure_body_closure(
+    problem: DiagnosisProblem,
+    recordings: tuple[Recording, ...],
+    base: EffectFit,
+    better: EffectFit,
+    body_fit: BodyFit,
+    rng: np.random.Generator,
+) -> GapClosure:
+    """Measure how much of the gap strengths of every body close on recordings that they were not fitted to.
+
+    Args:
+        problem: Scene and priors.
+        recordings: Other shots, with the noise estimate applied.
+        base: Fit of the simulator.
+        better: Fit with strengths that all bodies share.
+        body_fit: Fit with strengths of every body.
+        rng: Random generator.
+
+    Returns:
+        The closure.
+    """
+    predictable = select_predictable(problem, build_prediction_windows(problem, split_bodies(recordings)), better, rng)
+    windows = predictable.windows
+    before = predict_windows(problem, windows, base, predictable.starts)
+    after, floor = predict_bodies(problem, windows, better, body_fit, predictable.starts)
+    return estimate_closure(windows, before.squares, after.squares, floor, rng)

@@ -35,6 +35,13 @@ class PredictionWindow:
     segment: Recording
     start_rows: int
 
+    @property
+    def is_predicted(self) -> BoolArray:
+        """(T, N) whether an observation is predicted."""
+        later = self.segment.is_observed.copy()
+        later[: self.start_rows] = False
+        return later
+
 
 @dataclass(frozen=True, slots=True)
 class PredictableWindows:
@@ -216,6 +223,4 @@ def predict_windows(
 
 def sum_squared_errors(one: PredictionWindow, miss: FloatArray) -> float:
     """Sum squared errors (T, N, D) over the predicted observations of a window."""
-    later = one.segment.is_observed.copy()
-    later[: one.start_rows] = False
-    return float(np.square(miss[later]).sum())
+    return float(np.square(miss[one.is_predicted]).sum())

@@ -8,9 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.bodies.body_predictions import measure_body_closure
-from diagnosis.bodies.body_residuals import compute_body_residuals, linearize_bodies
-from diagnosis.bodies.body_strengths import BodyFit, fit_body_strengths
+from diagnosis.bodies.body_strengths import (
+    BodyFit,
+    compute_body_residuals,
+    fit_body_strengths,
+    linearize_bodies,
+    measure_body_closure,
+)
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
 from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
 from diagnosis.fitting.gap_closure import GapClosure, measure_closure

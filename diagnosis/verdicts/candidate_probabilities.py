@@ -10,10 +10,17 @@ from diagnosis.bodies.body_strengths import BodyFit
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, ShotInformation
 from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
 from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis
-from diagnosis.selection.signatures import INSEPARABLE_CORRELATION, Signatures, direction_correlation
+from diagnosis.selection.signatures import (
+    INSEPARABLE_CORRELATION,
+    Signatures,
+    absorb_by_free,
+    compute_signatures,
+    direction_correlation,
+    whitening_directions,
+)
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence
 from diagnosis.verdicts.verdict import BodyStrength, CandidateEffect, Strength
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 
 _MAX_GROUP = 3
 """Largest number of names in a group."""
@@ -175,3 +182,58 @@ def rank_candidates(
         for name in order
         for one in (named_effects.get(name, NamedEffect((name,), float("nan"))),)
     )
+
+
+_MAX_EXACT_SHOTS = 13
+"""Most shots of which all flips are tried: 4096, as the last shot keeps its sign."""
+_MIN_SHOTS = 3
+"""Fewest shots that are tested: two allow no p-value below a half."""
+
+
+def flip_signs(
+    problem: DiagnosisProblem, shot_information: ShotInformation, free: BoolArray, name: str, rng: np.random.Generator
+) -> float:
+    """Return the probability that shots without a missing effect agree about some effect as well as about this one.
+
+    Args:
+        problem: Scene and priors.
+        shot_information: Information of each shot at a fit without the effect.
+        free: (P,) mask of the parameters that this fit adjusts.
+        name: The effect.
+        rng: Random generator of the flips, where there are too many to try them all.
+
+    Returns:
+        p-value, at least 2 to the power of 1 - Q for Q shots; NaN where the effect has no strength, or shots are few.
+    """
+    masks = [problem.mask((other,)) & ~free for other in problem.candidates]
+    own = problem.mask((name,)) & ~free
+    if not own.any() or len(shot_information.shots) < _MIN_SHOTS:
+        return float("nan")
+    effect_signatures = compute_signatures(problem, shot_information, free)
+    scores, whole = shot_information.score, shot_information.information.sum(axis=0)
+    pulls = scores - absorb_by_free(problem, whole, free, scores[:, free].T).T
+    flips = _draw_flips(len(pulls), rng)
+
+    def measure(mask: BoolArray) -> FloatArray:
+        directions = whitening_directions(effect_signatures, mask)
+        along = flips @ (pulls[:, mask] @ directions)
+        return np.asarray(np.square(along).sum(axis=1) / max(directions.shape[1], 1))
+
+    largest = np.max([measure(mask) for mask in masks if mask.any()], axis=0)
+    observed = measure(own)[0]
+    return float(np.mean(largest >= observed * (1 - 1e-9)))
+
+
+def smallest_p_value(count: int) -> float:
+    """Return the smallest p-value that flips of `count` shots allow; NaN where they are too few to test."""
+    return float(2.0 ** (1 - min(count, _MAX_EXACT_SHOTS))) if count >= _MIN_SHOTS else float("nan")
+
+
+def _draw_flips(count: int, rng: np.random.Generator) -> FloatArray:
+    """Draw signs (K, Q) of all shots, the observed ones first; a pull has the same size with all signs exchanged."""
+    if count <= _MAX_EXACT_SHOTS:
+        is_flipped = np.arange(2 ** (count - 1))[:, None] >> np.arange(count) & 1
+    else:
+        is_flipped = rng.integers(0, 2, (2 ** (_MAX_EXACT_SHOTS - 1), count))
+        is_flipped[0] = 0
+    return np.where(is_flipped, -1.0, 1.0)

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.bodies.body_predictions import predict_bodies
-from diagnosis.bodies.body_strengths import split_bodies
+from diagnosis.bodies.body_strengths import predict_bodies, split_bodies
 from diagnosis.fitting.fit_residuals import compute_residuals
 from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor, shapley_shares
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
@@ -32,8 +31,10 @@ from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
     estimate_shot_spreads,
     find_group,
+    flip_signs,
     put_answer_first,
     rank_candidates,
+    smallest_p_value,
     summarize_bodies,
     summarize_strengths,
 )
@@ -43,7 +44,6 @@ from diagnosis.verdicts.experiment_design import (
     design_unknown_experiment,
 )
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
-from diagnosis.verdicts.sign_flip_test import flip_signs, smallest_p_value
 from diagnosis.verdicts.verdict import (
     CandidateEffect,
     DiagnosisReport,

@@ -1,6 +1,6 @@
 """Correction of identity switches between balls that look alike, by their paths before and after a gap.
 
-Switches in track folders under diagnosis are corrected in `diagnosis.fitting.identity_switch_correction`.
+Switches in track folders under diagnosis are corrected in `diagnosis.diagnose`.
 
 In a break, one frame interval holds several contacts of a ball, and no prediction reaches the next detection.
 Afterwards the paths are known: one that comes straight from where a ball lay is that ball's, not its neighbour's.

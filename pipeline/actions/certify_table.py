@@ -12,7 +12,6 @@ from models.core.answer import Answer, Quantity
 from models.estimation.table_learning.table_measurements import TableMeasurement, measure_table
 from models.numerics.executor import Executor
 from pipeline.actions.fit_table import fit_table_of_shots
-from pipeline.engine.atomic_write import write_json
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.certificate_files import (
     CERTIFICATE_FILE,
@@ -24,6 +23,7 @@ from pipeline.io.certificate_files import (
     describe_comparison,
 )
 from pipeline.io.run_folder import list_files_beside, parse_camera, read_csv_columns, read_scene_document
+from pipeline.io.strict_json import write_json
 from pipeline.reporting.pages.certificate_page import (
     format_certificate,
     format_comparison,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import FloatArray
 from models.numerics.executor import Executor
 from pipeline.batch.clip_job import ClipResult
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files, write_profile_files
 from pipeline.io.track_folder import read_track_folders
@@ -86,25 +87,45 @@ def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -
     with open_executor() as workers:
         for table in listed_tables:
             try:
-                report = _diagnose_table(table, out / "gap" / table.name, console, workers)
+                report, _ = diagnose_into(
+                    table.folders, out / "gap" / table.name, table.name, console, workers, table.name
+                )
             except Exception as error:  # an error of one table must not stop the others
                 yield table, format_error(error)
             else:
                 yield table, format_verdict(report)
 
 
-def _diagnose_table(table: TableShots, folder: Path, console: Console, workers: Executor) -> DiagnosisReport:
-    """Diagnose one table and write its files."""
-    read = read_track_folders(table.folders)
+def diagnose_into(
+    inputs: Sequence[Path], folder: Path, title: str, console: Console, workers: Executor, shown_title: str = ""
+) -> tuple[DiagnosisReport, Mapping[int, str]]:
+    """Diagnose the shots of one scene, and write the report's files and its page.
+
+    Args:
+        inputs: Run folders or track folders.
+        folder: Folder of the results.
+        title: Heading of the page.
+        console: Shows the progress.
+        workers: Distributes the fits over processes.
+        shown_title: Words before the progress.
+
+    Returns:
+        The report, and the origin of each shot.
+
+    Raises:
+        OptionError: The inputs cannot be read, or are no shots of one scene.
+    """
+    read = read_track_folders(inputs)
+    require_writable_folder(folder)
     scene = build_gap_scene(read)
-    with show_search_progress(console, table.name) as watch:
+    with show_search_progress(console, shown_title) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)
     report = replace(report, notes=(*report.notes, *read.notes))
     write_gap_files(report, folder)
-    if (played_on := billiards_table(scene)) is not None:
-        write_profile_files(report, played_on, folder, collect_views(table.folders))
-    write_gap_page(report, table.name, folder / "gap.html", played_on, read.origins)
-    return report
+    if (table := billiards_table(scene)) is not None:
+        write_profile_files(report, table, folder, collect_views(inputs))
+    write_gap_page(report, title, folder / "gap.html", table, read.origins)
+    return report, read.origins
 
 
 def _list_runs(rows: Iterable[ClipResult]) -> Iterator[tuple[Path, str]]:

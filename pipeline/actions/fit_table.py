@@ -1,31 +1,40 @@
-"""Learn one table from all shots of run folders and track folders; the fit of each shot is cached, so it resumes."""
+"""Learn one table from all shots of run folders and track folders, and write its profile.
+
+The fit of each shot is cached, so that a second call resumes.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError, TruerollError
+from models.core.fit_result import Parameter
 from models.core.joint_solution import JointSolution
 from models.core.number_format import format_measured
-from models.core.scene import Table
+from models.core.scene import CUSHIONS, Table
 from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.estimation.forecast.solution_state import MIN_NOISE_SPEED
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
 from models.estimation.table_learning.rebound_summary import fit_restitution_formula
 from models.numerics.executor import Executor
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES
+from models.physics.effects.catalogue import find_prior
 from models.tracking.track_noise import apply_noise, estimate_noise
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
-from pipeline.io.learned_profile import name_pooltool_file, write_learned_profile
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
+from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.run_folder import drop_repeated_clips
+from pipeline.io.strict_json import write_json
 from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
@@ -214,3 +223,56 @@ def prepare_shot(shot: Shot) -> tuple[JointSolution, Tracks]:
     captured = shot.capture_tracks
     noise = estimate_noise(captured, MIN_NOISE_SPEED, shot.scene.table.ball_radius)
     return shot.solution, apply_noise(captured, noise)
+
+
+_LEARNED_ONLY = ("offsets of the noses", "scatter of cushion contacts")
+"""Properties of a learned table that pooltool does not have."""
+LEARNED_BALL_MODEL = "alciatore"
+"""Ball model of predictions on a learned table."""
+
+
+def write_learned_profile(
+    lesson: TableLesson, table: Table, shot_count: int, path: Path, views: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[str, ...]:
+    """Write the profile of a learned table and, beside it, what pooltool can hold of it, each in one step.
+
+    Args:
+        lesson: What was learned.
+        table: The table.
+        shot_count: Number of shots that taught it.
+        path: The file.
+        views: View, cloth and balls of the shots, of `collect_views`.
+
+    Returns:
+        What pooltool cannot hold.
+    """
+    learned = lesson.table
+    content = describe_physics(lesson.parameters, learned.cushion_law, LEARNED_BALL_MODEL, table) | {
+        "scatter": asdict(learned.scatter),
+        "noses": {
+            side: {"value": float(value), "sigma": float(sigma), "unit": "m"}
+            for side, value, sigma in zip(CUSHIONS, learned.noses, learned.nose_sigma, strict=True)
+        },
+        "covariance": {
+            "parameters": [PARAMETER_NAMES[k] for k in learned.uncertain],
+            "matrix": learned.covariance.tolist(),
+            "noses": learned.nose_covariance.tolist(),
+        },
+        "learned_from": {"shots": shot_count, "cushion_contacts": lesson.contact_count},
+        "correction": {"gain": lesson.correction_gain, "weights": learned.correction.tolist()},
+        "cushion_models": [{"name": name, "log_evidence": value} for name, value in lesson.candidates],
+        **views,
+    }
+    e = find_prior("ball_restitution", "e")  # as in predictions on a learned table
+    usual = Parameter("ball_restitution.e", e.value, e.sigma, e.unit, True)
+    exported = build_pooltool_parameters((*lesson.parameters, usual), learned.cushion_law, LEARNED_BALL_MODEL, table)
+    corrected = ("correction of the cushion model",) if len(learned.correction) else ()
+    exported["not_held"] = sorted({*exported["not_held"], *_LEARNED_ONLY, *corrected})
+    write_json(content, path)
+    write_json(exported, name_pooltool_file(path))
+    return tuple(exported["not_held"])
+
+
+def name_pooltool_file(path: Path) -> Path:
+    """Name the file of pooltool's parameters beside a profile, such as club.pooltool.json beside club.json."""
+    return path.with_name(f"{path.stem}.pooltool.json")

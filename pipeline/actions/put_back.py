@@ -18,7 +18,7 @@ from models.estimation.ball_placement.ball_places import BallPlaces, locate_ball
 from models.estimation.ball_placement.place_matching import match_places
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.actions.answer_call import estimate_drift, find_run_clip, select_run_subclip
-from video.calibration.camera_model import build_camera
+from video.calibration.camera_model import build_camera, estimate_place_sigma
 from video.calibration.camera_motion import (
     MAX_STILL_SHIFT_PX,
     MIN_INLIER_SHARE,
@@ -28,7 +28,6 @@ from video.calibration.camera_motion import (
     shift_camera,
     warp_camera,
 )
-from video.calibration.place_sigma import estimate_place_sigma
 from video.calibration.table_finder import locate_table
 from video.io.clip import open_clip, read_frames
 

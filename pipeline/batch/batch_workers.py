@@ -91,7 +91,7 @@ def run_on_workers(client: Client, jobs: JobStream, listener: ProgressListener) 
 
 def _submit_jobs(client: Client, jobs: JobStream, running: dict[Future, ClipJob], topic: str, number: int) -> bool:
     """Submit as many clips as the workers can start soon; return False when there are no more."""
-    from pipeline.batch.dask_worker import run_job_on_worker  # Dask is slow to import
+    from pipeline.batch.dask_cluster import run_job_on_worker  # Dask is slow to import
 
     room = CLIPS_PER_WORKER * max(sum(client.nthreads().values()), 1) - len(running)
     for k in range(room):

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import dask
-from distributed import Client, Scheduler, SpecCluster, Worker
+from distributed import Client, Scheduler, SpecCluster, Worker, get_worker
 
 from models.core.errors import OptionError
-from pipeline.batch import clip_processes, dask_worker
+from pipeline.batch import supervision
+from pipeline.batch.clip_job import ClipJob
+from pipeline.batch.supervision import thread_process
 from pipeline.engine.atomic_write import part_suffix, remove_leftovers
-from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.result_cache import MARK, ResultCache
+from pipeline.engine.source_fingerprint import hash_sources, library_versions
 
 LOOPBACK = "127.0.0.1"
 CONNECT_TIMEOUT_S = 10.0
@@ -60,7 +66,7 @@ def start_local_client(jobs: int) -> Iterator[Client]:
             try:
                 yield client
             finally:
-                clip_processes.end_processes()
+                supervision.end_processes()
 
 
 @contextmanager
@@ -88,7 +94,7 @@ def connect_client(address: str) -> Iterator[Client]:
     finally:
         with suppress(OSError, TimeoutError):  # the cluster may be gone
             if client.status == "running":
-                client.run(clip_processes.end_processes, on_error="return")
+                client.run(supervision.end_processes, on_error="return")
         client.close(timeout=CONNECT_TIMEOUT_S)
 
 
@@ -129,7 +135,7 @@ def require_usable_workers(client: Client, cache: ResultCache, out: Path, clip: 
 def _probe_worker(client: Client, worker: str, *words: str) -> object | None:
     """Return the answer of a worker, or the error that it raised; None if it has disconnected."""
     try:
-        answers = client.run(dask_worker.probe_folders, *words, workers=[worker], on_error="return")
+        answers = client.run(probe_folders, *words, workers=[worker], on_error="return")
     except (OSError, ValueError, TimeoutError) as error:
         answers = {worker: error}
     answer: object | None = answers.get(worker)
@@ -154,7 +160,7 @@ def require_usable_answer(worker: str, answer: object, cache: ResultCache, probe
     if not isinstance(answer, dict):
         words = " ".join(str(answer).split())[:200]
         raise OptionError(f"The worker {worker} cannot run clips ({words}); install the same trueroll there")
-    if answer["code"] != dask_worker.hash_code():
+    if answer["code"] != hash_code():
         raise OptionError(f"The worker {worker} has another version of trueroll or of its libraries; install the same")
     if answer["mark"] != cache.mark or not (cache.root / "building" / probe).exists():
         raise OptionError(
@@ -184,3 +190,59 @@ def _quiet_dask() -> None:
             "distributed.admin.system-monitor.gil.enabled": False,
         }
     )
+
+
+MESSAGE_INTERVAL_S = 0.5
+"""Least time between two progress messages of a clip, which go through the scheduler, s."""
+
+
+def run_job_on_worker(text: str, topic: str) -> str:
+    """Run a clip on a thread of this worker.
+
+    Args:
+        text: The job as JSON.
+        topic: Dask topic of the progress messages.
+
+    Returns:
+        The result as JSON.
+    """
+    job = ClipJob.from_json(text)
+    worker, last = get_worker(), 0.0
+
+    def forward_message(message: dict[str, Any]) -> None:
+        nonlocal last
+        if time.monotonic() - last >= MESSAGE_INTERVAL_S or "shot" in message:
+            last = time.monotonic()
+            worker.log_event(topic, {"name": job.name, **message})
+
+    worker.log_event(topic, {"name": job.name, "stage": "begins", "share": 0.0})
+    return thread_process().run(job, forward_message).to_json()
+
+
+def probe_folders(cache: str, ours: str, clip: str, probe: str) -> dict[str, Any]:
+    """Report which of the shared folders this worker sees, and which code it has.
+
+    Args:
+        cache: Folder of the cache.
+        ours: A file in the folder of the results.
+        clip: A clip, or the folder of the batch.
+        probe: Name of the file to leave in the cache.
+
+    Returns:
+        Hash of the code, mark of the cache, whether the results can be written, size of the clip (None if not seen).
+    """
+    answer: dict[str, Any] = {"code": hash_code(), "mark": None, "out": False, "clip": None}
+    with suppress(OSError, ValueError):
+        answer["mark"] = (Path(cache) / MARK).read_text(encoding="ascii")
+        (Path(cache) / "building" / probe).touch()
+    with suppress(OSError):
+        answer["out"] = Path(ours).exists() and os.access(Path(ours).parent, os.W_OK)
+    with suppress(OSError):
+        answer["clip"] = Path(clip).stat().st_size
+    return answer
+
+
+def hash_code() -> str:
+    """Return one hash of all code that runs a clip and of the versions of the libraries."""
+    facts = sorted(hash_sources("pipeline.batch.clip_run").items()), sorted(library_versions().items())
+    return hashlib.sha256(repr(facts).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Runs clips in a separate process, and kills it when a clip takes too much time or memory.
+"""Runs clips in separate processes, one for each thread, and kills them when a clip takes too much time or memory.
 
 A decoder that hangs in foreign code, or a frame that takes all memory, can be stopped in no other way.
 """
@@ -11,6 +11,7 @@ import select
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -233,3 +234,44 @@ def _remove_leftovers(job: ClipJob) -> None:
     with suppress(OSError, TruerollError):
         remove_leftovers(Path(job.folder))
         ResultCache(Path(job.cache), mark=job.mark).remove_leftovers()
+
+
+_THREAD = threading.local()
+_PROCESSES: list[SupervisedProcess] = []
+_UNCLAIMED: list[SupervisedProcess] = []
+"""Started processes that no thread has asked for yet."""
+
+
+def start_processes(count: int) -> None:
+    """Start processes before the threads that will ask for them.
+
+    Args:
+        count: Number of processes.
+    """
+    for _ in range(count):
+        process = SupervisedProcess()
+        process.start()
+        _PROCESSES.append(process)
+        _UNCLAIMED.append(process)
+
+
+def thread_process() -> SupervisedProcess:
+    """Return the process of the calling thread; start it if there is none."""
+    if getattr(_THREAD, "process", None) not in _PROCESSES:
+        _THREAD.process = None
+        with suppress(IndexError):
+            _THREAD.process = _UNCLAIMED.pop()
+        if _THREAD.process is None:
+            _THREAD.process = SupervisedProcess()
+            _PROCESSES.append(_THREAD.process)
+    process: SupervisedProcess = _THREAD.process
+    return process
+
+
+def end_processes() -> None:
+    """End the processes of all threads; running clips are interrupted."""
+    _UNCLAIMED.clear()
+    for process in _PROCESSES:
+        process.request_exit()
+    while _PROCESSES:
+        _PROCESSES.pop().close()

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from PIL import Image
 
 from models.core.corrections import BallPlace, Corrections
 from models.core.naming import Naming
@@ -23,6 +22,7 @@ from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.io.image_file import write_image
 from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
@@ -341,8 +341,7 @@ def export_training_data(run: ClipRun, corrections: Corrections, folder: Path) -
         return "There is nothing to export: no ball was placed and none was marked as false."
     folder.mkdir(parents=True, exist_ok=True)
     for frame, rgb in read_frames(run.clip, indices=np.array(frames)):
-        with replace_file(folder / _name_image(run, frame)) as part:
-            Image.fromarray(rgb).save(part, format="PNG")
+        write_image(rgb, folder / _name_image(run, frame))
     balls = [row for frame in frames for row in _list_balls(run, frame)]
     false = [
         _make_row(run, _find_frame(run, mark.ball), mark.ball.x_px, mark.ball.y_px, _median_radius(run), "ball", 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import hashlib
-import json
 import os
 import platform
 import shutil
@@ -14,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from models.core.errors import OptionError
 
@@ -75,16 +73,6 @@ def write_text(target: Path, text: str) -> None:
     """
     with replace_file(target) as path:
         path.write_text(text, encoding="utf-8")
-
-
-def write_json(document: Any, target: Path) -> None:
-    """Write a document as strict JSON, in one step.
-
-    Args:
-        document: JSON values; all numbers are finite.
-        target: Final path of the file; an existing file is replaced.
-    """
-    write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
 def remove_leftovers(folder: Path, name: str | None = None) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,8 +15,9 @@ from pyarrow import csv
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, GapLocation, Strength, Unexplained
 from models.core.fit_result import Parameter
 from models.core.scene import Table
-from pipeline.engine.atomic_write import replace_file, write_json
+from pipeline.engine.atomic_write import replace_file
 from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
+from pipeline.io.strict_json import replace_nonfinite, write_json
 
 SCHEMA = "trueroll.gap/1"
 PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
@@ -24,6 +25,7 @@ _DECIMALS = 7
 AXES = ("x", "y", "z")
 _PHASES = {"wall_contact": "cushion_contact"}
 """Phases by another name in the schema, which has one for contacts with cushions and with walls."""
+_STRENGTH_KEYS = ("value", "sigma", "unit", "prior_only", "shot_spread", "body_spread")
 
 
 def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
@@ -80,114 +82,68 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         A tree of strict JSON values with the schema `trueroll.gap/1`.
     """
     closing = report.gap.closure
-    return {
+    document = {
         "schema": SCHEMA,
         "scene": report.scene,
-        "model": list(report.model),
+        "model": report.model,
         "verdict": report.verdict,
-        "effects": list(report.effects),
+        "effects": report.effects,
         "candidates": [_format_candidate(one) for one in report.candidates],
         "where": [_format_location(one) for one in report.where],
         "gap": {
             "metric": report.gap.metric,
             "horizon_s": report.gap.horizon,
-            "held_out_shots": list(report.gap.shots),
-            "before": _finite_or_none(closing.before),
-            "after": _finite_or_none(closing.after),
-            "floor": _finite_or_none(closing.floor),
+            "held_out_shots": report.gap.shots,
+            "before": closing.before,
+            "after": closing.after,
+            "floor": closing.floor,
             "floor_unknown_because": report.gap.floor_reason or None,
-            "closed": _finite_or_none(closing.closed) if closing.resolved else None,
-            "closed_interval": list(closing.interval) if closing.resolved else None,
+            "closed": closing.closed if closing.resolved else None,
+            "closed_interval": closing.interval if closing.resolved else None,
             "resolved": closing.resolved,
         },
-        "per_effect": [
-            {
-                "effect": one.effect,
-                "closed": _finite_or_none(one.closed),
-                "interval": list(one.interval),
-                "alone": _finite_or_none(one.alone),
-            }
-            for one in report.per_effect
-        ],
+        "per_effect": [asdict(one) for one in report.per_effect],
         "unexplained": _format_unexplained(report.unexplained),
         "fitted": {one.name: _format_strength(one) for one in report.fitted},
-        "forms": list(report.forms),
-        "unidentifiable": list(report.unidentifiable),
-        "not_tested": list(report.not_tested),
-        "shot_use": {
-            "fitting": list(report.shot_use.fitting),
-            "selection": list(report.shot_use.selection),
-            "holdout": list(report.shot_use.holdout),
-            "noise": _finite_or_none(report.shot_use.noise),
-        },
+        "forms": report.forms,
+        "unidentifiable": report.unidentifiable,
+        "not_tested": report.not_tested,
+        "shot_use": asdict(report.shot_use),
         "film_next": report.film_next,
         "p_value": report.p_value,
-        "notes": list(report.notes),
+        "notes": report.notes,
     }
+    strict: dict[str, Any] = replace_nonfinite(document)
+    return strict
 
 
 def _format_location(one: GapLocation) -> dict[str, Any]:
-    return {
-        "phase": _PHASES.get(one.phase, one.phase),
-        "share": one.share,
-        "ball": one.ball,
-        "shot": one.shot,
-        "span": None if one.span is None else list(one.span),
-        "region": one.region,
-        "grows_with": one.grows_with,
-    }
+    return asdict(one) | {"phase": _PHASES.get(one.phase, one.phase)}
 
 
 def _format_unexplained(one: Unexplained) -> dict[str, Any]:
-    law, patch = one.law, one.patch
-    return {
-        "share": _finite_or_none(one.share),
-        "size": _finite_or_none(one.size),
-        "times_floor": _finite_or_none(one.times_floor),
-        "where": [_format_location(place) for place in one.where],
-        "shape": one.shape or None,
-        "law": None
-        if law is None
-        else {
-            "direction": law.direction,
-            "variable": law.variable,
-            "at": law.at.tolist(),
-            "acceleration": law.acceleration.tolist(),
-            "sigma": law.sigma.tolist(),
-            "formula": law.formula or None,
-            "explained": law.explained,
-        },
-        "patch": None
-        if patch is None
-        else {
-            "centre": patch.centre.tolist(),
-            "centre_sigma": _finite_or_none(patch.centre_sigma),
-            "radius": patch.radius,
-            "radius_sigma": _finite_or_none(patch.radius_sigma),
-            "strength": patch.strength,
-            "strength_sigma": _finite_or_none(patch.strength_sigma),
-            "p_value": patch.p_value,
-        },
-    }
+    law = None if one.law is None else asdict(one.law) | {"formula": one.law.formula or None}
+    if law is not None:
+        del law["curve"]  # a line for the page, which the formula or the values beside it give
+    where = [_format_location(place) for place in one.where]
+    return asdict(one) | {"where": where, "shape": one.shape or None, "law": law}
 
 
 def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
     return {
         "effect": one.effect,
         "probability": one.probability,
-        "group": list(one.group),
-        "sign_flip_p_value": _finite_or_none(one.sign_flip_p_value),
-        "sign_flip_limit": _finite_or_none(one.sign_flip_limit),
-        "fitted_beside": None if one.fitted_beside is None else list(one.fitted_beside),
+        "group": one.group,
+        "sign_flip_p_value": one.sign_flip_p_value,
+        "sign_flip_limit": one.sign_flip_limit,
+        "fitted_beside": one.fitted_beside,
         "parameters": {s.name: _format_strength(s) for s in one.strengths},
-        "detectable_from": {s.name: _finite_or_none(s.detectable_from) for s in one.strengths},
+        "detectable_from": {s.name: s.detectable_from for s in one.strengths},
         "per_body": [
             {
                 "body": own.body,
                 "shots": own.shots,
-                "parameters": {
-                    s.name: {"value": s.value, "sigma": _finite_or_none(s.sigma), "unit": s.unit} for s in own.strengths
-                },
+                "parameters": {s.name: {"value": s.value, "sigma": s.sigma, "unit": s.unit} for s in own.strengths},
             }
             for own in one.per_body
         ],
@@ -195,18 +151,7 @@ def _format_candidate(one: CandidateEffect) -> dict[str, Any]:
 
 
 def _format_strength(one: Strength) -> dict[str, Any]:
-    return {
-        "value": one.value,
-        "sigma": _finite_or_none(one.sigma),
-        "unit": one.unit,
-        "prior_only": one.prior_only,
-        "shot_spread": one.shot_spread,
-        "body_spread": one.body_spread,
-    }
-
-
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return {name: getattr(one, name) for name in _STRENGTH_KEYS}
 
 
 def tabulate_predictions(gap: Gap) -> pa.Table:
@@ -219,9 +164,7 @@ def tabulate_predictions(gap: Gap) -> pa.Table:
     names = [f"{axis}{kind}" for kind in ("", "_before", "_after") for axis in axes]
     rows: dict[str, list[Any]] = {name: [] for name in ("shot", "window", "frame", "t", "id", *names)}
     for number, (one, before, after) in enumerate(zip(gap.windows, gap.before, gap.after, strict=True)):
-        is_predicted = one.segment.is_observed.copy()
-        is_predicted[: one.start_rows] = False
-        for row, body in zip(*np.nonzero(is_predicted), strict=True):
+        for row, body in zip(*np.nonzero(one.is_predicted), strict=True):
             rows["shot"].append(one.segment.shot)
             rows["window"].append(number)
             rows["frame"].append(int(one.segment.frame[row]))

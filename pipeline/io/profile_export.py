@@ -8,7 +8,6 @@ only by the ball friction model `average`. Effects that pooltool does not have a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -56,11 +55,7 @@ def describe_physics(fitted: Iterable[Parameter], cushion: str, ball: str, table
     effects: dict[str, dict[str, Any]] = {}
     for one in fitted:
         effect, parameter = one.name.split(".")
-        effects.setdefault(effect, {})[parameter] = {
-            "value": one.value,
-            "sigma": _finite_or_none(one.sigma),
-            "unit": one.unit,
-        }
+        effects.setdefault(effect, {})[parameter] = {"value": one.value, "sigma": one.sigma, "unit": one.unit}
     return {
         "schema": SCHEMA,
         "scene": "billiards",
@@ -92,7 +87,7 @@ def build_pooltool_parameters(fitted: Sequence[Parameter], cushion: str, ball: s
     return {
         "ball_params": {"m": table.ball_mass, "R": table.ball_radius, "g": GRAVITY, **_ABSENT_PARAMETERS}
         | {_POOLTOOL_NAMES[one.name][0]: max(one.value * factors[one.name], _NEGLIGIBLE_FRICTION) for one in exported},
-        "sigma": {_POOLTOOL_NAMES[one.name][0]: _finite_or_none(one.sigma * factors[one.name]) for one in exported},
+        "sigma": {_POOLTOOL_NAMES[one.name][0]: one.sigma * factors[one.name] for one in exported},
         "table_specs": {"l": table.length, "w": table.width, "cushion_height": height * table.ball_radius},
         "ball_cushion": cushion_model,
         "ball_cushion_options": cushion_options,
@@ -100,7 +95,3 @@ def build_pooltool_parameters(fitted: Sequence[Parameter], cushion: str, ball: s
         "ball_ball_friction": friction,
         "not_held": sorted(missing),
     }
-
-
-def _finite_or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
+from models.core.errors import OptionError
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.naming import Naming
 from models.core.number_format import format_probability
 from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
+from models.estimation.contact_test.contact_moment import ClothPriors
+from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import measure_shots
+from pipeline.io.shot_folder import read_shot
 from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_meeting
@@ -92,3 +98,30 @@ def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: 
     """Format an event that may have happened, with its probability."""
     what = format_meeting(hypothesis.cause, hypothesis.other, naming)
     return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({format_probability(hypothesis.probability)})"
+
+
+def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = None) -> ShotRecord:
+    """Record the saved shot of a run folder.
+
+    Args:
+        folder: Run folder.
+        number: Number of the shot; a run has shot 0 alone.
+        cloth: What is known about the friction of the cloth, with which close passes are tested again; None for what
+            the shot was explained with.
+
+    Returns:
+        Observations and fitted motion of the N balls.
+
+    Raises:
+        OptionError: The folder is missing, or holds no such shot.
+    """
+    if not folder.is_dir():
+        raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
+    shot = read_shot(folder)
+    if cloth is not None:
+        shot = replace(shot, passes=list_close_passes(shot, cloth))
+    fit = view_shot(shot)
+    if number or not len(fit.trajectory.start):
+        raise OptionError(f"{folder} has no motion of shot {number}")
+    scene = shot.scene
+    return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from math import isfinite
 from typing import Any
 
 from models.core.errors import OptionError
 from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
+from pipeline.io.strict_json import replace_nonfinite
 
 KEY = "shot_numbers"
 """Key of scene.json."""
@@ -21,23 +21,17 @@ def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:
         shots: Numbers per shot.
 
     Returns:
-        One JSON object per shot.
+        One object of strict JSON per shot.
     """
     return [
         {
             "t": shot.t, "cue": shot.cue, "first": shot.first, "spin_state": shot.spin_state,
             "spin_state_probabilities": dict(zip(SPIN_STATES, shot.spin_state_probabilities, strict=False)),
             "potted": [{"ball": a, "pocket": b} for a, b in zip(shot.potted, shot.pockets, strict=True)],
-            "numbers": [_describe_number(one) for one in shot.numbers],
+            "numbers": [replace_nonfinite(asdict(one)) for one in shot.numbers],
         }
         for shot in shots
     ]  # fmt: skip
-
-
-def _describe_number(one: ShotNumber) -> dict[str, Any]:
-    """Describe a number; what is not finite becomes null."""
-    finite = {name: value if isfinite(value) else None for name, value in (("value", one.value), ("sigma", one.sigma))}
-    return asdict(one) | finite
 
 
 def parse_shot_numbers(scene: dict[str, Any]) -> tuple[ShotNumbers, ...]:

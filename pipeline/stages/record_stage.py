@@ -48,7 +48,7 @@ def record_stage(options: RecordOptions) -> Stage:
 def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:
     """Write recording.rrd."""
     os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
-    from pipeline.reporting.recording.recording_file import write_recording  # slow to import
+    from pipeline.reporting.recording.stage_layers import write_recording  # slow to import
 
     shot: Shot = inputs["explain"]
     shown = inputs[options.detections]

@@ -10,12 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.fitting.display_names import format_cause
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
-from models.numerics.first_compilation import notify_first_compilation
-from pipeline.terminal.activity_display import COMPILING_NOTE
+from pipeline.terminal.activity_display import show_activity
 
 
 @contextmanager
@@ -29,23 +27,15 @@ def show_search_progress(console: Console, title: str = "") -> Iterator[Progress
     Yields:
         A function that is called with the activity, the effects that are tried, and the outlook of the search.
     """
-    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bars:
-        task = bars.add_task(_format_activity(title, "looking at the tracks", ()))
-
-        begun = time.monotonic()
+    begun = time.monotonic()
+    with show_activity(console, title, prints=False) as show:
 
         def update(activity: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
-            text = _format_activity(title, activity, names) + _format_outlook(outlook, time.monotonic() - begun)
-            bars.update(task, description=text)
+            effects = f": {' and '.join(map(format_cause, names))}" if names else ""
+            show(f"{activity}{effects}{_format_outlook(outlook, time.monotonic() - begun)}")
 
-        with notify_first_compilation(lambda: console.print(_format_activity(title, COMPILING_NOTE, ()), markup=False)):
-            yield update
-
-
-def _format_activity(title: str, activity: str, names: tuple[str, ...]) -> str:
-    """Format table, activity and effects as one line."""
-    return ": ".join(part for part in (title, activity, " and ".join(map(format_cause, names))) if part)
+        show("looking at the tracks")
+        yield update
 
 
 def _format_outlook(outlook: SearchOutlook, seconds: float) -> str:

@@ -13,7 +13,7 @@ from models.core.typing import FloatArray, ImageArray, IntArray
 from video.flow.optical_flow import Interpolator
 from video.io.clip import Clip, read_frames
 from video.matting.ball_timeline import BallTimeline
-from video.overlay.frame_balls import balls_at_times
+from video.overlay.slow_motion import balls_at_times
 from video.synthesis.frame_synthesis import DEFAULT_INTERPOLATOR, ClipAppearance, prepare_interval
 
 REGULAR_TOLERANCE_S = 1e-3

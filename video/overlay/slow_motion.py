@@ -13,10 +13,12 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from models.core.fit_result import Fit
 from models.core.progress import Progress, ignore_progress
 from models.core.tracks import Tracks
+from models.core.trajectory import State
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import draw_ring, drawing_scale
 from video.drawing.palette import MUTED_GREY, WHITE
@@ -25,9 +27,8 @@ from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
-from video.overlay.frame_balls import balls_at_times
 from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
-from video.overlay.motion_paths import ContactMark, select_contact_marks
+from video.overlay.motion_paths import MIN_SPEED, ContactMark, select_contact_marks
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
 
 MIN_RATE, MAX_RATE = Fraction(25), Fraction(60)
@@ -281,3 +282,38 @@ def _draw_replay_frame(
             draw_ring(view, inside.centre[ball], inside.radius[ball] + 2 * stroke, 1.4 * stroke, WHITE, 0.7)
         Label(mark.label.name or "contact", value, MUTED_GREY).draw(view, np.array([margin, margin]), 1.25 * stroke)
     return view
+
+
+def balls_at_times(timeline: BallTimeline, state: State, t: FloatArray) -> list[FrameBalls]:
+    """Evaluate the balls on frames at any times.
+
+    Args:
+        timeline: Positions of the balls.
+        state: State of the balls (K, N) at the times.
+        t: Times (K,), s.
+
+    Returns:
+        The balls on each frame.
+    """
+    rows, share = timeline.locate_times(t)
+    after, moved = np.minimum(rows + 1, len(timeline.t) - 1), share[:, None, None]
+    centre = timeline.centres_at(t, state.xy)
+    interpolated = timeline.centre[rows] * (1 - moved) + timeline.centre[after] * moved
+    located = np.isfinite(timeline.centre[rows, :, :1])
+    centre = np.where(np.isfinite(centre), centre, np.where(located, interpolated, np.nan))
+    speed = np.linalg.norm(state.v, axis=-1)
+    moving = (np.nan_to_num(speed) > MIN_SPEED) & timeline.moving[np.minimum(rows, len(timeline.moving) - 1)]
+    sure = ~state.measured | timeline.observed[rows] | timeline.observed[after]
+    near = np.where(share < 0.5, rows, after)
+    radius = np.where(np.isfinite(timeline.radius[near]), timeline.radius[near], timeline.radius[rows])
+    shown_speed = np.where(moving | ~np.isfinite(speed), speed, 0.0)  # NaN where unknown, as in a pocket
+    heading = _motion_headings(timeline, state, t, moving)
+    columns = (centre, radius, shown_speed, heading, moving, state.measured, sure)
+    return [FrameBalls(*row) for row in zip(*columns, strict=True)]
+
+
+def _motion_headings(timeline: BallTimeline, state: State, t: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
+    """Return unit vectors of the motion (K, N, 2), px; 0 at rest."""
+    ahead = timeline.project(state.xy + 0.01 * state.v, t) - timeline.project(state.xy, t)
+    length = np.linalg.norm(ahead, axis=-1, keepdims=True)
+    return np.nan_to_num(np.where(moving[..., None] & (length > 1e-6), ahead / np.maximum(length, 1e-6), 0.0))

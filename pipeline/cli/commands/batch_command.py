@@ -70,9 +70,8 @@ def batch(
     debug: cli.DebugOption = False,
 ) -> None:
     """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
-    from pipeline.batch.clip_discovery import find_clips, order_largest_first
+    from pipeline.batch.clip_discovery import find_clips, order_largest_first, watch_folder
     from pipeline.batch.clip_job import ClipLimits
-    from pipeline.batch.folder_watch import watch_folder
     from pipeline.batch.run_batch import Batch, run_batch
 
     began = time.monotonic()
@@ -118,17 +117,17 @@ def _open_runner(work: Batch, jobs: int, cluster: str | None, clips: list[Path])
         yield run_serially
         return
     if cluster is None:
-        from pipeline.batch import clip_processes
+        from pipeline.batch import supervision
 
         count = jobs or available_cores()
         try:
-            clip_processes.start_processes(min(count, len(clips)))  # before Dask, which is slow to import
+            supervision.start_processes(min(count, len(clips)))  # before Dask, which is slow to import
             from pipeline.batch.dask_cluster import start_local_client
 
             with start_local_client(count) as client:
                 yield partial(run_on_workers, client)
         finally:
-            clip_processes.end_processes()
+            supervision.end_processes()
         return
     from pipeline.batch.dask_cluster import connect_client, require_usable_workers
 

@@ -9,7 +9,7 @@ import typer
 
 from models.core.answer import Answer
 from pipeline.actions.answer_call import answer_call
-from pipeline.io.run_record import read_shot_record
+from pipeline.io.run_views import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command

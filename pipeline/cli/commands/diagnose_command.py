@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,16 +12,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.number_format import format_probability
-from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.actions.diagnose_batch import diagnose_into
 from pipeline.engine.helper_executor import open_executor
-from pipeline.io.gap_files import PROFILE_FILE, build_gap_document, write_gap_files, write_profile_files
-from pipeline.io.track_folder import read_track_folders
-from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
-from pipeline.io.view_profile import collect_views
-from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.io.gap_files import PROFILE_FILE, build_gap_document
 from pipeline.reporting.text.gap_sentences import (
     format_body_differences,
     format_gap_closure,
@@ -33,7 +27,6 @@ from pipeline.reporting.text.gap_sentences import (
     list_causes,
 )
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.search_display import show_search_progress
 
 _MAX_CAUSES = 5
 
@@ -49,24 +42,16 @@ def diagnose_folders(
 ) -> None:
     """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap."""
     folder = out if out is not None else inputs[0] / "gap"
-    read = read_track_folders(inputs)
-    require_writable_folder(folder)
-    scene = build_gap_scene(read)
-    with open_executor() as executor, show_search_progress(cli.console) as watch:
-        report = diagnose(scene, read.recordings, on_progress=watch, executor=executor)
-    report = replace(report, notes=(*report.notes, *read.notes))
-    write_gap_files(report, folder)
-    if (table := billiards_table(scene)) is not None:
-        write_profile_files(report, table, folder, collect_views(inputs))
-    write_gap_page(report, _format_title(inputs), folder / "gap.html", table, read.origins)
+    with open_executor() as executor:
+        report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor)
     os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
     from pipeline.reporting.recording.gap_recording import write_gap_recording  # slow to import
 
     write_gap_recording(report, inputs, folder / "gap.rrd")
     if as_json_:
-        print(json.dumps({"folder": str(folder), **build_gap_document(report)}, allow_nan=False))
+        print(json.dumps({"folder": str(folder), **build_gap_document(report)}))
     else:
-        _print_report(report, folder, read.origins)
+        _print_report(report, folder, origins)
 
 
 def _format_title(inputs: list[Path]) -> str:

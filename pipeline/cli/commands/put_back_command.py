@@ -18,7 +18,7 @@ from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wante
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.image_file import read_image
 from pipeline.io.run_folder import read_scene_document
-from pipeline.io.run_record import read_shot_record
+from pipeline.io.run_views import read_shot_record
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command, ignore
 

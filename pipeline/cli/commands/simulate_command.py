@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from PIL import Image
 
 from models.core.answer import Answer
 from models.core.ball_look import describe_unseen_balls
@@ -16,6 +15,7 @@ from models.core.naming import Naming
 from models.core.trajectory import State
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
+from pipeline.io.image_file import write_image
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.reporting.text.text_formatting import name_event
@@ -54,8 +54,7 @@ def simulate_shot(
         write_states(ids, wanted.times, state, path)
     with replace_file(folder / "events.csv") as path:
         write_events(events, path)
-    with replace_file(folder / "plan.png") as path:
-        Image.fromarray(_draw_shot(wanted, naming, state, events)).save(path, format="PNG")
+    write_image(_draw_shot(wanted, naming, state, events), folder / "plan.png")
     rows = [(f"{events.t[k]:.6f} s", name_event(events, k, naming)) for k in range(len(events))]
     event_values = [
         {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}

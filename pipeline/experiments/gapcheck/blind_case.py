@@ -26,7 +26,7 @@ from models.core.errors import TruerollError
 from models.core.recording import Recording
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
-from pipeline.experiments.gapcheck.case_kind import CaseKind
+from pipeline.experiments.gapcheck.case_catalogue import CaseKind
 from pipeline.io.gap_files import write_gap_files
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS
-from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, MUJOCO_KINDS, WALL_KINDS
-from pipeline.experiments.gapcheck.case_kind import CaseKind
+from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS, BilliardsKind
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, MUJOCO_KINDS, WALL_KINDS, BodyKind
 
+CaseKind = BodyKind | BilliardsKind
+"""A simulated world, the effects that act there, and those that the user's simulator has."""
 KINDS: tuple[CaseKind, ...] = (*BODY_KINDS, *MUJOCO_KINDS, *WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)
 
 _RARE_KINDS = (*WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)

@@ -18,7 +18,6 @@ from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import MotionMethod, TrainingBudget, validate_samples
 from models.neural.common.spline_methods import CURVES
-from pipeline.experiments.thesis.assessed_motion import AssessedMotion
 from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
 from pipeline.experiments.thesis.scenes.constraint_training_data import (
     SWING_COUNT,
@@ -28,6 +27,7 @@ from pipeline.experiments.thesis.scenes.constraint_training_data import (
 )
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import convert_to_angles, convert_to_points
 from pipeline.experiments.thesis.scenes.pool_scene import parse_shot_number, read_complete_segment
+from pipeline.experiments.thesis.scenes.withheld_series import AssessedMotion
 from pipeline.io.observed_shot import read_observed_shot
 
 NO_LOSS = np.empty(0)

@@ -26,10 +26,14 @@ from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.early_stopping import EarlyStopping
 from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
-from pipeline.experiments.thesis.assessed_motion import AssessedMotion
 from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network
 from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, build_case_series, find_method
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, mean_squared_error
+from pipeline.experiments.thesis.scenes.withheld_series import (
+    AssessedMotion,
+    ExperimentCase,
+    WithheldSeries,
+    mean_squared_error,
+)
 
 STAGE = "reproduce"
 MAX_ERROR_PX = 1e6

@@ -88,8 +88,7 @@ def _prediction_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return time since the start (K,), error (K,) and position (K, D) of the observed predictions of a window."""
     one = gap.windows[window]
-    is_predicted = one.segment.is_observed.copy()
-    is_predicted[: one.start_rows] = False
+    is_predicted = one.is_predicted
     rows, _ = np.nonzero(is_predicted)
     errors = np.linalg.norm((paths[window] - one.segment.positions)[is_predicted], axis=1)
     return one.segment.t[rows] - one.segment.t[one.start_rows - 1], errors, one.segment.positions[is_predicted]

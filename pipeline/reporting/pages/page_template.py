@@ -1,20 +1,25 @@
-"""Rendering of HTML templates with escaped values, and of plotly figures that need no network."""
+"""Rendering of HTML templates with escaped values, and of images and plotly figures that need no network."""
 
 from __future__ import annotations
 
 import base64
 import gzip
+import io
 import re
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image
 from plotly.io import templates
 from plotly.io.json import to_json_plotly
 from plotly.offline import get_plotlyjs
 
 from models.core.number_format import format_probability
+from models.core.typing import ImageArray
 
 
 def render_template(template: str, **values: object) -> str:
@@ -73,3 +78,22 @@ def _load_figure_template() -> dict[str, Any]:
     """Return the plotly template that all figures share."""
     template: dict[str, Any] = templates["plotly_white"].to_plotly_json()
     return template
+
+
+JPEG_QUALITY = 82
+MAX_IMAGE_PX = 1280
+"""Longest side of an embedded image, px: phones load the page too."""
+
+
+def embed_image_file(path: Path) -> str:
+    """Encode an image file as the data URI of a JPEG."""
+    with Image.open(path) as image:
+        return build_jpeg_uri(np.asarray(image.convert("RGB")))
+
+
+def build_jpeg_uri(pixels: ImageArray) -> str:
+    """Encode an image (H, W, 3) as the data URI of a JPEG no larger than `MAX_IMAGE_PX`."""
+    image, buffer = Image.fromarray(pixels), io.BytesIO()
+    image.thumbnail((MAX_IMAGE_PX, MAX_IMAGE_PX))
+    image.save(buffer, format="JPEG", quality=JPEG_QUALITY)
+    return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

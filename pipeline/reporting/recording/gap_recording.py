@@ -85,8 +85,7 @@ def compute_window_errors(gap: Gap, *, down: bool) -> list[WindowErrors]:
     windows = []
     turn = np.array([1.0, 1.0 if down else -1.0])
     for one, before, after in zip(gap.windows, gap.before, gap.after, strict=True):
-        is_predicted = one.segment.is_observed.copy()
-        is_predicted[: one.start_rows] = False
+        is_predicted = one.is_predicted
         rows, _ = np.nonzero(is_predicted)
         if not len(rows):
             continue

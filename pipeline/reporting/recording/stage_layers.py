@@ -1,4 +1,4 @@
-"""Layers that each stage of the chain adds to a recording, finished or live."""
+"""The recording of a run, and the layers that each stage of the chain adds to it, finished or live."""
 
 from __future__ import annotations
 
@@ -14,15 +14,22 @@ from models.core.scene import Scene, Table
 from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.forecast.forecast_values import ForecastFans
+from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.figures.motion_samples import kinetic_energy
+from pipeline.reporting.recording.forecast_layer import log_forecast_fans
 from pipeline.reporting.recording.frame_layer import log_detections, log_path_so_far, log_paths, log_tracks, log_video
 from pipeline.reporting.recording.recorded_shot import (
     FRAME,
     VIDEO_TIME,
     RecordedShot,
+    build_recorded_shot,
     build_time_columns,
+    finish_stream,
     frame_shown_at,
+    open_stream,
 )
+from pipeline.reporting.recording.viewer_blueprint import build_blueprint
 from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range
@@ -340,3 +347,40 @@ def _finite_median(sizes: FloatArray) -> float:
     """Compute the median of the finite values; 0 if there are none."""
     finite = sizes[np.isfinite(sizes)]
     return float(np.median(finite)) if len(finite) else 0.0
+
+
+def write_recording(
+    clip: Clip,
+    scene: Scene,
+    detections: Detections,
+    tracks: Tracks,
+    fit: Fit,
+    forecasts: ForecastFans,
+    path: Path,
+    title: str,
+) -> None:
+    """Write the recording of a run, with a blueprint; its timelines are seconds and frames of the source clip.
+
+    Entities: `picture/` in px, `plan/` in m, `plots/` (speed m/s, energy mJ, residual mm), `log/`, `parameters/`
+    and `about`; docs/reference/file-formats.md lists them.
+
+    Args:
+        clip: The clip.
+        scene: Table and camera.
+        detections: K detections.
+        tracks: Tracks of T frames and N balls.
+        fit: The fit of the shot.
+        forecasts: Fans of predicted paths.
+        path: File to write (.rrd).
+        title: Name of the recording in the viewer.
+    """
+    stream = open_stream(clip.digest, title)
+    with replace_file(path) as fresh:
+        stream.save(fresh, default_blueprint=build_blueprint(clip, scene.table))
+        log_read_stage(stream, clip, path.parent)
+        log_calibrate_stage(stream, clip, scene)
+        log_detect_stage(stream, clip, detections)
+        log_track_stage(stream, clip, tracks)
+        log_fit_stage(stream, shot := build_recorded_shot(clip, scene, tracks, fit))
+        log_forecast_fans(stream, shot, forecasts)
+        finish_stream(stream, path)

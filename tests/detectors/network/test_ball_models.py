@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 from support.rendered_balls import Ball, build_test_scene, render_balls
 
-from detectors.network.ball_model import open_ball_model, split_into_tiles
+from detectors.network.ball_model import (
+    letterbox_image,
+    open_ball_model,
+    recognize_layout,
+    select_ball_classes,
+    split_into_tiles,
+)
 from detectors.network.network_detector import build_network_detector
 from detectors.network.peak_decoding import CandidateDetections, select_non_echoes
-from detectors.network.yolo_decoding import letterbox_image, recognize_layout, select_ball_classes
 from models.core.errors import ModelError
 
 onnx = pytest.importorskip("onnx", reason="needs the extra train")

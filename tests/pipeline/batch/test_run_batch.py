@@ -29,11 +29,10 @@ from rich.console import Console
 from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import ClipError, OptionError
-from pipeline.batch import clip_processes, clip_runner, folder_watch
+from pipeline.batch import clip_discovery, clip_runner, supervision
 from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
-from pipeline.batch.dask_cluster import require_usable_answer, start_local_client
-from pipeline.batch.dask_worker import hash_code
+from pipeline.batch.dask_cluster import hash_code, require_usable_answer, start_local_client
 from pipeline.batch.run_batch import format_csv, render_summary_page, write_summary
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
@@ -220,11 +219,11 @@ def test_processes_are_asked_to_exit_together_and_once(tmp_path: Path, monkeypat
     monkeypatch.chdir(tmp_path)
     for k in range(2):
         monkeypatch.setattr(clip_runner, "build_command", lambda k=k: [sys.executable, "-c", SLOW_TO_LEAVE, str(k)])
-        clip_processes.start_processes(1)
+        supervision.start_processes(1)
     while len(list(tmp_path.glob("stands *"))) < 2:
         time.sleep(0.01)
-    children = [one._child.process for one in clip_processes._PROCESSES if one._child is not None]
-    clip_processes.end_processes()
+    children = [one._child.process for one in supervision._PROCESSES if one._child is not None]
+    supervision.end_processes()
     assert [child.returncode for child in children] == [0, 0]
     assert [path.read_text() for path in tmp_path.glob("asked *")] == ["once ", "once "]
 
@@ -341,7 +340,7 @@ def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Pa
 
 
 class FakeClock:
-    """A clock for `folder_watch` that goes on by a tenth of a second whenever it is read."""
+    """A clock for `watch_folder` that goes on by a tenth of a second whenever it is read."""
 
     def __init__(self, listener: Callable[[], None] = lambda: None) -> None:
         self.now = 0.0
@@ -356,10 +355,10 @@ class FakeClock:
 def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(folder_watch, "time", clock := FakeClock())
+    monkeypatch.setattr(clip_discovery, "time", clock := FakeClock())
     write_video(tmp_path / "early.mp4")
     late, changes, delivered = tmp_path / "late.mp4", [2.0, 4.0], []
-    for path in folder_watch.watch_folder(tmp_path, tmp_path / "out", 6.0):
+    for path in clip_discovery.watch_folder(tmp_path, tmp_path / "out", 6.0):
         if path is not None:
             delivered.append((path.name, clock.now))
             changes += [clock.now + 2.0] * (len(delivered) == 2)
@@ -369,9 +368,9 @@ def test_a_watched_folder_gives_clips_once_they_rest_and_again_when_they_change(
     assert [name for name, _ in delivered] == ["early.mp4", "late.mp4", "late.mp4"]
     rests = [delivered[0][1], delivered[1][1] - 4.0, delivered[2][1] - changed]
     assert all(
-        folder_watch.SETTLE_S <= rest < folder_watch.SETTLE_S + 3 * folder_watch.POLL_INTERVAL_S for rest in rests
+        clip_discovery.SETTLE_S <= rest < clip_discovery.SETTLE_S + 3 * clip_discovery.POLL_INTERVAL_S for rest in rests
     )
-    assert clock.now - delivered[2][1] == pytest.approx(6.0, abs=2 * folder_watch.POLL_INTERVAL_S)
+    assert clock.now - delivered[2][1] == pytest.approx(6.0, abs=2 * clip_discovery.POLL_INTERVAL_S)
 
 
 @pytest.fixture(scope="module")
@@ -472,7 +471,7 @@ def test_a_watched_batch_runs_what_comes_and_lists_the_results(
     program = f"print('{{\"ready\": true}}', flush=True); input(); print({answer!r}, flush=True); input()"
     monkeypatch.setattr(clip_runner, "build_command", lambda: [sys.executable, "-c", program])
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(folder_watch, "time", FakeClock(interrupt))
+    monkeypatch.setattr(clip_discovery, "time", FakeClock(interrupt))
     monkeypatch.setattr("pipeline.batch.batch_workers.IDLE_S", 0.0)
     write_video(tmp_path / "in" / "a.mp4")
     idle = ["--idle", 6] * (ends == "when nothing comes")

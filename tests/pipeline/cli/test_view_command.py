@@ -17,8 +17,12 @@ from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.reporting.recording import rerun_viewer
-from pipeline.reporting.recording.rerun_viewer import find_free_port, find_recordings, show_recordings
-from pipeline.reporting.recording.sealed_page import serve_sealed_page
+from pipeline.reporting.recording.rerun_viewer import (
+    find_free_port,
+    find_recordings,
+    serve_sealed_page,
+    show_recordings,
+)
 
 trueroll = pytest.fixture(make_terminal)
 

@@ -10,8 +10,7 @@ import pytest
 from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import OptionError
-from pipeline.experiments.gapcheck.measured_cases import MEASURED_SETS
-from pipeline.experiments.gapcheck.real_sets import list_real_sets
+from pipeline.experiments.gapcheck.real_sets import MEASURED_SETS, list_real_sets
 
 trueroll = pytest.fixture(make_terminal)
 pytestmark = pytest.mark.usefixtures("alone")

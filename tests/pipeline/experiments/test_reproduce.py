@@ -54,8 +54,7 @@ from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
 )
 from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
-from pipeline.experiments.thesis.thesis_figures import plot_loss_curves
-from pipeline.experiments.thesis.thesis_page import build_learning_table, build_tables
+from pipeline.experiments.thesis.thesis_page import build_learning_table, build_tables, plot_loss_curves
 from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, format_comparison, summarize_settings
 from pipeline.experiments.thesis.trials import MAX_ERROR_PX, Trial, run_trial
 

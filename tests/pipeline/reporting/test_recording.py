@@ -16,8 +16,7 @@ from pipeline.reporting.figures.motion_samples import kinetic_energy, simplify_l
 from pipeline.reporting.recording import live_recording
 from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
 from pipeline.reporting.recording.recorded_shot import build_recorded_shot, finish_stream
-from pipeline.reporting.recording.recording_file import write_recording
-from pipeline.reporting.recording.stage_layers import format_mark, residual_magnification
+from pipeline.reporting.recording.stage_layers import format_mark, residual_magnification, write_recording
 
 
 def record_shot(folder: Path, motion: np.ndarray | None = None) -> dict[str, list[Chunk]]:

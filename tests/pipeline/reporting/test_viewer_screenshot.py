@@ -16,8 +16,8 @@ from support import synthetic_run as shot
 from support.browser import open_chromium
 
 from models.core.ball_look import CLASS_COLOURS
-from pipeline.reporting.recording.recording_file import write_recording
 from pipeline.reporting.recording.rerun_viewer import find_free_port, open_viewer
+from pipeline.reporting.recording.stage_layers import write_recording
 from video.drawing.palette import adapt_to_any_background
 
 PATIENCE = 90.0

@@ -23,9 +23,8 @@ from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
 from video.overlay.annotation import prepare_annotation
-from video.overlay.frame_balls import balls_at_times
 from video.overlay.poster import Poster
-from video.overlay.slow_motion import find_output_times, render_slow_motion
+from video.overlay.slow_motion import balls_at_times, find_output_times, render_slow_motion
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
+from models.neural.common.method_interface import FittedMotion
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,3 +71,11 @@ def mean_squared_error(guess: FloatArray, truth: FloatArray) -> float:
         px^2, mean over frames, points and coordinates.
     """
     return float(np.mean((guess - truth) ** 2))
+
+
+@dataclass(frozen=True, slots=True)
+class AssessedMotion(FittedMotion):
+    """A fitted motion with warnings."""
+
+    warnings: tuple[str, ...]
+    """Reasons not to trust it; empty where there are none."""

@@ -6,8 +6,7 @@ import numpy as np
 
 from models.core.scene import NOSE_HEIGHT_RADII
 from models.physics.billiards.tables import TABLE_PRESETS
-from video.calibration.camera_model import PerspectiveFit, build_camera, estimate_shape
-from video.calibration.place_sigma import estimate_place_sigma
+from video.calibration.camera_model import PerspectiveFit, build_camera, estimate_place_sigma, estimate_shape
 from video.rendering.pinhole_camera import look_at
 
 TABLE = TABLE_PRESETS["pool-9ft"]

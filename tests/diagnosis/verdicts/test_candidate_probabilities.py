@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.fitting.hypothesis_fits import ShotInformation, build_diagnosis_problem
-from diagnosis.verdicts.sign_flip_test import flip_signs
+from diagnosis.verdicts.candidate_probabilities import flip_signs
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 

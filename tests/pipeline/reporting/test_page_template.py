@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.reporting.pages.page_embedding import MAX_IMAGE_PX, embed_image_file
+from pipeline.reporting.pages.page_template import MAX_IMAGE_PX, embed_image_file
 
 
 @pytest.mark.parametrize(("size", "expected"), [((2560, 1440), (1280, 720)), ((320, 180), (320, 180))])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from video.calibration.table_edges import DEPTHS, POSITIONS, SideProfiles, find_profile_peaks, fit_side_line
+from video.calibration.cushion_noses import DEPTHS, POSITIONS, SideProfiles, find_profile_peaks, fit_side_line
 
 
 @pytest.mark.parametrize("seed", range(40))
