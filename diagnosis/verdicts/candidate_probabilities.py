@@ -33,7 +33,7 @@ class NamedEffect:
     group: tuple[str, ...]
     """The effect itself, and those that these data cannot separate from it."""
     sign_flip_p_value: float
-    """See `sign_flip_test.flip_signs`."""
+    """See `flip_signs`."""
     sign_flip_limit: float = float("nan")
     """Smallest such probability that so many shots allow."""
     per_body: tuple[BodyStrength, ...] = ()

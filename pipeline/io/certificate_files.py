@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -160,13 +160,7 @@ def compare_certificates(first: Mapping[str, Any], second: Mapping[str, Any]) ->
 
 def describe_comparison(rows: tuple[NumberComparison, ...]) -> list[dict[str, Any]]:
     """Describe a comparison as JSON values."""
-    return [
-        {
-            "name": row.name, "unit": row.unit, "first": row.first, "second": row.second, "difference": row.difference,
-            "sigma": row.sigma, "differs": row.differs,
-        }
-        for row in rows
-    ]  # fmt: skip
+    return [asdict(row) | {"difference": row.difference} for row in rows]
 
 
 def _describe_measurement(one: TableMeasurement) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.run_folder import Columns, read_csv_columns
+from pipeline.io.strict_json import read_json
 
 if TYPE_CHECKING:
     from models.estimation.particles.particle_fit import ParticleMotion
@@ -63,10 +63,7 @@ def _read_scene_document(path: Path) -> dict[str, Any]:
     beside = path.parent / "scene.json"
     if not beside.is_file():
         return {}
-    try:
-        document = json.loads(beside.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise OptionError(f"{beside} is not JSON: {error}") from error
+    document = read_json(beside, "The scene of the particles was expected")
     if not isinstance(document, dict):
         raise OptionError(f"{beside} describes no scene")
     return document

@@ -18,6 +18,7 @@ from pyarrow import csv
 from models.core.errors import OptionError
 from models.core.scene import Camera, Table
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.strict_json import read_json
 
 Columns = dict[str, NDArray[Any]]
 
@@ -40,12 +41,7 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     Raises:
         OptionError: The file is missing, is not JSON, or describes another scene.
     """
-    try:
-        scene = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise OptionError(f"A run folder has a {path.name}; {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise OptionError(f"{path} is not JSON: {error}") from error
+    scene = read_json(path, f"A run folder has a {path.name}")
     if not isinstance(scene, dict) or scene.get("scene") != "billiards":
         raise OptionError(f"{path} describes no billiards scene")
     return scene

@@ -18,6 +18,7 @@ from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, parse_learned_table
 
 FiniteNumber = Annotated[float, Field(allow_inf_nan=False)]
@@ -113,13 +114,7 @@ def read_shot_setup(path: Path) -> ShotSetup:
     Raises:
         OptionError: One sentence on the first mistake.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise OptionError(f"A shot was expected in {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise OptionError(f"A shot is a JSON file; {path} is none: {error}") from error
-    return parse_shot(document, str(path))
+    return parse_shot(read_json(path, "A shot was expected"), str(path))
 
 
 def parse_shot(document: Any, name: str = "the shot") -> ShotSetup:
@@ -138,7 +133,7 @@ def parse_shot(document: Any, name: str = "the shot") -> ShotSetup:
     try:
         entry = ShotEntry.model_validate(document)
     except ValidationError as error:
-        raise OptionError(f"{name}: {_format_first_error(error)}") from error
+        raise OptionError(f"{name}: {format_first_error(error)}") from error
     return _build_setup(entry, name)
 
 
@@ -204,13 +199,6 @@ def _find_excess_rows(entry: ShotEntry) -> str:
     return f"{rows:.3g} rows of trajectory are requested, at most {MAX_ROWS:g} are written; lower hz or seconds" * (
         rows > MAX_ROWS
     )
-
-
-def _format_first_error(error: ValidationError) -> str:
-    """Format the first mistake: its place and what is wrong."""
-    mistake = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in mistake["loc"])
-    return f"{place or 'the file'}: {mistake['msg'][:1].lower()}{mistake['msg'][1:]}"
 
 
 def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from models.core.typing import FloatArray
 from pipeline.io.known_inputs import INPUT_COLUMNS, build_inputs, find_input_columns
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot, read_shot
+from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.wall_entry import WallsEntry
 from pipeline.reporting.text.text_formatting import escape_text
 
@@ -232,15 +232,9 @@ _NUMERIC_COLUMNS = {
 
 def _read_scene_entry(path: Path) -> SceneEntry:
     try:
-        return SceneEntry.model_validate(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise OptionError(f"{path} cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise OptionError(f"{path} is not JSON: {error}") from error
+        return SceneEntry.model_validate(read_json(path, "A track folder has a scene.json"))
     except ValidationError as error:
-        mistake = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in mistake["loc"])
-        raise OptionError(f"{path}: {place}: {mistake['msg'][:1].lower()}{mistake['msg'][1:]}") from error
+        raise OptionError(f"{path}: {format_first_error(error)}") from error
 
 
 def _parse_numbers(table: pa.Table, name: str, path: Path) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +19,7 @@ from rich.table import Table as Grid
 from models.core.errors import OptionError
 from pipeline.engine.helper_executor import open_executor
 from pipeline.extras import name_remedy
+from pipeline.io.strict_json import format_strict_json
 from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
@@ -68,7 +70,9 @@ def gapcheck(
         with TemporaryDirectory() as scratch:
             opened_sets = _check_real_sets(real, only, seed, keep or Path(scratch))
         if as_json:
-            print(json.dumps({"cases": [], "measured": [_set_to_json(one) for one in opened_sets]}, allow_nan=False))
+            print(
+                format_strict_json({"cases": [], "measured": [_set_to_json(one) for one in opened_sets]}, indent=None)
+            )
         else:
             _print_sets(cli.make_output_console(), opened_sets)
         if any(one.unreadable for one in opened_sets):
@@ -198,12 +202,7 @@ def _set_to_json(one: OpenedSet) -> dict[str, Any]:
     """Return an opened set as JSON values."""
     if one.unreadable:
         return {"set": one.name, "unreadable": one.unreadable}
-    numbers = {
-        name: getattr(one, name) if math.isfinite(getattr(one, name)) else None
-        for name in ("probability", "closed", "before", "after", "floor", "seconds")
-    }
-    return {
-        "set": one.name, "shots": one.shots, "verdict": one.verdict, "answer": " + ".join(one.named),
-        "named": list(one.named), "right": one.right, "first_right": one.first_right, "unit": one.unit,
-        "shares": {name: share for name, share in one.shares.items() if math.isfinite(share)}, **numbers,
-    }  # fmt: skip
+    facts = asdict(one)
+    del facts["name"], facts["unreadable"]
+    shares = {name: share for name, share in one.shares.items() if math.isfinite(share)}
+    return {"set": one.name, "answer": " + ".join(one.named), **facts, "shares": shares}
