@@ -14,9 +14,7 @@ from detectors.network.offset_regressor import DISC, STREAK
 from detectors.training.ball_evaluation import CALIBRATION_FILE, FIGURES_FILE, calibrate_and_evaluate, format_metadata
 from detectors.training.ball_export import export_ball_network
 from detectors.training.ball_training import CHECKPOINT, train_ball_network
-from detectors.training.data.disc_samples import DiscSource
 from detectors.training.data.offset_samples import SampleSource
-from detectors.training.data.streak_samples import StreakSource
 from detectors.training.data.training_shards import IMAGES_PER_SHARD
 from detectors.training.networks.ball_network import CHANNEL_WIDTHS
 from detectors.training.offset_evaluation import evaluate_offset_network, fit_sigma_factor
@@ -51,42 +49,21 @@ def train_ball_detector(work: Path, options: TrainOptions, out: Path, watch: Ste
     return facts["trueroll.held_out"]
 
 
-def train_streak_regressor(
-    work: Path, ball_network: Path, options: TrainOptions, out: Path, watch: StepCallback
-) -> dict[str, float]:
-    """Train the network that measures motion-blur streaks, and write it as an ONNX file.
-
-    Args:
-        work: Folder of training images, samples and checkpoints; a second call continues an interrupted training.
-        ball_network: ONNX file of the ball network whose detected streaks are measured.
-        options: Length of the training, batch size and seed.
-        out: ONNX file to write.
-        watch: Called after each step.
-
-    Returns:
-        Its figures on hold-out samples by name (see `StreakFigures`).
-    """
-    return _train_offset_regressor(StreakSource(work, ball_network), work, options, out, watch)
-
-
-def train_disc_regressor(work: Path, options: TrainOptions, out: Path, watch: StepCallback) -> dict[str, float]:
-    """Train the network that measures balls at rest, and write it as an ONNX file.
-
-    Args:
-        work: Folder of training images and checkpoints; a second call continues an interrupted training.
-        options: Length of the training, batch size and seed.
-        out: ONNX file to write.
-        watch: Called after each step.
-
-    Returns:
-        Its figures on hold-out samples by name (see `DiscFigures`).
-    """
-    return _train_offset_regressor(DiscSource(work, options.seed), work, options, out, watch)
-
-
-def _train_offset_regressor(
+def train_offset_regressor(
     source: SampleSource[S], work: Path, options: TrainOptions, out: Path, watch: StepCallback
 ) -> dict[str, float]:
+    """Train a network that measures motion-blur streaks or balls at rest, and write it as an ONNX file.
+
+    Args:
+        source: Source of the samples.
+        work: Folder of training images, samples and checkpoints; a second call continues an interrupted training.
+        options: Length of the training, batch size and seed.
+        out: ONNX file to write.
+        watch: Called after each step.
+
+    Returns:
+        Its figures on hold-out samples by name (see `StreakFigures` and `DiscFigures`).
+    """
     _limit_threads(options)
     network = train_offset_network(source, work, options, watch)
     factor = fit_sigma_factor(network, source.read_hold_out(CALIBRATION_FILE))

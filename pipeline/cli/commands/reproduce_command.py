@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import require_writable_folder
@@ -19,6 +20,7 @@ from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
     from pipeline.experiments.thesis.experiment_plan import ExperimentPlan
+    from pipeline.experiments.thesis.thesis_page import ResultTable
     from pipeline.experiments.thesis.trials import Trial
 
 
@@ -26,6 +28,8 @@ PROGRESS_COLUMNS = (
     TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
     TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
 )  # fmt: skip
+LOOKS = {"best": "bold green", "worse": "dim"}
+"""Text styles of cells."""
 DEFAULT_DATA = Path("../shared/data/physics")
 """Default folder of the recorded pendulum."""
 
@@ -118,8 +122,7 @@ def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list
 def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> None:
     from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
     from pipeline.experiments.thesis.experiment_plan import describe_training
-    from pipeline.experiments.thesis.terminal_tables import build_grids
-    from pipeline.experiments.thesis.thesis_page import TITLES
+    from pipeline.experiments.thesis.thesis_page import TITLES, build_tables
     from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
 
     screen = cli.make_output_console()
@@ -128,8 +131,22 @@ def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> 
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
         for sentence in describe_scene_results(scene, summary, plan.budget(scene).effort):
             screen.print(escape(sentence), soft_wrap=True)
-        for grid in build_grids(scene, summary):
-            screen.print(grid)
+        for sheet in build_tables(scene, summary):
+            screen.print(_build_grid(sheet))
         screen.print(escape(describe_extra_inputs(scene, {trial.method for trial in trials})), soft_wrap=True)
     screen.print(f"\n{describe_training(plan)}", soft_wrap=True)
     print(f"Look at {out / 'reproduce.html'}; {out / 'trials.csv'} has every number.")
+
+
+def _build_grid(sheet: ResultTable) -> Grid:
+    """Build the table of a variant of a scene: methods down, frame rates and noises across."""
+    grid = Grid(title=escape(sheet.caption), box=None, pad_edge=False, title_justify="left")
+    grid.add_column("method", no_wrap=True)
+    for head in sheet.heads:
+        grid.add_column(head.replace(", ", "\n"), justify="right")
+    for line in sheet.rows:
+        looks = [LOOKS.get(number.look) for number in line.cells]
+        texts = [f"[{look}]{number.text}[/]" if look else number.text
+                 for look, number in zip(looks, line.cells, strict=True)]  # fmt: skip
+        grid.add_row(escape(line.method), *texts)
+    return grid

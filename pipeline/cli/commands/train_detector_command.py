@@ -103,11 +103,12 @@ def train_detector(
     require_writable_folder(out.parent)
     require_writable_folder(work)
     from detectors.network.ball_model import SHIPPED_BALL_MODEL
+    from detectors.training.data.disc_samples import DiscSource
+    from detectors.training.data.streak_samples import StreakSource
     from detectors.training.train_detector import (  # torch: seconds to import
         CHECKPOINTS,
         train_ball_detector,
-        train_disc_regressor,
-        train_streak_regressor,
+        train_offset_regressor,
     )
     from detectors.training.training_loop import TrainOptions, read_step_count
 
@@ -140,12 +141,12 @@ def train_detector(
                 cli.console.print(f"{done:.0%}: {at}")
 
         try:
-            if part is NetworkPart.STREAKS:
-                figures = train_streak_regressor(work, seer, options, out, watch)
+            if part is NetworkPart.BALLS:
+                figures = train_ball_detector(work, options, out, watch)
+            elif part is NetworkPart.STREAKS:
+                figures = train_offset_regressor(StreakSource(work, seer), work, options, out, watch)
             else:
-                figures = (train_ball_detector if part is NetworkPart.BALLS else train_disc_regressor)(
-                    work, options, out, watch
-                )
+                figures = train_offset_regressor(DiscSource(work, seed), work, options, out, watch)
         except KeyboardInterrupt:
             cli.console.print(f"{work} keeps the images and the training so far; the same command continues")
             raise
