@@ -7,7 +7,9 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,29 +22,37 @@ from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.rule_answers import GAMES, LOWEST_BALL_GAMES, answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
-from pipeline.reporting.text.call_sentences import CallWords, format_call
+from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
-QUESTIONS = ("contact", "first", "cushion-first", "pocket", "line")
-USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, or line x=0.635 A"
+QUESTIONS = ("contact", "first", "cushion-first", "pocket", "line", "score", "foul")
+USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
+UNTOLD = "A push or a double hit cannot be told from the clip: the tip of the cue is not tracked."
+NUMBERS_UNKNOWN = "Which ball had to be hit first is not judged: the numbers of the balls are not known."
+FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on solids or --on red."
 LINE_POINTS = 33
 """Points of a drawn line; lens distortion may bend it."""
 STRIP_NEIGHBOURS = 2
 """Frames of a strip before and after the nearest one."""
 
 
-def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False) -> CallAnswer:
+def answer_question(
+    record: ShotRecord, words: Sequence[str], edge: bool = False, game: str = "", on: str = ""
+) -> CallAnswer:
     """Answer a question.
 
     Args:
         record: Observations and fitted motion of a shot.
         words: The question, split at spaces; balls and pockets by their ids or by their names in the clip.
         edge: Whether a line is crossed by the edge of the ball instead of its centre.
+        game: Game whose fouls are meant; empty for those common to the games of the table.
+        on: What had to be hit first, see `answer_foul`; empty if unknown.
 
     Returns:
         The answer with its probability.
@@ -51,12 +61,18 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
         OptionError: The question is malformed, or names an unknown ball, pocket or line.
     """
     kind, *rest = " ".join(words).split()
-    if kind not in QUESTIONS or not rest:
+    if kind not in QUESTIONS or not (rest or kind in ("score", "foul")):
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":
         raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
+    if (game or on) and kind != "foul":
+        raise OptionError(f"--game and --on belong to foul; got {' '.join(words)!r}")
     naming = record.naming
     try:
+        if kind == "score":
+            return answer_score(record, _require_ball(naming, rest) if rest else "")
+        if kind == "foul":
+            return answer_foul(record, _require_ball(naming, rest) if rest else "", game, naming.find_ball(on) or on)
         if kind == "line":
             axis, at = _parse_line(rest[0])
             return call_answers.answer_line(record, _require_ball(naming, rest[1:]), axis, at, edge)
@@ -104,8 +120,9 @@ def _list_pockets(naming: Naming) -> str:
 
 
 def answer_call(
-    record: ShotRecord, words: Sequence[str], edge: bool, folder: Path, clip: Path | None, target: Path
-) -> Answer:
+    record: ShotRecord, words: Sequence[str], edge: bool, folder: Path, clip: Path | None, target: Path,
+    game: str = "", on: str = "",
+) -> Answer:  # fmt: skip
     """Answer a question, and write a close-up and a strip of frames of its moment.
 
     Args:
@@ -115,6 +132,8 @@ def answer_call(
         folder: Run folder of the shot.
         clip: Video of the shot; None for the one that the run noted.
         target: Folder of the images; created if it does not exist.
+        game: Game whose fouls are meant, as in `answer_question`.
+        on: What had to be hit first, as in `answer_question`.
 
     Returns:
         The answer.
@@ -124,33 +143,54 @@ def answer_call(
         TruerollError: The given clip cannot be read.
     """
     require_writable_folder(target)
-    call = answer_question(record, words, edge)
+    record = replace(record, naming=replace(record.naming, game=GAMES.get(game, record.table.game)))
+    call = answer_question(record, words, edge, game, on)
     text = format_call(call, record.naming)
     pictures, why_not = write_call_images(record, call, text, folder, clip, target, words)
-    numbers = {
-        "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
-        "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
-        "margin_mm_sigma": 1e3 * call.margin_sigma,
-    }  # fmt: skip
+    parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
-        "question": " ".join(words), "asked": text.question, "verdict": call.verdict, "answer": text.verdict,
-        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
-        "reason": text.reason or None, "sentence": text.sentence, "margin": text.margin or None,
-        "moved": list(call.moved),
+        "question": " ".join(words), **_build_document(record, call, text),
         "alternatives": [
             {"answer": name, "name": record.naming.name_ball(name), "probability": p} for name, p in call.alternatives
         ],
+        "sequence": [
+            {"met": one.other, "t": one.t, "t_sigma": one.t_sigma, "probability": one.probability} for one in call.path
+        ],
+        "parts": [{"kind": part.kind, **_build_document(record, part, words)} for part, words in parts],
         "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
     }  # fmt: skip
-    quantities = (
+    quantities = [
         Quantity("time", call.t, call.t_sigma, "s"),
         Quantity("margin", 1e3 * call.margin, 1e3 * call.margin_sigma, "mm"),
-    )
+        *(Quantity(f"lead of cushion {part.subject[3]}", part.lead, part.lead_sigma, "s") for part in call.parts
+          if part.kind == "cushions"),
+    ]  # fmt: skip
+    rows = [("question", "answer", "probability", "because")] if parts else []
+    rows += [(words.question, words.verdict, words.probability, words.statement) for _, words in parts]
+    notes = [UNTOLD] if call.kind == "foul" else []
+    if call.kind == "foul" and call.subject[1] != "carom" and all(part.kind != "wrong-ball" for part in call.parts):
+        notes.append(NUMBERS_UNKNOWN if call.subject[1] in LOWEST_BALL_GAMES else FIRST_BALL_UNKNOWN)
     return Answer(
-        text.question, (text.sentence,), text.verdict, call.stated_probability,
-        tuple(one for one in quantities if math.isfinite(one.value)),
-        notes=(f"No image: {why_not}",) if why_not else (), document=document, figures=tuple(map(str, pictures)),
+        text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
+        call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),
+        (*notes, *((f"No image: {why_not}",) if why_not else ())), document=document,
+        figures=tuple(map(str, pictures)),
     )  # fmt: skip
+
+
+def _build_document(record: ShotRecord, call: CallAnswer, text: CallWords) -> dict[str, Any]:
+    """Build the JSON values of a call without those of its parts."""
+    numbers = {
+        "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
+        "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
+        "margin_mm_sigma": 1e3 * call.margin_sigma, "lead": call.lead, "lead_sigma": call.lead_sigma,
+    }  # fmt: skip
+    return {
+        "asked": text.question, "verdict": call.verdict, "answer": text.verdict,
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "reason": text.reason or None, "sentence": text.sentence, "margin": text.margin or None,
+        "moved": list(call.moved),
+    }  # fmt: skip
 
 
 def _parse_line(text: str) -> tuple[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, TypedDict
@@ -44,7 +45,11 @@ POCKET_MOUTH_RADII = 1.6
 
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
 """Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion."""
-QuestionKind = Literal["contact", "first", "cushion-first", "pocket", "line"]
+QuestionKind = Literal[
+    "contact", "first", "cushion-first", "pocket", "line", "score", "cushions", "foul", "no-contact", "wrong-ball",
+    "no-rail", "scratch", "off-table", "frozen",
+]
+"""Questions of an umpire; those from `score` on are of the rules, see `rule_answers`."""
 
 
 class _Doubts(TypedDict, total=False):
@@ -84,6 +89,13 @@ class CallAnswer:
     """Why the clip does not decide the question; empty where it does."""
     doubt_frame: float = math.nan
     """Frame around which sharp images would decide."""
+    lead: float = math.nan
+    """s by which one contact came before another (negative: after it); NaN where the question is not about order."""
+    lead_sigma: float = math.nan
+    path: tuple[CandidateContact, ...] = ()
+    """Probable contacts of the ball in order of time, where the question is about their sequence."""
+    parts: tuple[CallAnswer, ...] = ()
+    """Answers that this one follows from."""
 
     @property
     def verdict(self) -> Literal["yes", "no", "inconclusive"]:
@@ -115,13 +127,24 @@ def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
     one, two = record.ball_index(a), record.ball_index(b)
     if one == two:
         raise ValueError(f"a contact is between two balls; got {a} twice")
-    candidates = find_ball_candidates(record, one, two)
-    unlisted = probability_of_unlisted_contact(record, one, two)
-    probability = max(unlisted, 1 - float(np.prod([1 - candidate.probability for candidate in candidates])))
-    if not candidates:
-        return _answer_never_near(record, one, two, probability)
-    best = max(candidates, key=lambda candidate: candidate.probability)
-    return _build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), best)
+    touches = list_touches(record, one, two)
+    probability = 1 - math.prod(1 - touch.probability for touch in touches)
+    return build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), select_touch(touches))
+
+
+def list_touches(record: ShotRecord, one: int, two: int) -> list[CandidateContact]:
+    """List the possible contacts of two balls; at least one, which is as probable as an unlisted contact."""
+    touches, unlisted = find_ball_candidates(record, one, two), probability_of_unlisted_contact(record, one, two)
+    if 1 - math.prod(1 - touch.probability for touch in touches) >= unlisted:
+        return touches
+    nearest = select_touch(touches) if touches else find_nearest_pass(record, one, two)
+    return [replace(nearest, probability=unlisted)]
+
+
+def select_touch(touches: Sequence[CandidateContact]) -> CandidateContact:
+    """Select the first probable one of possible contacts, else the most probable one."""
+    probable = (touch for touch in touches if touch.probability > 0.5)
+    return next(probable, max(touches, key=lambda touch: touch.probability))
 
 
 def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
@@ -163,7 +186,7 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
         name, probability = next(entry for entry in ranked if entry[0] != UNKNOWN)
         ranked = ((name, probability), *(entry for entry in ranked if entry[0] != name))
     times = [t for t, _ in meetings if np.isfinite(t)]
-    doubts = _list_doubts(record, min(times, default=float(record.moments[0])), (a,), is_doubtful)
+    doubts = list_doubts(record, min(times, default=float(record.moments[0])), (a,), is_doubtful)
     best = max(
         (entry for entry in candidates if entry.other == name),
         key=lambda entry: (entry.probability, -entry.t),
@@ -171,7 +194,7 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     )
     balls = (a,) if best is None else (a, name)
     answer = CallAnswer("first", (a,), probability, balls=balls, met=name, alternatives=ranked, **doubts)
-    return answer if best is None else _build_answer(record, answer, best)
+    return answer if best is None else build_answer(record, answer, best)
 
 
 def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
@@ -205,8 +228,8 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     balls = (a,) if met in ("", *CUSHIONS) else (a, met)
     answer = CallAnswer("cushion-first", (a,), probability, balls=balls, met=met)
     if best is None:
-        return replace(answer, **_list_doubts(record, float(record.moments[0]), (a,), is_undecided(probability)))
-    return _build_answer(record, answer, best)
+        return replace(answer, **list_doubts(record, float(record.moments[0]), (a,), is_undecided(probability)))
+    return build_answer(record, answer, best)
 
 
 def _list_meetings(record: ShotRecord, one: int) -> list[tuple[float, dict[str, float]]]:
@@ -280,16 +303,16 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     ]
     here = [(moment, hypothesis) for moment, hypothesis in falls if hypothesis.other == name]
     t, t_sigma = float(record.moments[k]), float("nan")
-    probability = UNOBSERVED_PROBABILITY if _vanishes(record, one, margin) else probability_of_unlisted_event()
+    probability = UNOBSERVED_PROBABILITY if vanishes(record, one, margin) else probability_of_unlisted_event()
     if here:
         t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, here[-1][1].probability
     candidate = CandidateContact(one, name, t, t_sigma, probability, margin, sigma)
     met = next((one.other for _, one in reversed(falls) if one.other != name and one.probability > 0.5), "")
-    return _build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
+    return build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
 
 
-def _vanishes(record: ShotRecord, one: int, margin: float) -> bool:
-    """Return whether a ball that moves is last detected before the end of the clip, near enough to a pocket."""
+def vanishes(record: ShotRecord, one: int, margin: float = -math.inf) -> bool:
+    """Return whether a ball is last detected before the end of the clip, near enough to a pocket at a margin in m."""
     times = record.t[record.ball == one]
     if not len(times) or not len(record.shown):
         return True
@@ -337,11 +360,11 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     t_sigma = float(record.path_sigma[row, one]) / speed if len(beyond) and speed > REST_SPEED else float("nan")
     candidate = CandidateContact(one, axis, float(record.moments[row]), t_sigma, probability, margin, sigma)
     subject = (a, f"{axis}={at:g}", *(("edge",) if edge else ()))
-    return _build_answer(record, CallAnswer("line", subject, probability, balls=(a,)), candidate)
+    return build_answer(record, CallAnswer("line", subject, probability, balls=(a,)), candidate)
 
 
-def _answer_never_near(record: ShotRecord, one: int, two: int, probability: float) -> CallAnswer:
-    """Answer for two balls that never came near each other."""
+def find_nearest_pass(record: ShotRecord, one: int, two: int) -> CandidateContact:
+    """Find the moment at which two balls were nearest, as a contact that did not happen."""
     distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
     a, b = record.ids[one], record.ids[two]
     if not np.isfinite(distance).any():
@@ -349,11 +372,10 @@ def _answer_never_near(record: ShotRecord, one: int, two: int, probability: floa
     k = int(np.nanargmin(distance))
     sigma = float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
     t = float(record.moments[k])
-    candidate = CandidateContact(one, b, t, float("nan"), probability, float(distance[k]), sigma)
-    return _build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), candidate)
+    return CandidateContact(one, b, t, float("nan"), 0.0, float(distance[k]), sigma)
 
 
-def _build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateContact) -> CallAnswer:
+def build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateContact) -> CallAnswer:
     """Complete an answer by the moment and the margin of a contact, and by doubts where it is not decided."""
     step = 2e-3
     moved = tuple(
@@ -362,11 +384,11 @@ def _build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateCo
     is_doubtful = answer.kind != "first" and is_undecided(answer.probability)
     return replace(
         answer, t=candidate.t, t_sigma=candidate.t_sigma, frame=record.frame_at(candidate.t), margin=candidate.gap,
-        margin_sigma=candidate.gap_sigma, moved=moved, **_list_doubts(record, candidate.t, answer.balls, is_doubtful),
+        margin_sigma=candidate.gap_sigma, moved=moved, **list_doubts(record, candidate.t, answer.balls, is_doubtful),
     )  # fmt: skip
 
 
-def _list_doubts(record: ShotRecord, t: float, balls: tuple[str, ...], is_doubtful: bool) -> _Doubts:
+def list_doubts(record: ShotRecord, t: float, balls: tuple[str, ...], is_doubtful: bool) -> _Doubts:
     """List why a question cannot be decided, and the frame that would decide it; nothing where it is decided."""
     if not is_doubtful:
         return {}

@@ -21,12 +21,20 @@ def call(
     *question: Annotated[
         str,
         typer.Argument(
-            metavar="QUESTION", help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A"
+            metavar="QUESTION",
+            help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A | score | foul",
         ),
     ],
     edge: Annotated[
         bool, typer.Option("--edge", help="For line: whether the edge of the ball crosses, instead of its centre.")
     ] = False,
+    game: Annotated[
+        str,
+        typer.Option("--game", help="For foul: pool, 8-ball, 9-ball, 10-ball, snooker, carom. Default: by the table."),
+    ] = "",
+    on: Annotated[
+        str, typer.Option("--on", help="For foul: what must be hit first: solids, stripes, eight, red, colour, a ball.")
+    ] = "",
     clip: Annotated[
         cli.AnyPath | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
     ] = None,
@@ -45,4 +53,4 @@ def call(
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(Path(profile)))
     record = read_shot_record(Path(folder), shot, cloth)
     target = Path(folder if out is None else out)
-    return answer_call(record, question, edge, Path(folder), None if clip is None else Path(clip), target)
+    return answer_call(record, question, edge, Path(folder), None if clip is None else Path(clip), target, game, on)

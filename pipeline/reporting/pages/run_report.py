@@ -20,6 +20,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.rule_answers import answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
@@ -216,14 +217,25 @@ def _seek_time(t: float, files: ReportFiles) -> float:
 
 
 def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
-    """Answer standard questions: first contact of each struck ball, pockets, and near misses."""
+    """Answer standard questions: first contact of each struck ball, pockets, a carom, fouls, and near misses."""
     rows = zip(record.events.kind, record.events.a, record.events.b, strict=True)
     events = [row for row in rows if row[1] in record.ids]
     struck = dict.fromkeys(a for kind, a, _ in events if kind == "strike")
     calls = [call_answers.answer_first_contact(record, a) for a in struck]
     calls += [call_answers.answer_cushion_first(record, a) for a in struck]
     calls += [call_answers.answer_pocket(record, a, pocket) for kind, a, pocket in events if kind == "pocket"]
-    return calls + _answer_near_misses(record)
+    return calls + _answer_rules(record) + _answer_near_misses(record)
+
+
+def _answer_rules(record: ShotRecord) -> list[CallAnswer]:
+    """Answer whether a carom scored, and what of a foul the clip certainly shows; nothing where that makes no sense."""
+    try:
+        if record.table.game == "carom":
+            score = answer_score(record)
+            return [score, *score.parts[2:]]
+        return [part for part in answer_foul(record).parts if part.verdict == "yes"]
+    except ValueError:
+        return []
 
 
 def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.core.naming import Naming, join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
-from models.core.scene import CUSHIONS
+from models.core.scene import CUSHIONS, POCKETS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY
-from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt
+from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
+from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1
 """Decimals of millimetres: no place is measured to a hundredth."""
+MAX_S_DECIMALS = 4
+"""Decimals of a time between two contacts, as those of a moment."""
 DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "hidden": "a ball was not detected around it",
     "fast": "a ball moved far between two frames",
@@ -27,6 +30,23 @@ DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "unexplained": "the motion of these balls has no complete explanation",
 }
 """Clauses on why a moment is unsure."""
+POOL_RULES: dict[str, str] = {
+    "no-contact": "no ball hit (WPA 6.3)", "wrong-ball": "wrong ball first (WPA 6.2)",
+    "no-rail": "no rail after contact (WPA 6.3)", "scratch": "cue ball scratch (WPA 6.1)",
+    "off-table": "ball driven off the table (WPA 6.1, 6.5)", "frozen": "frozen ball (WPA 6.7)",
+}  # fmt: skip
+"""Facts in the words of the World Pool-Billiard Association (WPA, rules of 15 March 2016), with their sections."""
+SNOOKER_RULES = POOL_RULES | {
+    "no-contact": "no object ball hit", "wrong-ball": "ball not on hit first", "scratch": "in-off",
+    "off-table": "ball forced off the table", "frozen": "touching ball",
+}  # fmt: skip
+"""Facts in the words of the World Professional Billiards and Snooker Association."""
+CAROM_RULES = POOL_RULES | {"off-table": "ball off the table", "frozen": "frozen ball"}
+"""Facts in the words of the Union Mondiale de Billard."""
+SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "first", "scratch": "pocket"}
+"""Facts of the rules that another question is about."""
+CAROM_GAMES = {"1": ("one-cushion", "first"), "3": ("three-cushion", "third")}
+"""Games by the cushions that they demand before the second ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +98,14 @@ def format_call(call: CallAnswer, naming: Naming) -> CallWords:
 def format_call_question(call: CallAnswer, naming: Naming) -> str:
     """Format the question of a call, such as `Did the cue ball touch red 3?`."""
     a = naming.say(call.subject[0])
+    if call.kind == "foul":
+        return "Does the clip show a foul?"
+    if call.kind == "score":
+        return f"Did {a} score: did it touch both other balls?"
+    if call.kind == "cushions":
+        return f"Is it a point in {CAROM_GAMES[call.subject[3]][0]} carom?"
+    if call.kind in POOL_RULES:
+        return start_sentence(f"{name_rule(call, naming)}?")
     if call.kind == "contact":
         return f"Did {a} touch {naming.say(call.subject[1])}?"
     if call.kind == "first":
@@ -93,12 +121,19 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
     """Name the most probable answer in few words."""
     if call.alternatives:
         return "no ball" if call.met == "none" else naming.name_ball(call.met)
+    if call.kind == "foul":
+        fouls = [part for part in call.parts if part.kind != "frozen" and part.probability >= 0.5 and not part.doubts]
+        return join_names(name_rule(part, naming).partition(" (")[0] for part in fouls) or "no foul"
     return "yes" if call.probability >= 0.5 else "no"
 
 
 def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str) -> str:
     """Format what most probably happened, and when; of what did not happen, when it was closest."""
-    text, when = _format_fact(call, naming) + _format_others(call, naming), moment and f" at {moment}"
+    text = _format_fact(call, naming) + _format_others(call, naming)
+    is_timeless = call.kind in ("cushions", "foul", "off-table") or (
+        call.kind in ("pocket", "scratch") and not margin and call.probability < 0.5
+    )
+    when = f" at {moment}" if moment and not is_timeless else ""
     if not margin or call.probability >= 0.5:
         return "; ".join(filter(None, [text + when, margin]))
     return f"{text}; {margin}{when}"
@@ -107,6 +142,25 @@ def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str
 def _format_fact(call: CallAnswer, naming: Naming) -> str:
     """Format what most probably happened."""
     a, is_yes = naming.say(call.subject[0]), call.probability >= 0.5
+    if call.kind in SAME_FACTS:
+        return _format_fact(replace(call, kind=SAME_FACTS[call.kind]), naming)
+    if call.kind in ("score", "cushions"):
+        return _format_score_fact(call, naming)
+    if call.kind == "foul":
+        shown = [part for part in call.parts if part.kind != "frozen"]
+        shown = [part for part in shown if part.verdict == call.verdict] or shown
+        if call.verdict == "no":
+            return f"ruled out: {', '.join(name_rule(part, naming) for part in shown)}"
+        return "; ".join(_format_fact(part, naming) for part in shown)
+    if call.kind == "no-rail":
+        reached = format_meeting("pocket" if call.met in POCKETS else "cushion", call.met, naming)
+        missed = f"no ball met a {naming.rail_word} or fell into a pocket after the first contact"
+        return missed if is_yes else f"after the first contact {naming.say(call.balls[0])} {reached}"
+    if call.kind == "off-table":
+        lost = join_names(naming.say(name) for name in call.subject[1:])
+        return f"the clip loses {lost} while moving" if lost else "every ball stays in view or is potted"
+    if call.kind == "frozen":
+        return f"before the strike {naming.say(call.subject[1])} {'touched' if is_yes else 'did not touch'} {a}"
     if call.kind == "contact":
         return f"{a} {'touched' if is_yes else 'did not touch'} {naming.say(call.subject[1])}"
     if call.kind == "first":
@@ -121,6 +175,36 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
             return f"{a} fell into the {naming.name_pocket(call.subject[1])}"
         return f"{a} fell into the {naming.name_pocket(call.met)}" if call.met else f"{a} stayed on the table"
     return f"{_say_point(call, naming)} {'crossed' if is_yes else 'did not cross'} the line {_format_line(call)}"
+
+
+def _format_score_fact(call: CallAnswer, naming: Naming) -> str:
+    """Format which balls a ball touched, or how many cushions it met before the second one."""
+    second = next((one.t for one in call.path if one.other == call.subject[2]), np.inf)
+    count = sum(one.other in CUSHIONS and one.t < second for one in call.path)
+    cushions = f"{count or 'no'} {naming.rail_word}{'s' * (count != 1)}"
+    if np.isfinite(call.lead):
+        order = "before" if call.lead > 0 else "after"
+        lead = format_with_sigma(abs(call.lead), call.lead_sigma, MAX_S_DECIMALS)
+        return f"the {CAROM_GAMES[call.subject[3]][1]} {naming.rail_word} came {lead} s {order} the second ball"
+    if call.kind == "cushions":
+        return f"{cushions} before the second ball" if np.isfinite(second) else f"{cushions}, but no second ball"
+    a, balls = naming.say(call.subject[0]), [naming.say(name) for name in call.subject[1:]]
+    if call.probability >= 0.5:
+        return f"{a} touched {balls[0]} and, after {cushions} in all, {balls[1]}"
+    met = {one.other for one in call.path}
+    missed = " or ".join(naming.say(name) for name in call.subject[1:] if name not in met)
+    return f"{a} did not touch {missed or balls[1]}; it met {cushions}"
+
+
+def format_sequence(call: CallAnswer, naming: Naming) -> str:
+    """Format the contacts of a ball in order of time, as a sentence; empty where there are none."""
+    contacts = [f"{naming.say(one.other)} at {one.t:.3f} s" for one in call.path]
+    return f"In order, {naming.say(call.subject[0])} met {join_names(contacts)}." if contacts else ""
+
+
+def name_rule(call: CallAnswer, naming: Naming) -> str:
+    """Name a fact as the rulebook of the game does, such as `no rail after contact (WPA 6.3)`."""
+    return {"snooker": SNOOKER_RULES, "carom": CAROM_RULES}.get(naming.game, POOL_RULES)[call.kind]
 
 
 def _format_others(call: CallAnswer, naming: Naming) -> str:
@@ -144,12 +228,17 @@ def _format_moment(call: CallAnswer) -> str:
 
 def _format_margin(call: CallAnswer, naming: Naming) -> str:
     """Format how close a call was; nothing where the free paths say the opposite of all evidence."""
-    is_yes = call.probability >= 0.5
-    if call.kind in ("first", "cushion-first") or not np.isfinite(call.margin) or (call.margin <= 0) != is_yes:
+    is_yes = (call.probability >= 0.5) != (call.kind in ("no-contact", "no-rail"))
+    is_known = np.isfinite(call.margin) and (call.margin <= 0) == is_yes
+    if call.kind in ("first", "cushion-first", "wrong-ball", "cushions", "foul") or not is_known:
         return ""
-    if call.kind == "contact":
+    if call.kind in ("contact", "score", "no-contact"):
         return format_gap(call.margin, call.margin_sigma)
-    inside, target = ("inside", "the mouth of the pocket") if call.kind == "pocket" else ("past", "the line")
+    if call.kind == "frozen":
+        return f"{_format_mm(call.margin, call.margin_sigma)} {'of overlap' if is_yes else 'of air'} between them"
+    inside, target = "past", naming.say(call.met) if call.kind == "no-rail" else "the line"
+    if call.kind in ("pocket", "scratch"):
+        inside, target = "inside", "the mouth of the pocket"
     return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"
 
 

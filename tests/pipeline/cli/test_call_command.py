@@ -92,7 +92,9 @@ def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, fold
         (("contact", "white", "blue"), "got 'white blue'"), (("contact", "white", "white"), "twice"),
         (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
         (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),
-        (("first", "white", "--shot", "3"), "shot 3"),
+        (("first", "white", "--shot", "3"), "shot 3"), (("score",), "three balls; this clip has 2"),
+        (("foul", "--game", "golf"), "a game is one of pool"), (("foul", "--on", "stripes"), "no ball of this clip"),
+        (("first", "white", "--on", "red"), "--game and --on belong to foul"),
     ],
 )  # fmt: skip
 def test_questions_that_make_no_sense_are_one_line_and_status_2(
@@ -108,3 +110,21 @@ def test_a_folder_without_a_saved_shot_is_one_line(trueroll: Terminal, tmp_path:
     output = trueroll("call", tmp_path, "first", "white")
     assert output.status == 2
     assert "holds no saved shot" in output.err
+
+
+def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:
+    question = ("call", folder, "foul", "--game", "pool", "-o", tmp_path)
+    answer = json.loads(trueroll(*question, "--json", "--clip", folder / "clip.mp4").out)
+    assert (answer["verdict"], answer["answer"]) == ("yes", "no ball hit")
+    assert answer["sentence"].startswith("No ball hit (99.")
+    missed, off_table = answer["parts"]
+    end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
+    assert (missed["kind"], missed["verdict"]) == ("no-contact", "yes")
+    assert missed["margin_mm"] == pytest.approx(1e3 * (np.hypot(1.5 - end, 0.2) - 0.06), abs=2.0)
+    assert (off_table["kind"], off_table["verdict"]) == ("off-table", "no")
+    assert len(answer["pictures"]) == 2
+    text = trueroll(*question).out
+    assert "No ball hit (WPA 6.3)?" in text
+    assert "A push or a double hit cannot be told" in text
+    carom = json.loads(trueroll("call", folder, "foul", "--json", "-o", tmp_path).out)
+    assert (carom["verdict"], carom["answer"]) == ("no", "no foul"), "to miss is no foul in carom"

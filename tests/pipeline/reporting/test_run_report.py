@@ -8,6 +8,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from models.core.shot import Note
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
 from pipeline.io.run_views import assess_run_trust
@@ -215,6 +217,49 @@ def test_the_reason_of_an_amber_run_stands_in_the_table_of_its_quality(clip: Cli
     assert all(flag.good for flag in run_report.assess_quality(clip, scene, tracks, fit))
     amber = replace(fit, trust=Trust("amber", (f"{EXPLAINED} all the time.", doubt)))
     assert [flag.value for flag in run_report.assess_quality(clip, scene, tracks, amber) if not flag.good] == [doubt]
+
+
+def test_a_carom_is_told_with_its_cushions_and_the_margin_of_their_order() -> None:
+    path = tuple(
+        CandidateContact(0, other, t, 1e-3, 1.0, -0.01, 1e-3)
+        for other, t in (("red", 0.5), ("top", 0.8), ("left", 1.2), ("yellow", 1.5), ("bottom", 1.7))
+    )
+    touches = tuple(CallAnswer("contact", ("white", ball), 0.99) for ball in ("red", "yellow"))
+    score = CallAnswer("score", ("white", "red", "yellow"), 0.98, 1.5, 0.001, 45.0, path=path, parts=touches)
+    assert format_call(score, Naming()).statement == (
+        "white touched red and, after 2 rails in all, yellow at 1.5000 s ± 1.0 ms, frame 45.0"
+    )
+    late = replace(score, kind="cushions", subject=(*score.subject, "3"), probability=0.0, lead=-0.2, lead_sigma=0.002)
+    order = "the third cushion came 0.2000 ± 0.0020 s after the second ball"
+    assert format_call(late, Naming(game="carom")).statement == order
+    missed = replace(score, probability=0.01, path=path[:3], margin=0.003, margin_sigma=0.001)
+    assert format_call(missed, Naming(game="carom")).sentence == (
+        "No (99 %): white did not touch yellow; it met 2 cushions;"
+        " 3.0 ± 1.0 mm of air between them at the closest at 1.5000 s ± 1.0 ms, frame 45.0."
+    )
+
+
+@pytest.mark.parametrize(
+    ("unsure", "verdict"),
+    [(False, "No foul (99 %): ruled out: in-off."), (True, "Cannot be decided (no foul: 60 %): ")],
+)
+def test_a_foul_call_states_what_was_ruled_out_or_what_is_unsure(unsure: bool, verdict: str) -> None:
+    p, doubts = (0.4, ("hidden",)) if unsure else (0.01, ())
+    part = CallAnswer("scratch", ("white", "top"), p, doubts=doubts)
+    foul = CallAnswer("foul", ("white", "snooker"), p, doubts=doubts, parts=(part,))
+    assert format_call(foul, Naming(game="snooker")).sentence.startswith(verdict)
+
+
+def test_the_page_answers_for_a_carom_and_lists_certain_fouls_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = SimpleNamespace(table=SimpleNamespace(game="pool"), ids=("cue", "red"))
+    facts = (CallAnswer("scratch", ("cue",), 0.99), CallAnswer("no-rail", ("cue",), 0.5))
+    foul = CallAnswer("foul", ("cue", "pool"), 0.99, parts=facts)
+    monkeypatch.setattr(run_report, "answer_foul", lambda record: foul)
+    assert [call.kind for call in run_report._answer_rules(record)] == ["scratch"]
+    parts = tuple(CallAnswer("cushions", ("white", "red", "yellow", k), 0.9) for k in "0013")
+    monkeypatch.setattr(run_report, "answer_score", lambda record: CallAnswer("score", ("white",), 0.9, parts=parts))
+    carom = SimpleNamespace(table=SimpleNamespace(game="carom"), ids=("white", "red", "yellow"))
+    assert [call.kind for call in run_report._answer_rules(carom)] == ["score", "cushions", "cushions"]
 
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:

@@ -41,7 +41,7 @@ def test_a_doubt_concerns_what_happens_within_a_few_frames(away: float, concerns
     record = make_shot_record(
         shot.tracks(times), fit.events, fit.trajectory, scene.table, scene.camera, ShotExplanation((hidden,))
     )
-    doubts = call_answers._list_doubts(record, 0.5 + away, ("cue", "red"), True)["doubts"]
+    doubts = call_answers.list_doubts(record, 0.5 + away, ("cue", "red"), True)["doubts"]
     assert ("hidden" in doubts) == concerns
 
 
