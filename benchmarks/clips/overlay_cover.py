@@ -1,10 +1,10 @@
 """Count the pixels of balls that the annotation of the slow motion hides.
 
-    python -m benchmarks.clips.overlay_cover [CLIP...] [--slow 4] [--style coach]
+    python -m benchmarks.clips.overlay_cover [CLIP|DIR...] [--slow 4] [--style coach]
 
 A pixel of a ball is hidden where the annotation changes it: in a frame of the slow motion, within the circle of a ball
-less one pixel, which encloses its edge. Prints one row per clip; exits with 1 if a moving ball, or one that it touches,
-is hidden.
+less one pixel, which encloses its edge. A clip is run first; of a run folder the saved fit and the clip that it notes
+are used. Prints one row per clip; exits with 1 if a moving ball, or one that it touches, is hidden.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ImageArray
-from pipeline.api import run
+from pipeline.actions.answer_call import find_run_clip, select_run_subclip
+from pipeline.api import load, run
 from video.drawing.circles import disc_mask
 from video.io.clip import Clip, open_clip
 from video.io.video_options import OverlayStyle, RenderOptions
@@ -106,15 +107,23 @@ def main() -> int:
     parser.add_argument("--style", choices=get_args(OverlayStyle), default="coach", help="Style of the overlay.")
     arguments = parser.parse_args()
     worst = 0
-    print(f"{'clip':24}{'frames':>8}{'moving px':>12}{'resting px':>12}{'drawn px':>12}{'names':>8}")
+    print(f"{'clip':44}{'frames':>8}{'moving px':>12}{'resting px':>12}{'drawn px':>12}{'names':>8}")
     for path in arguments.clips:
-        with tempfile.TemporaryDirectory() as folder:
-            shot = run(path, folder, no_video=True)
+        if path.is_dir():
+            shot = load(path)
+            source, why_not = find_run_clip(path, None)
+            if source is None:
+                print(f"{path.name:44}{why_not}", flush=True)
+                continue
+            clip = select_run_subclip(path, open_clip(source))
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                shot, clip = run(path, folder, no_video=True), open_clip(path)
         options = RenderOptions(slow=arguments.slow, style=arguments.style)
-        count = count_hidden_pixels(open_clip(path), shot.scene, shot.tracks, shot.fit, options)
+        count = count_hidden_pixels(clip, shot.scene, shot.tracks, shot.fit, options)
         worst = max(worst, count.moving)
         row = f"{count.moving:12}{count.resting:12}{count.drawn:12}{count.named / count.frames:8.2f}"
-        print(f"{path.stem:24}{count.frames:8}{row}", flush=True)
+        print(f"{path.stem:44}{count.frames:8}{row}", flush=True)
     return int(worst > 0)
 
 

@@ -116,5 +116,5 @@ def format_doubt(probability: float) -> str:
 
 
 def format_unit(unit: str) -> str:
-    """Format a unit with a raised square, such as rad/s² for `rad/s2`; nothing for a dimensionless number."""
-    return "" if unit == "1" else unit.replace("s2", "s²")
+    """Format a unit with its signs, such as rad/s² for `rad/s2` and ° for `deg`; nothing for a dimensionless number."""
+    return {"1": "", "deg": "°"}.get(unit, unit.replace("s2", "s²"))

@@ -7,12 +7,16 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from models.core.errors import OptionError
+from models.core.events import Events
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.naming import Naming
 from models.core.number_format import format_probability
 from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
+from models.core.shot_numbers import ShotNumbers
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.reconstruction.close_passes import list_close_passes
@@ -42,8 +46,25 @@ def view_run(shot: Shot, laws: WholeShotFit | None = None, profile: str = "") ->
     fit = replace(view_shot(shot), laws=laws)
     fit = replace(fit, profile_misfits=list_profile_misfits(profile, shot.scene.cloth_lab, fit.parameters))
     if shot.solution is not None:
-        fit = replace(fit, shot_numbers=measure_shots(fit, shot.solution, shot.tracks, shot.scene.table))
+        numbers = measure_shots(fit, shot.solution, shot.tracks, shot.scene.table)
+        fit = replace(fit, shot_numbers=numbers, events=state_strike_speeds(fit.events, numbers))
     return replace(fit, trust=assess_run_trust(shot.notes, fit))
+
+
+def state_strike_speeds(events: Events, shots: Sequence[ShotNumbers]) -> Events:
+    """Give each strike the speed that the numbers of its shot state: the posterior mean, not the most probable one.
+
+    Args:
+        events: Events of the clip.
+        shots: Numbers of its shots.
+    """
+    speed = events.speed.copy()
+    for shot in shots:
+        own = [kind == "strike" and ball == shot.cue for kind, ball in zip(events.kind, events.a, strict=True)]
+        number = shot.find_number("cue_speed")
+        if number is not None and number.observable:
+            speed[np.array(own, bool) & (np.abs(events.t - shot.t) < SAME_TIME)] = number.value
+    return replace(events, speed=speed)
 
 
 DECIDING_CAUSES = ("strike", "ball", "pocket")

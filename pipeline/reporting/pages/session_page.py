@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from models.core.number_format import format_value
+from models.core.number_format import format_unit, format_value
+from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
+from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.session_sentences import (
     format_level,
     format_own_spread,
-    format_shot_cell,
     format_spread,
     format_trend,
     name_number,
@@ -56,7 +57,7 @@ def write_session_page(
         groups=[(escape_text(name), [_describe_summary(one) for one in summaries[name] if _is_shown(one)])
                 for name in (["", *groups] if len(groups) > 1 else [""])],
         headings=[name_number(one.name) for one in shown],
-        shots=[_describe_shot(columns, row, [one.name for one in shown]) for row in range(len(columns["number"]))],
+        shots=[_describe_shot(columns, row, shown) for row in range(len(columns["number"]))],
         figures=figures,
         tips=embed_figure(build_tip_figure(columns, groups), "tips", 420) if has_tips else "",
         notes=list(notes),
@@ -70,21 +71,21 @@ def _is_shown(one: SeriesSummary) -> bool:
 
 
 def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Figure:
-    label = f"{name_number(one.name)}{f' ({one.unit})' if one.unit else ''}"
+    label = f"{name_number(one.name)}{f' ({format_unit(one.unit)})' if one.unit else ''}"
     return build_trend_figure(columns, one.name, one, groups, label)
 
 
 def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
     """Describe a summary as a table row."""
     return {
-        "name": name_number(one.name), "unit": one.unit, "count": one.count, "median": format_level(one),
+        "name": name_number(one.name), "unit": format_unit(one.unit), "count": one.count, "median": format_level(one),
         "spread": format_spread(one), "own": format_own_spread(one),
         "measurement": format_value(one.measurement, 2), "has_trend": one.has_trend,
         "trend": format_trend(one),
     }  # fmt: skip
 
 
-def _describe_shot(columns: Columns, row: int, names: Sequence[str]) -> dict[str, object]:
+def _describe_shot(columns: Columns, row: int, shown: Sequence[SeriesSummary]) -> dict[str, object]:
     """Describe a shot as a table row."""
     return {
         "number": int(columns["number"][row]),
@@ -94,7 +95,10 @@ def _describe_shot(columns: Columns, row: int, names: Sequence[str]) -> dict[str
         "state": columns["spin_state"][row],
         "potted": columns["potted"][row],
         "cells": [
-            format_shot_cell(name, float(columns[name][row]), float(columns[f"{name}_sigma"][row])) for name in names
+            format_number(ShotNumber(one.name, value, float(columns[f"{one.name}_sigma"][row]), one.unit, True))
+            if np.isfinite(value := float(columns[one.name][row]))
+            else ""
+            for one in shown
         ],
     }
 

@@ -11,7 +11,7 @@ from models.core.number_format import EXTREME_PROBABILITY, format_probability, f
 from models.core.scene import CUSHIONS, POCKETS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
-from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
+from pipeline.reporting.text.text_formatting import format_meeting, format_time, start_sentence
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1
@@ -222,8 +222,7 @@ def _format_moment(call: CallAnswer) -> str:
     """Format when it happened."""
     if not np.isfinite(call.t):
         return ""
-    sigma = f" ± {1e3 * call.t_sigma:.1f} ms" if np.isfinite(call.t_sigma) else ""
-    return f"{call.t:.4f} s{sigma}, frame {call.frame:.1f}"
+    return f"{format_time(call.t, call.t_sigma)}, frame {call.frame:.1f}"
 
 
 def _format_margin(call: CallAnswer, naming: Naming) -> str:

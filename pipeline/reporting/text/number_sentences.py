@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 from models.core.naming import Naming
-from models.core.number_format import format_probability, format_speed, format_with_sigma
+from models.core.number_format import format_measured, format_probability, format_speed, format_unit, format_with_sigma
 from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
+from pipeline.reporting.text.text_formatting import format_time
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
@@ -61,11 +63,12 @@ MAX_STATES = 2
 """States that are named; where more are possible, the spin is not measurable."""
 
 
-def format_number(one: ShotNumber) -> str:
+def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:
     """Format value, standard deviation, unit and side of a number.
 
     Args:
         one: The number.
+        has_sigma: Whether to write the standard deviation; it decides on the digits in any case.
 
     Returns:
         Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `none measurable (1 ± 2°)`
@@ -73,14 +76,14 @@ def format_number(one: ShotNumber) -> str:
     """
     if not one.observable:
         return NOT_OBSERVABLE
-    if one.name == "cushions":
+    if one.name.endswith("cushions"):
         return format_cushions(one.value)
     if one.unit == "m/s":
-        return format_speed(one.value, one.sigma)
-    sides = SIDES.get(one.name)
-    value = one.value if sides is None else abs(one.value)
-    unit = {"deg": "°", "": ""}.get(one.unit, f" {one.unit}")
-    shown = f"{format_with_sigma(value, one.sigma, DECIMALS[one.unit])}{unit}"
+        shown = format_speed(one.value, one.sigma)
+        return shown if has_sigma else re.sub(r" ± [\d.]+", "", shown)
+    sides, unit = SIDES.get(one.name), format_unit(one.unit)
+    value, sigma = format_measured(one.value if sides is None else abs(one.value), one.sigma, DECIMALS[one.unit])
+    shown = f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}{' ' * unit.isalnum()}{unit}"
     if sides is None:
         return shown
     return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NONE_MEASURABLE} ({shown})"
@@ -110,7 +113,7 @@ def format_hit(shot: ShotNumbers) -> str:
 
 def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
-    parts = [f"{naming.say(shot.cue)} at {shot.t:.2f} s"]
+    parts = [f"{naming.say(shot.cue)} at {format_time(shot.t)}"]
     labels = {
         "cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue ",
         "cut_angle": "cut ",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 
-from models.core.number_format import format_measured, format_value, format_with_sigma
+from models.core.number_format import format_measured, format_unit, format_value
+from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
-from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_cushions
+from pipeline.reporting.text.number_sentences import NUMBER_NAMES, format_number
 
 SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend per shot")
 
@@ -14,7 +15,8 @@ SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend pe
 def list_summary_cells(one: SeriesSummary) -> tuple[str, ...]:
     """List the cells of a number in the table with `SUMMARY_HEADINGS`."""
     return (
-        name_number(one.name), str(one.count), format_level(one), format_own_spread(one), one.unit, format_trend(one),
+        name_number(one.name), str(one.count), format_level(one), format_own_spread(one), format_unit(one.unit),
+        format_trend(one),
     )  # fmt: skip
 
 
@@ -27,10 +29,8 @@ def name_number(name: str) -> str:
 
 
 def format_level(one: SeriesSummary) -> str:
-    """Format the median of a number over the shots with the digits that its measurement justifies."""
-    if one.name.endswith("cushions"):
-        return format_cushions(one.median)
-    return format_measured(one.median, one.measurement, DECIMALS[one.unit])[0]
+    """Format the median of a number over the shots as a number of one shot, with the digits of its measurement."""
+    return format_number(ShotNumber(one.name, one.median, one.measurement, one.unit, True), has_sigma=False)
 
 
 def format_trend(one: SeriesSummary) -> str:
@@ -52,21 +52,3 @@ def format_own_spread(one: SeriesSummary) -> str:
     if one.own_spread > 0:
         return format_measured(one.own_spread, one.measurement)[0]
     return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""
-
-
-def format_shot_cell(name: str, value: float, sigma: float) -> str:
-    """Format a number in a table of shots.
-
-    Args:
-        name: Name of the number.
-        value: Value; NaN where it is not observable.
-        sigma: Standard deviation.
-
-    Returns:
-        Value and standard deviation with the sign of the number; empty where it is not observable.
-    """
-    if not isfinite(value):
-        return ""
-    if name.endswith("cushions"):
-        return format_cushions(value)
-    return format_with_sigma(value, sigma, 1 if abs(value) >= 10 else 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from math import isfinite, nan
 from pathlib import Path
 
 from rich.markup import escape
@@ -66,9 +67,14 @@ def start_sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def format_time(t: float, sigma: float = nan) -> str:
+    """Format the time (s) of a moment of the clip, with its standard deviation in ms where it is known."""
+    return f"{t:.4f} s" + (f" ± {1000 * sigma:.1f} ms" if isfinite(sigma) else "")
+
+
 def format_event_time(events: Events, k: int) -> str:
-    """Format the time of event k in s with its standard deviation in ms."""
-    return f"{events.t[k]:.4f} s ± {1000 * events.t_sigma[k]:.1f} ms"
+    """Format the time of event k with its standard deviation."""
+    return format_time(float(events.t[k]), float(events.t_sigma[k]))
 
 
 def format_textbook_range(name: str) -> str:

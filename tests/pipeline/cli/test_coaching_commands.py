@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary, sum
 from pipeline.actions.compare_session import read_shot_numbers
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.shot_numbers_json import describe_shot_numbers
+from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
@@ -82,13 +84,27 @@ def make_summary(name: str, unit: str, values: list[float], sigma: float) -> Ser
 
 def test_a_session_is_printed_with_the_digits_of_its_errors() -> None:
     few = make_summary("cue_speed", "m/s", [2.8813, 2.8814], 0.0025)
-    assert (format_level(few), format_own_spread(few), format_trend(few)) == ("2.88", "below 0.003", "needs 4 shots")
+    level = format_level(few), format_own_spread(few), format_trend(few)
+    assert level == ("2.88 m/s (10.4 km/h)", "below 0.003", "needs 4 shots")
     assert format_spread(make_summary("cushions", "", [2.99, 2.99 + 4e-6], 0.09)) == "0"
     spin = make_summary("top_spin_share", "", [0.10, 0.20, 0.31, 0.40, 0.52], 0.01)
     assert "e-" not in format_trend(spin)
     assert format_trend(spin).startswith("0.10")
     assert float(format_own_spread(spin)) > 0.1
     assert format_level(make_summary("cushions", "", [2.99, 2.99], 0.05)) == "3"
+
+
+def test_a_session_words_a_number_as_the_report_of_its_shot_does() -> None:
+    for name, unit, value, sigma, words in (
+        ("cut_angle", "deg", -30.54, 0.34, "30.5 ± 0.3° left"),
+        ("throw", "deg", 0.19, 0.3, "none measurable (0.2 ± 0.3°)"),
+        ("top_spin_share", "", 0.44, 0.17, "0.44 ± 0.17 top"),
+        ("contact_speed", "m/s", 2.0, 0.5, "2.0 ± 0.5 m/s (7.2 km/h)"),
+        ("pocket_offset", "mm", -9.57, 0.31, "9.6 ± 0.3 mm left"), ("object_length", "m", 1.51, 0.01, "1.51 ± 0.01 m"),
+        ("object_cushions", "", 1.0, 0.0, "1"), ("cushions", "", 4.96, 0.3, "5"),
+    ):  # fmt: skip
+        assert format_number(ShotNumber(name, value, sigma, unit, True)) == words
+        assert format_level(make_summary(name, unit, [value], sigma)) == re.sub(r" ± [\d.]+", "", words)
 
 
 def test_runs_of_one_clip_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,12 +22,13 @@ from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
 from models.core.shot import Note
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
-from pipeline.io.run_views import assess_run_trust
+from pipeline.io.run_views import assess_run_trust, state_strike_speeds
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
@@ -302,6 +303,18 @@ def moments_of(*p: float) -> ShotExplanation:
             for k, q in enumerate(p)
         )
     )
+
+
+def test_a_strike_has_the_speed_that_the_numbers_of_its_shot_state(clip: Clip) -> None:
+    events = shot.make_fit(clip.t).events
+    strike = events.kind.index("strike")
+    t = float(events.t[strike])
+    for is_observable, delay, expected in ((True, 0.0, 2.5), (False, 0.0, None), (True, 1.0, None)):
+        number = ShotNumber("cue_speed", 2.5, 0.1, "m/s", is_observable, events.a[strike])
+        shots = (ShotNumbers(t + delay, events.a[strike], "", "unknown", (), (), (), (number,)),)
+        speed = events.speed.copy()
+        speed[strike] = speed[strike] if expected is None else expected
+        np.testing.assert_array_equal(state_strike_speeds(events, shots).speed, speed)
 
 
 @pytest.mark.parametrize(("level", "expected"), [("green", "amber"), ("amber", "amber"), ("red", "red")])

@@ -1,0 +1,420 @@
+"""Compare what the outputs of run folders state, and list the statements that contradict each other: the goal is 0.
+
+    python -m benchmarks.clips.consistency DIR... [--commands call,put-back,compare,predict,what-if,certify]
+
+Every output becomes rows of text in which names are replaced by ids: the report, what `run` printed (DIR.log, if it is
+there), and sentences, tables, JSON and image texts of the commands. A statement is a quantity of named things with an
+interval: 0.54 s lies between 0.535 and 0.545 s. Two statements on the same thing contradict each other if their words
+differ or their intervals do not meet. Prints one row per folder, then the contradictions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import io
+import json
+import math
+import re
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import trueroll
+from models.core.answer import Answer
+from models.core.errors import TruerollError
+from models.core.naming import Naming
+from models.core.scene import CUSHIONS, POCKETS
+from pipeline.actions import answer_call
+from pipeline.io.run_folder import list_folders_with
+from pipeline.io.run_views import read_shot_record
+from pipeline.reporting.text.number_sentences import NUMBER_NAMES
+from pipeline.terminal import command_line
+
+COMMANDS = ("call", "put-back", "compare", "predict", "what-if", "certify")
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "%": 1e-2, "°": 1.0,
+         "rad/s": 1.0, "": 1.0}  # fmt: skip
+BOUNDS = {"above ": (0.0, 100.0), "below ": (-100.0, 0.0)}
+"""Of what `above 99.9 %` means, from the number."""
+NUMBER = r"(?:above |below )?-?\d+(?:\.\d+)?"
+UNIT = r"(?:mm|cm|ms|m/s|m|s|km/h|%|°|rad/s)(?![\w/])"
+SIGNS = {"right": 1, "left": -1, "top": 1, "back": -1}
+EVENT_VERBS = {
+    "strike": r"«(?P<a>[^»]+)» (?:is|was) struck",
+    "ball": r"«(?P<a>[^»]+)» (?:and «(?P<b>[^»]+)» touch|touch(?:es|ed) «(?P<c>[^»]+)»|hit «(?P<d>[^»]+)» first)",
+    "cushion": r"«(?P<a>[^»]+)» hits «(?P<b>[^»]+)»",
+    "pocket": r"«(?P<a>[^»]+)» (?:(?:falls|fell) )?into the «(?P<b>[^»]+)»",
+    "rest": r"«(?P<a>[^»]+)» (?:comes|came) to rest",
+}
+"""Clauses on an event, by its kind; names are ids in «»."""
+ROW_VALUES = {
+    "time": rf"({NUMBER} s)(?: ±|,| \(|\b)", "time sigma": rf"\d s ± ({NUMBER} ms)", "speed": rf"at ({NUMBER} m/s)",
+    "speed in km/h": rf"\(({NUMBER} km/h)\)", "probability": rf"({NUMBER} %)",
+    "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) (?:from a miss|of air)", "frame": rf"(?<!around )frame ({NUMBER})",
+}  # fmt: skip
+"""Values that a row with one event states of it."""
+PLACE = rf"({NUMBER} cm) from «(\w+)»"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What one output states of one quantity."""
+
+    key: tuple[str, ...]
+    """The quantity, then what it is about."""
+    words: str
+    """As it is written; compared where there is no number."""
+    source: str
+    low: float = math.nan
+    high: float = math.nan
+    """Bounds of what rounds to the written number, in the units of the table."""
+    unit: str = ""
+    side: str = ""
+    decimals: int | None = None
+    """None for the number of a file, which is not rounded for readers."""
+
+    def find_difference(self, other: Statement) -> str:
+        """Name in what two statements on the same thing differ; empty where they agree."""
+        if math.isnan(self.low) or math.isnan(other.low):
+            return "words" if self.words != other.words else ""
+        slack = 1e-6 * max(abs(self.high), abs(other.high))
+        if self.low > other.high + slack or other.low > self.high + slack:
+            return "number"
+        if None in (self.decimals, other.decimals):
+            return ""
+        if self.side != other.side:
+            return "side"
+        return "rounding" if self.unit == other.unit and self.decimals != other.decimals else ""
+
+
+def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
+    """Make a statement of a number with its unit as text, of a number of a file, or of a word."""
+    if isinstance(value, float | int):
+        return Statement(key, f"{value}", source, float(value), float(value))
+    form = rf"({'|'.join(BOUNDS)}|)(-?\d+(?:\.(\d+))?)(?: ± [\d.]+)? ?((?!top|back|right|left|either)[a-z/]+|%|°|)"
+    form += rf"(?: \([^)]*\))?(?: ?({'|'.join(SIGNS)}|either way))?"
+    parts = re.fullmatch(form, value)
+    if parts is None or parts[4] not in UNITS:
+        return Statement(key, value.lower().removeprefix("the "), source)
+    limit, number, decimals, unit, side = (one or "" for one in parts.groups())
+    half = 0.5 * 10.0 ** -len(decimals)
+    low, high = BOUNDS.get(limit, (-half, half))
+    scale = UNITS[unit] * SIGNS.get(side, 1)
+    ends = sorted((scale * (float(number) + low), scale * (float(number) + high)))
+    if side == "either way":
+        ends = [-max(map(abs, ends)), max(map(abs, ends))]
+    return Statement(key, value, source, *ends, unit, side, len(decimals))
+
+
+class PageRows(HTMLParser):
+    """Rows of text of a page: cells and inline texts are separated by bars, blocks by line ends."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.parts: list[str] = []
+        self.hidden = 0
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.hidden += tag in ("script", "style")
+        self.parts.append("\n" if tag in ("tr", "p", "li", "h2", "h3", "div", "dt", "button") else " | ")
+
+    def handle_endtag(self, tag: str) -> None:
+        self.hidden -= tag in ("script", "style")
+
+    def handle_data(self, data: str) -> None:
+        self.parts.append("" if self.hidden else data)
+
+    def rows(self) -> list[str]:
+        return [" ".join(row.split()) for row in "".join(self.parts).split("\n") if row.strip(" |")]
+
+
+@dataclass(frozen=True)
+class RunStatements:
+    """Collects the statements of one run folder."""
+
+    folder: Path
+    naming: Naming
+    events: list[dict[str, str]]
+
+    def identify(self, text: str) -> str:
+        """Replace the names of balls, rails and pockets by their ids in «»; a name that is unknown stays."""
+        names = {}
+        for body in (*self.naming.looks, *CUSHIONS, *POCKETS):
+            shown = self.naming.name_pocket(body) if body in POCKETS and body not in CUSHIONS else self.naming.say(body)
+            names[shown.lower()] = names[shown.removeprefix("the ").lower()] = body
+        names |= {self.naming.name_pocket(one).lower(): one for one in POCKETS}
+        pattern = "|".join(re.escape(name) for name in sorted(names, key=len, reverse=True))
+        return re.sub(rf"(?<![\w-])(?:{pattern})(?![\w-])", lambda found: f"«{names[found[0].lower()]}»", text,
+                      flags=re.IGNORECASE)  # fmt: skip
+
+    def find_event(self, kind: str, a: str, b: str, t: float) -> str:
+        """Name the event of the run that a clause is about: the nearest in time of the same kind and bodies."""
+        same = [k for k, one in enumerate(self.events) if one["kind"] == kind and {one["a"], one["b"]} == {a, b}]
+        nearest = min(same, key=lambda k: abs(float(self.events[k]["t"]) - t), default=None)
+        return f"{kind} {' '.join(sorted(filter(None, (a, b))))} " + ("?" if nearest is None else f"{nearest}")
+
+    def read_events(self) -> Iterator[Statement]:
+        """Read the statements of events.csv."""
+        for k, one in enumerate(self.events):
+            key = f"{one['kind']} {' '.join(sorted(filter(None, (one['a'], one['b']))))} {k}"
+            yield state(("event", key), "there", "events.csv")
+            names = {"time": "t", "time sigma": "t_sigma", "speed": "speed", "speed in km/h": "speed",
+                     "probability": "probability", "frame": "frame"}  # fmt: skip
+            for name, column in names.items():
+                if one[column]:
+                    yield state((name, key), float(one[column]), "events.csv")
+            if one["kind"] == "strike" and one["speed"] and sum(two["kind"] == "strike" for two in self.events) == 1:
+                yield state(("number", NUMBER_NAMES["cue_speed"], one["a"]), float(one["speed"]), "events.csv")
+            if one["gap_mm"]:
+                yield state(("gap", key), abs(float(one["gap_mm"])) / 1000, "events.csv")
+
+    def read_rows(self, rows: Iterable[str], source: str) -> Iterator[Statement]:
+        """Read what rows of text state of events, places, numbers and calls."""
+        for text in self.split_sentences(rows):
+            if shot := re.match(r"Shot: «([^»]+)» at", text):
+                yield from self.read_shot_line(text, shot[1], source)
+                continue
+            clauses = [(kind, one) for kind, verb in EVENT_VERBS.items() for one in re.finditer(verb, text)]
+            values = {name: re.findall(pattern, text) for name, pattern in ROW_VALUES.items()}
+            if len(clauses) == 1 and values["time"]:
+                kind, found = clauses[0]
+                body = next((found[g] for g in ("b", "c", "d") if g in found.re.groupindex and found[g]), "")
+                t = float(values["time"][0].split()[0])
+                key = self.find_event(kind, found["a"], body, t)
+                yield state(("event", key), "there", source)
+                for name, all_found in values.items():
+                    if name == "probability" and "» first" in text:  # of this ball, at whatever moment
+                        yield from (state(("first probability", found["a"]), one, source) for one in all_found[:1])
+                    elif len(all_found) == 1:
+                        yield state((name, key), all_found[0], source)
+            cells = [one.strip() for one in text.split("|") if one.strip()]
+            if len(cells) == 3 and cells[0] in NUMBER_NAMES.values() and cells[2] != "not measurable":
+                yield state(("number", cells[0], cells[1].strip("«»")), cells[2], source)
+            yield from self.read_story(text, source)
+
+    def read_shot_line(self, text: str, ball: str, source: str) -> Iterator[Statement]:
+        """Read the line of the main numbers of a shot."""
+        first = re.search(r"«([^»]+)» first", text)
+        if first:
+            yield state(("first", ball), first[1], source)
+        labels = {"cue_speed": ("", ball), "top_spin_share": ("spin ", ball), "side_spin_share": ("side ", ball),
+                  "cut_angle": ("cut ", first and first[1])}  # fmt: skip
+        for name, (label, subject) in labels.items():
+            shown = re.search(rf", {label}(\d[^,]*)", text)
+            if shown and subject:
+                yield state(("number", NUMBER_NAMES[name], subject), shown[1], source)
+
+    def split_sentences(self, rows: Iterable[str]) -> Iterator[str]:
+        """Split rows into sentences, in which `it` is replaced by the last ball that began one."""
+        subject = ""
+        for row in map(self.identify, rows):
+            for text in re.split(r"(?<=[^\d])\. (?=[A-Z«])", row):
+                subject = found[1] if (found := re.match(r"(«[^»]+»)", text)) else subject
+                yield re.sub(r"\b[Ii]t (was struck|touched|fell|came)", rf"{subject} \1", text)
+
+    def read_story(self, text: str, source: str) -> Iterator[Statement]:
+        """Read what a sentence states of first contacts, places and rests."""
+        for found in re.finditer(r"«([^»]+)» (?:hit|touched) «([^»]+)» first", text):
+            yield state(("first", found[1]), found[2], source)
+        for verb, name in (("arrived", "contact_speed"), ("left", "object_speed")):
+            for found in re.finditer(rf"«([^»]+)» {verb} at ([^;]+ m/s \([^)]*\))", text):
+                yield state(("number", NUMBER_NAMES[name], found[1]), found[2], source)
+        if then := re.match(r"(?:Then )«([^»]+)» touched «", text):
+            for later in re.finditer(rf"«([^»]+)» at ({NUMBER} s)", text):
+                kind = "cushion" if later[1] in CUSHIONS else "ball"
+                event = self.find_event(kind, then[1], later[1], float(later[2].split()[0]))
+                yield from (state(("event", event), "there", source), state(("time", event), later[2], source))
+        ball = re.match(r"«([^»]+)»", text)
+        when = re.search(r"stays at rest|(?:comes|came) to rest at|keeps moving|is at rest", text)
+        if ball and when:
+            moves = any(ball[1] in (one["a"], one["b"]) for one in self.events)
+            moment = "at the end" if moves else "always"
+            if when[0] == "stays at rest":
+                yield from (state(("distance", ball[1], rail, moment), shown, source)
+                            for shown, rail in re.findall(PLACE, text))  # fmt: skip
+
+    def read_numbers(self, numbers: list[dict[str, Any]], source: str) -> Iterator[Statement]:
+        """Read the numbers of a shot from JSON."""
+        for one in numbers:
+            if one.get("observable", True) and not one["place"] and one["value"] is not None:
+                value = float(one["value"]) * UNITS.get(one["unit"], 1)
+                yield state(("number", NUMBER_NAMES[one["name"]], one["ball"]), value, source)
+
+    def read_calls(self, document: dict[str, Any], printed: str, figure: list[str]) -> Iterator[Statement]:
+        """Read a call from its JSON, its terminal and its image."""
+        about = document["asked"]
+        verdict = re.match(rf"(.+?) \((?:.+?: )?({NUMBER} %)\): (.*)", printed)
+        if verdict is None:
+            yield state(("form", about), printed, "terminal of call")
+            return
+        head = re.match(rf"(.+?)  \((?:.+?: )?({NUMBER} %)\)", figure[0]) if figure else None
+        for source, found in (("terminal of call", verdict), ("image of call", head)):
+            if found:
+                yield state(("verdict", about), found[1], source)
+                yield state(("probability", about), found[2], source)
+        rows = {"terminal of call": [printed], "image of call": figure[1:]}
+        if figure:
+            yield state(("question", about), figure[1], "image of call")
+        yield state(("question", about), about, "JSON of call")
+        yield state(("verdict", about), document["answer"], "JSON of call")
+        yield state(("probability", about), document["stated_probability"], "JSON of call")
+        for name, key, pattern in (("time", "t", rf"({NUMBER} s) ±"), ("time sigma", "t_sigma", rf"s ± ({NUMBER} ms)"),
+                                   ("frame", "frame", rf"(?<!around )frame ({NUMBER})"),
+                                   ("margin", "margin_mm", rf"({NUMBER}(?: ± {NUMBER})? mm)")):  # fmt: skip
+            shown = [(where, one) for where, texts in rows.items() for one in re.findall(pattern, " | ".join(texts))]
+            yield from (state((name, about), one, where) for where, one in shown)
+            if document[key] is not None and shown:
+                yield state((name, about), abs(document[key]) * (1e-3 if name == "margin" else 1), "JSON of call")
+        kind, *_ = document["question"].split()
+        if kind == "contact" and document["verdict"] == "yes":
+            yield from self.read_rows([re.sub(r"\([^)]*%\)", "", printed)], "terminal of call")  # of any touch
+
+    def read_places(self, document: dict[str, Any], rows: list[list[str]]) -> Iterator[Statement]:
+        """Read the places of put-back from its JSON and from the table of its terminal."""
+        rails = {self.naming.view.name_rail(one): one for one in CUSHIONS}
+        moved = {body for one in self.events for body in (one["a"], one["b"])}
+        for ball in document["balls"]:
+            for rail in CUSHIONS:
+                key = ("distance", ball["id"], rail, "at the start" if ball["id"] in moved else "always")
+                yield state(key, ball[f"{rail}_mm"] / 1000, "JSON of put-back")
+        for cells in rows[1:]:
+            ball_id = self.identify(cells[0]).strip("«»")
+            moment = "at the start" if ball_id in moved else "always"
+            for heading, cell in zip(rows[0], cells, strict=True):
+                if heading in rails:
+                    yield state(("distance", ball_id, rails[heading], moment), f"{cell} mm", "terminal of put-back")
+
+    def read_session(self, document: dict[str, Any], rows: list[list[str]], numbers: list[Any]) -> Iterator[Statement]:
+        """Read the numbers of compare, which are those of one shot, from its JSON and its terminal."""
+        cue = numbers[0]["ball"] if numbers else ""
+        of_cue_last = sorted(numbers, key=lambda one: one["ball"] == cue)  # compare has those of the cue ball
+        by_words = {NUMBER_NAMES[one["name"]]: one["ball"] for one in of_cue_last}
+        for one in document["groups"]["all"]:
+            if one["median"] is not None and NUMBER_NAMES.get(one["name"]) in by_words:
+                key = ("number", NUMBER_NAMES[one["name"]], by_words[NUMBER_NAMES[one["name"]]])
+                yield state(key, one["median"] * UNITS.get(one["unit"], 1), "JSON of compare")
+        for cells in rows:
+            if cells[0] in by_words and len(cells) > 4:
+                yield state(("number", cells[0], by_words[cells[0]]), cells[2], "terminal of compare")
+
+
+def ask(answer: Answer) -> tuple[dict[str, Any], str]:
+    """Print an answer as the terminal and as JSON."""
+    printed = []
+    for as_json in (True, False):
+        with contextlib.redirect_stdout(io.StringIO()) as text:
+            command_line.print_answer(answer, as_json)
+        printed.append(text.getvalue())
+    return json.loads(printed[0]), printed[1]
+
+
+def list_questions(events: list[dict[str, str]], balls: list[str], pockets: bool) -> list[tuple[str, ...]]:
+    """List the questions that make sense: touching pairs, first ball and cushion of moved balls, pockets, a line."""
+    moved = sorted({one["a"] for one in events} | {one["b"] for one in events if one["kind"] == "ball"})
+    pairs = {tuple(sorted((one["a"], one["b"]))) for one in events if one["kind"] == "ball"}
+    apart = [pair for pair in combinations(sorted(balls), 2) if pair not in pairs][:1]
+    questions = [("contact", *pair) for pair in (*sorted(pairs), *apart)]
+    questions += [(kind, ball) for kind in ("first", "cushion-first") for ball in moved]
+    potted = [(one["a"], one["b"]) for one in events if one["kind"] == "pocket"]
+    questions += [("pocket", *pair) for pair in (potted or [(moved[0], "top-left")] if moved else []) if pockets]
+    return questions + [("line", "x=0.8", ball) for ball in moved[:1]]
+
+
+def collect_statements(folder: Path, commands: Iterable[str]) -> list[Statement]:
+    """Collect the statements of all outputs of one run folder."""
+    record = read_shot_record(folder, 0, None)
+    with (folder / "events.csv").open(newline="", encoding="utf-8") as file:
+        events = list(csv.DictReader(file))
+    run = RunStatements(folder, record.naming, events)
+    scene = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+    numbers = [one for shot in scene["shot_numbers"][:1] for one in shot["numbers"]]
+    found = [*run.read_events(), *run.read_numbers(numbers, "scene.json")]
+    found += run.read_rows(PageRows((folder / "report.html").read_text(encoding="utf-8")).rows(), "report")
+    log = folder.parent / f"{folder.name}.log"
+    if log.is_file():
+        found += run.read_rows(log.read_text(encoding="utf-8").splitlines(), "terminal of run")
+    with tempfile.TemporaryDirectory() as out:
+        for command in commands:
+            with contextlib.suppress(TruerollError):
+                is_single = len(scene["shot_numbers"]) == 1
+                found += ask_command(run, command, Path(out), record.table.pockets, numbers, is_single)
+    return found
+
+
+def ask_command(
+    run: RunStatements, command: str, out: Path, pockets: bool, numbers: list[Any], is_single: bool
+) -> list[Statement]:
+    """Ask one command everything, and read its statements."""
+    found: list[Statement] = []
+    if command == "call":
+        for question in list_questions(run.events, list(run.naming.looks), pockets):
+            figure: list[str] = []
+            draw = answer_call.draw_close_up
+
+            def keep(nearest: Any, head: str, lines: list[str], draw: Callable[..., Any] = draw,
+                     figure: list[str] = figure) -> Any:  # fmt: skip
+                figure += [head, *lines]
+                return draw(nearest, head, lines)
+
+            with patch.object(answer_call, "draw_close_up", keep):
+                document, printed = ask(trueroll.call(run.folder, *question, out=out))
+            found += run.read_calls(document, printed.split("\n")[0], figure)
+        return found
+    if command == "put-back":
+        answer = trueroll.put_back(run.folder, out=out)
+        return list(run.read_places(ask(answer)[0], [list(row) for row in answer.rows]))
+    if command == "compare":  # the numbers of several shots are not those of one
+        answer = trueroll.compare(run.folder, out=out / "session")
+        return list(run.read_session(ask(answer)[0], [list(row) for row in answer.rows], numbers if is_single else []))
+    function = {"predict": trueroll.predict, "what-if": trueroll.what_if, "certify": trueroll.certify}[command]
+    _, printed = ask(function(run.folder, out=out))
+    return list(run.read_rows(printed.splitlines(), command)) if command == "predict" else found
+
+
+def find_contradictions(statements: Iterable[Statement]) -> list[tuple[str, Statement, Statement]]:
+    """Find what differs between two outputs: one pair of statements for each quantity."""
+    by_key: dict[tuple[str, ...], list[Statement]] = defaultdict(list)
+    for one in statements:
+        by_key[one.key].append(one)
+    found = []
+    for key, same in by_key.items():
+        pairs = [(kind, one, two) for one, two in combinations(same, 2) if (kind := one.find_difference(two))]
+        found += pairs[:1]
+        if key[0] == "event" and key[1].endswith("?"):
+            found.append(("event", same[0], same[0]))
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path, help="Run folders, or folders of run folders.")
+    parser.add_argument("--commands", default=",".join(COMMANDS), help="Commands to ask, separated by commas.")
+    arguments = parser.parse_args()
+    total = 0
+    print(f"{'run':44}{'statements':>12}{'compared':>10}{'contradictions':>16}")
+    for folder in list_folders_with("report.html", [one for one in arguments.folders if one.is_dir()]):
+        statements = collect_statements(folder, arguments.commands.split(","))
+        counts: dict[tuple[str, ...], set[str]] = defaultdict(set)
+        for one in statements:
+            counts[one.key].add(one.source)
+        pairs = find_contradictions(statements)
+        total += len(pairs)
+        compared = sum(len(sources) > 1 for sources in counts.values())
+        print(f"{folder.name:44}{len(statements):12}{compared:10}{len(pairs):16}", flush=True)
+        for kind, one, two in pairs:
+            stated = (f"{found.words} ({found.source})" for found in (one, two))
+            print(f"    {kind}: {' / '.join(one.key)}: {', '.join(stated)}", flush=True)
+    return int(total > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
