@@ -1,12 +1,15 @@
 """Compare names and colours of balls in run folders with the clips and their truth.
 
-    python -m benchmarks.detection.ball_looks RUN_FOLDER...
+    python -m benchmarks.detection.ball_looks [--measure] RUN_FOLDER...
+
+With --measure, names and colours are measured now on the tracks of the run, not read from it.
 
 The truth of a sample clip, `CLIP.truth.json` and `CLIP.truth.csv` beside it, states the number of each pool ball; that
 of a clip of ../shared/data, `CLIP.gt.json`, its class alone. A name is right if it has the number or the colour of the
 ball, and, where it states them, the class; a ball that is only called solid, stripe or ball has no name. The colour
 difference is CIEDE2000 between the colour that plans draw and the median of the unshaded painted pixels of the ball in
-a frame of the clip in which it is sharp.
+the frames in which it is sharp and apart: in one frame alone, a cushion, a highlight or the coarse colour of the codec
+decide as often as the paint.
 """
 
 from __future__ import annotations
@@ -16,14 +19,15 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
 
-from detectors.measurement.ball_paint import select_clear_frames
+from detectors.measurement.ball_paint import look_at_balls, select_clear_frames
 from models.core.tracks import Tracks
-from models.core.typing import ByteArray, FloatArray
+from models.core.typing import ByteArray, FloatArray, IntArray
 from pipeline.editing.edited_clip import find_edited_clip
 from pipeline.io.shot_folder import read_shot
 from video.io.clip import open_clip, read_frames
@@ -32,8 +36,10 @@ COLOURS = ({"yellow"}, {"blue"}, {"red"}, {"purple", "pink"}, {"orange"}, {"gree
 """Colours of the numbers 1 to 7, and of 9 to 15; 4 and 12 are pink in sets for television."""
 BOX_KINDS = ("", "cue", "eight", "solid", "stripe")
 """Ball class by the number of the class of a box."""
-PAINTED = ("solid", "stripe", "eight")
-"""Classes of balls that are partly white."""
+UNPAINTED = ("cue", "white")
+"""Classes of balls that are white."""
+OVEREXPOSED, MIN_EXPOSED = 250, 0.1
+"""Level from which two channels of a pixel no longer show its hue; share of the other pixels from which they count."""
 SHADE, HIGHLIGHT = 0.4, 0.1
 """Share of the pixels of a ball in shade, and of those in the highlight."""
 UNMIXED = 0.75
@@ -41,11 +47,21 @@ UNMIXED = 0.75
 mixed with it in the coded picture."""
 
 
-def measure_colour(frame: ByteArray, centre: FloatArray, radius: float, white: FloatArray | None = None) -> FloatArray:
-    """Measure the median sRGB (3,) of the unshaded pixels of a ball; with the sRGB of `white`, of its painted ones."""
-    y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
-    pixels = frame[np.hypot(x - centre[0], y - centre[1]) < 0.7 * radius].astype(float)
+def collect_pixels(frames: dict[int, ByteArray], tracks: Tracks, rows: IntArray, ball: int) -> FloatArray:
+    """Collect the pixels (n, 3), sRGB, of a ball in rows of its tracks."""
+    pixels = []
+    for row in rows:
+        frame, centre, radius = frames[int(tracks.frame[row])], tracks.px[row, ball], tracks.radius_px[row, ball]
+        y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
+        pixels.append(frame[np.hypot(x - centre[0], y - centre[1]) < 0.7 * radius].astype(float))
+    return np.concatenate(pixels)
+
+
+def measure_colour(pixels: FloatArray, white: FloatArray | None = None) -> FloatArray:
+    """Measure the median sRGB (3,) of unshaded pixels (n, 3); with the sRGB of `white`, of the painted ones."""
     if white is not None:
+        exposed = pixels[np.sum(pixels >= OVEREXPOSED, axis=1) < 2]
+        pixels = exposed if len(exposed) > MIN_EXPOSED * len(pixels) else pixels
         lab = rgb2lab(np.vstack([pixels, white])[None] / 255)[0]
         apart = np.linalg.norm((lab[:-1] - lab[-1]) * [0.5, 1.0, 1.0], axis=1)
         pixels = pixels[apart >= UNMIXED * np.quantile(apart, 0.95)]
@@ -87,22 +103,21 @@ def judge_name(name: str, number: int, truth: str) -> str:
     return "right" if words & COLOURS[(int(text) - 1) % 8] and not is_wrong_class else "wrong"
 
 
-def print_run(folder: Path, total: Counter[str]) -> list[float]:
+def print_run(folder: Path, total: Counter[str], is_measured: bool) -> list[float]:
     """Print names and colour differences of a run; return the differences."""
     shot, clip = read_shot(folder), open_clip(find_edited_clip(folder, None).path)
     tracks: Tracks = shot.tracks
+    if is_measured:
+        tracks = replace(tracks, looks=look_at_balls(clip, shot.scene, tracks))
     places, truth = read_truth(clip.path)
     rows = select_clear_frames(tracks, shot.scene.table.ball_radius)
-    chosen = [int(own[len(own) // 2]) for own in rows]
-    frames = dict(read_frames(clip, indices=np.unique(tracks.frame[chosen])))
-    differences, white = (
-        [],
-        np.array(next((look.colour for look in tracks.looks if look.name == "cue ball"), (255,) * 3)),
-    )
+    frames = dict(read_frames(clip, indices=np.unique(tracks.frame[np.concatenate(rows)])))
+    whites = (look.colour for kind, look in zip(tracks.kinds, tracks.looks, strict=True) if kind in UNPAINTED)
+    differences, white = [], np.array(next(whites, (255,) * 3))
     print(f"\n{clip.path.name}")
-    for ball, (row, look) in enumerate(zip(chosen, tracks.looks, strict=True)):
-        kind, px, radius = tracks.kinds[ball], tracks.px[row, ball], float(tracks.radius_px[row, ball])
-        shown = measure_colour(frames[int(tracks.frame[row])], px, radius, white if kind in PAINTED else None)
+    for ball, (own, look) in enumerate(zip(rows, tracks.looks, strict=True)):
+        pixels, radius = collect_pixels(frames, tracks, own, ball), float(np.median(tracks.radius_px[own, ball]))
+        shown = measure_colour(pixels, None if tracks.kinds[ball] in UNPAINTED else white)
         difference = float(compare_colours(np.array([look.colour]), shown[None])[0])
         start = tracks.px[np.flatnonzero(tracks.is_observed[:, ball])[0], ball]
         gap = np.linalg.norm(places - start, axis=1) if len(places) else np.array([np.inf])
@@ -118,8 +133,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="*", type=Path, metavar="RUN_FOLDER")
+    parser.add_argument("--measure", action="store_true", help="measure names and colours now")
     total: Counter[str] = Counter()
-    differences = [value for folder in parser.parse_args(arguments).folders for value in print_run(folder, total)]
+    chosen = parser.parse_args(arguments)
+    differences = [value for folder in chosen.folders for value in print_run(folder, total, chosen.measure)]
     if differences:
         print(f"\nnames: {', '.join(f'{count} {verdict}' for verdict, count in total.most_common())}")
         print(f"colour differences: median {np.median(differences):.1f}, largest {max(differences):.1f}, "

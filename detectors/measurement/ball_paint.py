@@ -38,8 +38,15 @@ MIN_WHITE_LIGHTNESS, MAX_WHITE_TINT = 50.0, 18.0
 """L* from which, and distance in a* and b* from a white ball below which, a pixel is white, as number spots are."""
 MIN_PAINTED_SHARE = 0.1
 """Share of the lit pixels that must be painted for a colour to be seen: in some clips a stripe shows its white side."""
-SHADE_QUANTILE, DULL_QUANTILE = 0.35, 0.75
-"""Share of the painted pixels that is in shade, by lightness; and of a stripe, that is mixed with white."""
+MIN_PURE_SHARE, PUREST_QUANTILE = 0.85, 0.97
+"""Purity and distance from white, as shares of those of the purest pixels, from which a pixel is paint alone: the rest
+is mixed with white, with a highlight or with cloth; and the quantile that stands for the purest, above it is noise."""
+DARK_LEVEL = 25.0
+"""Level, of 255, that is added to the brightest channel where purity is a ratio: noise gives dark pixels any."""
+SHADE_QUANTILE, GLARE_QUANTILE = 0.5, 0.9
+"""Shares of the pixels of pure paint, by lightness, up to which they are in shade, and from which in a lamp's glare."""
+OVEREXPOSED, MIN_EXPOSED_SHARE = 250.0, 0.15
+"""Level from which two channels of a pixel no longer show its hue, and least share of pixels below it that do."""
 CLOTH_HUE, MIN_CLOTH_CHROMA = np.radians(25.0), 10.0
 """Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue."""
 MIN_OWN_SHARE = 0.25
@@ -164,10 +171,8 @@ def measure_paint(
             samples[ball].append(disc)
             stripe_white[ball].append(float(colours.white_rim[k] + colours.white[k] / 2))
     white = _find_white(tracks, samples)
-    light = np.maximum(white, 0.05) ** LIGHT_SHARE / PAPER_WHITE
-    white_lab = _to_lab(white / light)
     paint = [
-        _measure_ball(np.array(discs), light, white_lab, kind, scene.cloth_lab) if discs else _UNKNOWN
+        _measure_ball(np.array(discs), white, kind, scene.cloth_lab) if discs else _UNKNOWN
         for discs, kind in zip(samples, tracks.kinds, strict=True)
     ]
     colour, corrected = (np.array([one[column] for one in paint]).reshape(-1, 3) for column in (0, 1))
@@ -200,8 +205,8 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
         return np.ones(3)
     pixels = decode_srgb(np.concatenate(samples[white]) / 255)
     brightness = pixels.mean(axis=1)
-    low, high = np.nanquantile(brightness, [SHADE_QUANTILE, 1 - HIGHLIGHT_SHARE])
-    return np.asarray(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0))
+    low, high = np.nanquantile(brightness, [SHADE_QUANTILE, GLARE_QUANTILE])
+    return np.maximum(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0), 0.05)
 
 
 _UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
@@ -209,24 +214,40 @@ _UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
 
 
 def _measure_ball(
-    discs: FloatArray, light: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
+    discs: FloatArray, white: FloatArray, kind: str, cloth_lab: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from lit discs (F, n, 3) of sRGB; and if certain."""
-    corrected = _to_lab(decode_srgb(discs / 255) / light)
-    lightness, tint = corrected[..., 0], np.linalg.norm(corrected[..., 1:] - white[1:], axis=-1)
+    """Measure sRGB, and CIE L*a*b* in neutral light, of a ball from lit discs (F, n, 3) of sRGB; and if certain.
+
+    Paint is the purest colour of a ball: white, highlights and the chroma of neighbours in coded video only dilute it,
+    and shade leaves the ratio of the channels as it is.
+    """
+    shown, light = decode_srgb(discs / 255), white**LIGHT_SHARE / PAPER_WHITE
+    corrected, white_lab = _to_lab(shown / light), _to_lab(white / light)
+    lightness, tint = corrected[..., 0], np.linalg.norm(corrected[..., 1:] - white_lab[1:], axis=-1)
     painted = lightness <= np.nanquantile(lightness, 1 - HIGHLIGHT_SHARE, axis=1, keepdims=True)
+    is_white, is_black = kind in ("cue", "white"), kind in ("eight", "black")
     coloured = painted & ((tint > MAX_WHITE_TINT) | (lightness < MIN_WHITE_LIGHTNESS))
     if kind in FIRST_NUMBERS and coloured.sum() < MIN_PAINTED_SHARE * painted.sum():
         return _UNKNOWN
-    painted = painted if kind in ("cue", "white") or not coloured.any() else coloured
-    purity = np.hypot(LIGHTNESS_WEIGHT * (white[0] - lightness), tint)  # a band is seen mixed with white at its edges
-    rank = purity if kind == "stripe" else lightness
-    quantile = {"stripe": DULL_QUANTILE, "eight": 0.0, "black": 0.0}.get(kind, SHADE_QUANTILE)  # black shines, but grey
+    painted = painted if is_white or not coloured.any() else coloured
+    exposed = painted & (np.sum(discs >= OVEREXPOSED, axis=-1) < 2)
+    painted = exposed if not is_white and exposed.sum() > MIN_EXPOSED_SHARE * painted.sum() else painted
+    balanced = 255 * encode_srgb(np.clip(shown / white, 0, 1))
+    purity = np.ptp(balanced, axis=-1) / (balanced.max(axis=-1) + DARK_LEVEL)
+    distance = np.hypot(LIGHTNESS_WEIGHT * (white_lab[0] - lightness), tint)
+    measures = () if is_white else (distance,) if is_black else (purity, distance)  # black has no hue
+
+    def select(pixels: BoolArray) -> BoolArray:
+        purest = [one >= MIN_PURE_SHARE * np.quantile(one[pixels], PUREST_QUANTILE) for one in measures]
+        pure = np.all([pixels, *purest], axis=0)
+        low, high = np.quantile(lightness[pure], [0.0 if is_black else SHADE_QUANTILE, GLARE_QUANTILE])
+        return np.asarray(pure & (lightness >= low) & (lightness <= high))
+
     own = painted & ~_is_cloth(rgb2lab(discs / 255), cloth_lab)
     sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)
-    choices = [one & (rank >= np.quantile(rank[one], quantile)) for one in sets]
+    choices = [select(one) for one in sets]
     colours = [np.median(corrected[one], axis=0) for one in choices]
-    is_own = np.median(purity[choices[-1]]) > MIN_OWN_PURITY * np.median(purity[choices[0]])
+    is_own = np.median(distance[choices[-1]]) > MIN_OWN_PURITY * np.median(distance[choices[0]])
     chosen, colour = choices[-int(is_own)], colours[-int(is_own)]
     spread = np.median(np.linalg.norm(corrected[chosen][:, 1:] - colour[1:], axis=1))
     is_certain = np.linalg.norm(colours[0] - colours[-1]) < MAX_AMBIGUITY and spread < MAX_SPREAD

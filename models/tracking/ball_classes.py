@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,24 +68,28 @@ def classify_balls(appearance: Appearance, game: Game, struck_ball: int | None =
     return _classify_snooker(appearance, struck_ball) if game == "snooker" else _classify_pool(appearance, struck_ball)
 
 
-def assign_ids(kinds: Sequence[str], xy: FloatArray, corrected: Sequence[str] = ()) -> tuple[str, ...]:
+def assign_ids(
+    kinds: Sequence[str], xy: FloatArray, former: Sequence[str] = (), used: Sequence[str] = ()
+) -> tuple[str, ...]:
     """Assign unique ids from classes and first places (N, 2): left before right, then top before bottom.
 
-    A ball of another `corrected` class gets a new id, and all others keep theirs.
+    Args:
+        kinds: Classes of N balls.
+        xy: Places of the balls.
+        former: Ids that the balls had before a correction, empty for new balls: a ball keeps its own where that names
+            its class, so that the correction of one ball renames no other.
+        used: Ids of that time, also of balls that are gone; a new ball gets none of their numbers.
+
+    Returns:
+        N ids.
     """
-    ids = [""] * len(kinds)
-    count: dict[str, int] = {}
+    pairs = zip(kinds, former or [""] * len(kinds), strict=True)
+    ids = [name if name.rstrip("-0123456789") == kind else "" for kind, name in pairs]
     for ball in np.lexsort((xy[:, 1], xy[:, 0])):
-        kind = kinds[ball]
-        count[kind] = count.get(kind, 0) + 1
-        plain = count[kind] == 1 and kind not in NUMBERED
-        ids[ball] = kind if plain else f"{kind}-{count[kind]}"
-    changed = [ball for ball, kind in enumerate(corrected) if kind != kinds[ball]]
-    ids = ["" if ball in changed else name for ball, name in enumerate(ids)]
-    for ball in changed:
-        kind = corrected[ball]
-        count[kind] = count.get(kind, 0) + 1
-        ids[ball] = f"{kind}-{count[kind]}" if kind in NUMBERED or kind in ids else kind
+        if not ids[ball]:
+            kind = kinds[ball]
+            names = chain([kind] * (kind not in NUMBERED), (f"{kind}-{n}" for n in count(1 + (kind not in NUMBERED))))
+            ids[ball] = next(name for name in names if name not in ids and (name == kind or name not in used))
     return tuple(ids)
 
 

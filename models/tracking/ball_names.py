@@ -80,10 +80,11 @@ def correct_looks(
     Args:
         ids: N ids.
         looks: N looks.
-        corrected: By id, `name`, `number` or `colour` (such as `#d63b3b`).
+        corrected: By id, `name`, `number` (0 for none) or `colour` (such as `#d63b3b`).
 
     Returns:
-        N looks with the values that differ; a number that was changed alone gives the name of the standard set.
+        N looks with the values that differ; a number that was changed alone gives the name of the standard set, and
+        number 0 the name without one.
     """
     result = []
     for ball, look in zip(ids, looks, strict=True):
@@ -91,8 +92,9 @@ def correct_looks(
         number, name = own.get("number", look.number), own.get("name", look.name)
         if number != look.number:
             standard = "black" if number == EIGHT else STANDARD_SET[number % EIGHT - 1][0]
-            name = f"{standard} {number}" if name == look.name else name
-            look = replace(look, number=number, is_striped=number > EIGHT)
+            without = look.name.removesuffix(f" {look.number}") + " stripe" * look.is_striped
+            name = name if name != look.name else f"{standard} {number}" if number else without
+            look = replace(look, number=number, is_striped=number > EIGHT if number else look.is_striped)
         result.append(replace(look, name=name, colour=parse_colour(own.get("colour", format_colour(look.colour)))))
     return make_names_unique(result)
 

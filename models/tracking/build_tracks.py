@@ -6,7 +6,10 @@ is near. `models.tracking.track_hypotheses` decides identities.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.detections import Detections, MarkedDetections
@@ -71,11 +74,39 @@ def build_tracks(
         raise TrackError(f"Tracking needs at least {MIN_FRAMES} distinct frames; the clip has {len(frame)}.")
     marked = detections if isinstance(detections, MarkedDetections) else _mark_none(detections)
     balls, pixels = _find_balls(marked, frame, t, scene, options, progress)
+    first = [pixels.table_detections.row[ball.row] for ball in balls]  # rows of the detections
+    used = former = _assign_first_ids(balls, pixels, marked.mark, scene)
     is_false = find_false_detections(balls, [one for one in corrections.balls if one.kind == "false"], pixels)
     if is_false.any():  # again without them: they took part in the assignment
         marked = MarkedDetections(marked.detections.select_rows(~is_false), marked.mark[~is_false])
         balls, pixels = _find_balls(marked, frame, t, scene, options, progress)
-    return _make_tracks(edit_tracks(balls, corrections.tracks, pixels), pixels, scene)
+        now = [np.flatnonzero(~is_false)[pixels.table_detections.row[ball.row]] for ball in balls]
+        shared = np.array([[len(np.intersect1d(one, two)) for two in first] for one in now])
+        pairs = zip(*linear_sum_assignment(-shared), strict=True)
+        same = {one: used[two] for one, two in pairs if shared[one, two]}
+        former = tuple(same.get(number, "") for number in range(len(balls)))
+    return _make_tracks(edit_tracks(balls, corrections.tracks, pixels, former), pixels, scene, used)
+
+
+def _assign_first_ids(balls: Sequence[Tracklet], pixels: TrackPixels, mark: IntArray, scene: Scene) -> tuple[str, ...]:
+    """Assign the ids before a correction, last to the balls that a person placed: these rename no other."""
+    xy, kinds = _classify(balls, pixels, scene)[:2]
+    is_placed = [np.mean(mark[pixels.table_detections.row[ball.row]] >= 0) > 0.5 for ball in balls]
+    return assign_ids(kinds, np.where(np.array(is_placed)[:, None], np.inf, xy))
+
+
+def _classify(
+    balls: Sequence[Tracklet], pixels: TrackPixels, scene: Scene
+) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
+    """Return the first places (N, 2), the classes and the colours (N, 3) of balls."""
+    table_detections = pixels.table_detections
+    rows = [table_detections.row[ball.row] for ball in balls]
+    appearance = summarize_appearance([ball.colour for ball in balls], rows, pixels.detections)
+    struck_ball = find_struck_ball(
+        [(ball.frame_index, table_detections.xy[ball.row]) for ball in balls], scene.table.ball_radius
+    )
+    kinds = classify_balls(appearance, scene.table.game, struck_ball)
+    return np.array([table_detections.xy[ball.row[0]] for ball in balls]), kinds, appearance.colour
 
 
 def _mark_none(detections: Detections) -> MarkedDetections:
@@ -133,26 +164,21 @@ def _select_lasting_balls(balls: list[Tracklet], frame_count: int) -> list[Track
     return [tracklet for tracklet in balls if any(tracklet is other for other in lasting)]
 
 
-def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene) -> Tracks:
+def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene, used: Sequence[str]) -> Tracks:
     """Make the columns of `Tracks`; balls are ordered by class and id."""
     balls = [one.tracklet for one in edited]
     table_detections, detections, frame, t = pixels.table_detections, pixels.detections, pixels.frame, pixels.t
-    rows = [table_detections.row[ball.row] for ball in balls]
-    appearance = summarize_appearance([ball.colour for ball in balls], rows, detections)
-    struck_ball = find_struck_ball(
-        [(ball.frame_index, table_detections.xy[ball.row]) for ball in balls], scene.table.ball_radius
-    )
-    seen_kinds = classify_balls(appearance, scene.table.game, struck_ball)
+    places, seen_kinds, colour = _classify(balls, pixels, scene)
     kinds = set_classes(seen_kinds, edited, scene.table.game)
-    places = np.array([table_detections.xy[ball.row[0]] for ball in balls])
-    ids = set_names(assign_ids(seen_kinds, places, kinds), edited)
+    ids = set_names(assign_ids(kinds, places, [one.former for one in edited], used), edited)
     order = sorted(range(len(balls)), key=lambda i: (kinds[i], len(ids[i]), ids[i]))
     shape = (len(frame), len(balls))
     xy, px, streak = (np.full((*shape, 2), np.nan) for _ in range(3))
     sigma, along, radius = (np.full(shape, np.nan) for _ in range(3))
     lay = np.full((*shape, 2, 2), np.nan)
     for column, i in enumerate(order):
-        index, row, source = balls[i].frame_index, balls[i].row, rows[i]
+        index, row = balls[i].frame_index, balls[i].row
+        source = table_detections.row[row]
         xy[index, column], streak[index, column] = table_detections.xy[row], table_detections.streak[row]
         px[index, column], radius[index, column] = detections.centre[source], detections.radius[source]
         scale, lay[index, column] = table_detections.scale[row], table_detections.lay[row]
@@ -160,5 +186,5 @@ def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene) ->
         along[index, column] = detections.sigma_along[source] * scale
     return Tracks(
         frame, t, tuple(ids[i] for i in order), tuple(kinds[i] for i in order), xy, px, sigma, along, streak, radius,
-        appearance.colour[order], lay,
+        colour[order], lay,
     )  # fmt: skip

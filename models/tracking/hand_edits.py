@@ -35,6 +35,8 @@ class EditedBall:
     """Id that was set by hand; empty for none."""
     kind: str = ""
     """Ball class that was set by hand; empty for none."""
+    former: str = ""
+    """Id that the ball had before the corrections; empty for a new one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +123,21 @@ def keep_placed_balls(balls: list[Tracklet], mark: IntArray, pixels: TrackPixels
     return [*balls, *added]
 
 
-def edit_tracks(balls: Sequence[Tracklet], edits: Sequence[TrackEdit], pixels: TrackPixels) -> list[EditedBall]:
+def edit_tracks(
+    balls: Sequence[Tracklet], edits: Sequence[TrackEdit], pixels: TrackPixels, ids: Sequence[str]
+) -> list[EditedBall]:
     """Apply edits to tracks in their order; an edit that names no ball changes nothing.
 
     Args:
         balls: The tracks.
         edits: The edits.
         pixels: Detections and frames of the tracks.
+        ids: Ids of the balls before the corrections.
 
     Returns:
         The edited tracks.
     """
-    edited = [EditedBall(ball) for ball in balls]
+    edited = [EditedBall(ball, former=former) for ball, former in zip(balls, ids, strict=True)]
     for edit in edits:
         tracklets = [one.tracklet for one in edited]
         one = find_ball(tracklets, edit.ball, pixels)

@@ -54,7 +54,8 @@ def read_looks_text(path: Path) -> str:
         path: The file.
 
     Returns:
-        JSON object: by id of the ball, an object with these of `name`, `number` and `colour` that the file has.
+        JSON object: by id of the ball, an object with these of `name`, `number` (0 for `null`) and `colour` that
+        the file has.
 
     Raises:
         OptionError: The file is no scene.json, or a value cannot be used.
@@ -66,6 +67,8 @@ def read_looks_text(path: Path) -> str:
         looks[ball["id"]] = look = {key: ball[key] for key in ("name", "number", "colour") if ball.get(key) is not None}
         if look.get("number", 1) not in range(1, 16):
             raise OptionError(f"A pool ball has a number from 1 to 15; {path} has {look['number']} for {ball['id']}")
+        if "number" in ball:
+            look.setdefault("number", 0)
         if not re.fullmatch("#[0-9a-fA-F]{6}", str(look.get("colour", "#000000"))):
             raise OptionError(f"A colour is like #d63b3b; {path} has {look['colour']} for {ball['id']}")
     return json.dumps(looks)

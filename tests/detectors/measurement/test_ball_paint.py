@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
@@ -56,3 +57,22 @@ def test_a_ball_that_no_frame_shows_keeps_the_colour_of_its_class_and_has_no_num
     unseen, shown = replace(rendered, tracks=tracks).describe()[1:]
     assert (unseen.colour, unseen.number) == (UNKNOWN_COLOUR, 0)
     assert shown.name in name_as_person(3)
+
+
+def test_coarse_chroma_and_overexposed_pixels_do_not_dilute_the_colour_of_a_ball() -> None:
+    numbers = (0, 3, 5, 12)
+    rendered = render_set(numbers, 6)
+    spoiled = []
+    for frame, image in rendered.frames:
+        small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb)[..., 1:], None, fx=0.25, fy=0.25)
+        coded = cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb)
+        coded[..., 1:] = cv2.resize(small, image.shape[1::-1])
+        result = cv2.cvtColor(coded, cv2.COLOR_YCrCb2RGB)
+        for (x, y), radius in zip(rendered.tracks.px[0], rendered.tracks.radius_px[0], strict=True):
+            cv2.circle(result, (round(x), round(y)), round(0.35 * radius), (255, 255, 190), -1)
+        spoiled.append((frame, result))
+    spoiled_looks = replace(rendered, frames=tuple(spoiled)).describe()
+    colours = [
+        rgb2lab(np.array([[look.colour for look in looks]]) / 255)[0] for looks in (rendered.describe(), spoiled_looks)
+    ]
+    assert deltaE_ciede2000(*colours)[1:].max() < MAX_DIFFERENCE

@@ -146,7 +146,7 @@ def test_a_corrected_class_renames_no_other_ball() -> None:
     before = assign_ids(kinds, xy)
     for ball, kind, expected in ((1, "solid", "solid-2"), (3, "stripe", "stripe-4"), (4, "ball", "ball-1")):
         corrected = [kind if k == ball else one for k, one in enumerate(kinds)]
-        after = assign_ids(kinds, xy, corrected)
+        after = assign_ids(corrected, xy, before, before)
         assert after[ball] == expected
         assert [name for k, name in enumerate(after) if k != ball] == [n for k, n in enumerate(before) if k != ball]
-    assert assign_ids(kinds, xy, ("solid", "cue", *kinds[2:])) == ("solid-2", "cue", *before[2:])
+    assert assign_ids(("solid", "cue", *kinds[2:]), xy, before, before) == ("solid-2", "cue", *before[2:])

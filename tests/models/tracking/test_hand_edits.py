@@ -7,6 +7,7 @@ import pytest
 from support.tracking_shots import observe, overhead, owners, play
 
 from models.core.corrections import NO_CORRECTIONS, BallMark, BallPlace, Corrections, TrackEdit
+from models.core.detections import MarkedDetections
 from models.core.tracks import Tracks
 from models.tracking.build_tracks import build_tracks
 
@@ -102,6 +103,39 @@ def test_a_false_ball_is_gone_wholly_or_in_its_span() -> None:
     tracks = build(Corrections(balls=(BallMark("false", place(3, 5), last=EDGE - 1),)))
     assert len(tracks.ids) == 4
     assert not tracks.is_observed[:EDGE, column(tracks, 3, EDGE + 4)].any()
+
+
+@pytest.mark.parametrize("ball", [1, 2, 3])
+def test_a_false_split_or_merged_ball_renames_no_other(ball: int) -> None:
+    before = build()
+    ids = {one: before.ids[column(before, one, EDGE - 4)] for one in range(4)}
+    assert {"solid-1", "solid-2", "solid-3"} < set(ids.values())  # whose numbers count from the left
+    false, split = BallMark("false", place(ball, 5)), TrackEdit("split", place(ball, EDGE), first=EDGE)
+    other = 1 + ball % 3
+    merge = TrackEdit("merge", place(ball, 5), place(other, 5))
+    for corrections, gone in (
+        (Corrections(balls=(false,)), {ball}),
+        (Corrections(tracks=(split,)), set()),
+        (Corrections(tracks=(merge,)), {other}),
+        (Corrections(balls=(false,), tracks=(TrackEdit("class", place(other, 5), name="stripe"),)), {ball, other}),
+    ):
+        tracks = build(corrections)
+        for one in set(range(4)) - gone:
+            assert tracks.ids[column(tracks, one, EDGE - 4)] == ids[one], (corrections, one)
+    late = build(Corrections(tracks=(split,)))
+    assert late.ids[column(late, ball, EDGE + 4)] == "solid-4"
+
+
+def test_a_ball_that_was_placed_renames_no_other() -> None:
+    centre = OBSERVED.detections.centre
+    is_third = np.linalg.norm(centre - OBSERVED.px[OBSERVED.detections.frame, 2], axis=1) < 5
+    without = OBSERVED.detections.select_rows(~is_third)
+    before = build_tracks(without, OBSERVED.frame, OBSERVED.t, overhead())
+    marked = MarkedDetections(OBSERVED.detections, np.where(is_third, 0, -1))
+    after = build_tracks(marked, OBSERVED.frame, OBSERVED.t, overhead())
+    for ball in (0, 1, 3):
+        assert after.ids[column(after, ball, 5)] == before.ids[column(before, ball, 5)]
+    assert after.ids[column(after, 2, 5)] == "solid-3"
 
 
 @pytest.mark.parametrize("kind", ["rename", "class", "merge", "split", "swap"])

@@ -49,6 +49,19 @@ def test_a_number_that_was_changed_gives_the_name_and_the_pattern() -> None:
     )
 
 
+def test_a_number_that_was_withdrawn_leaves_the_colour_and_the_pattern(tmp_path: Path) -> None:
+    looks = (BallLook("blue 10", (40, 51, 130), 10, True), *LOOKS[1:], BallLook("black 8", (40, 40, 40), 8))
+    ids = (*IDS, "eight")
+    rows = [{"id": ball, "name": look.name, "number": None} for ball, look in zip(ids, looks, strict=True)]
+    withdrawn = correct_looks(ids, looks, json.loads(read_looks_text(write_scene(tmp_path, *rows))))
+    assert [(look.name, look.number, look.is_striped) for look in withdrawn] == [
+        ("blue stripe", 0, True), ("red", 0, False), ("black", 0, False),
+    ]  # fmt: skip
+    assert correct_looks(ids, looks, json.loads(read_looks_text(write_scene(tmp_path, {"id": "solid-1"})))) == looks
+    with pytest.raises(OptionError, match="1 to 15"):
+        read_looks_text(write_scene(tmp_path, {"id": "solid-1", "number": 0}))
+
+
 def test_a_name_and_a_colour_that_were_changed_are_taken_as_they_are() -> None:
     changed = {"solid-1": {"name": "the dented one", "number": 3, "colour": "#ff0000"}}
     assert correct_looks(IDS, LOOKS, changed)[1] == BallLook("the dented one", (255, 0, 0), 3)

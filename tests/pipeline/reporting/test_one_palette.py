@@ -12,7 +12,7 @@ import pytest
 from skimage.color import rgb2lab
 from support.sample_clips import read_sample_truth
 
-from benchmarks.detection.ball_looks import PAINTED, compare_colours, measure_colour
+from benchmarks.detection.ball_looks import UNPAINTED, collect_pixels, compare_colours, measure_colour
 from detectors.measurement.ball_paint import look_at_balls
 from models.core.ball_look import parse_colour
 from models.core.events import Events
@@ -56,7 +56,7 @@ def make_shot() -> tuple[Scene, Tracks, FloatArray]:
     )  # fmt: skip
     scene = Scene(table, camera, cloth, ())
     shown = [
-        measure_colour(frame, truth.px[0, k], truth.radius_px[0, k], PAPER if kind in PAINTED else None)
+        measure_colour(collect_pixels({0: frame}, tracks, np.array([0]), k), None if kind in UNPAINTED else PAPER)
         for k, kind in enumerate(kinds)
     ]
     return scene, replace(tracks, looks=look_at_balls(clip, scene, tracks)), np.array(shown)
