@@ -206,7 +206,7 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
     pixels = decode_srgb(np.concatenate(samples[white]) / 255)
     brightness = pixels.mean(axis=1)
     low, high = np.nanquantile(brightness, [SHADE_QUANTILE, GLARE_QUANTILE])
-    return np.maximum(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0), 0.05)
+    return np.asarray(np.maximum(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0), 0.05))
 
 
 _UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
