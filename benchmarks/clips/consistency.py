@@ -101,7 +101,7 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
         return Statement(key, f"{value}", source, float(value), float(value))
     form = rf"({'|'.join(BOUNDS)}|)(-?\d+(?:\.(\d+))?)(?: ± [\d.]+)? ?((?!top|back|right|left|either)[a-z/]+|%|°|)"
     form += rf"(?: \([^)]*\))?(?: ?({'|'.join(SIGNS)}|either way))?"
-    parts = re.fullmatch(form, value)
+    parts = re.fullmatch(form, re.sub(r"none measurable \((.*)\)", r"\1 either way", value))
     if parts is None or parts[4] not in UNITS:
         return Statement(key, value.lower().removeprefix("the "), source)
     limit, number, decimals, unit, side = (one or "" for one in parts.groups())

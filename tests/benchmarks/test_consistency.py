@@ -52,6 +52,7 @@ def test_outputs_that_agree_contradict_each_other_nowhere() -> None:
         ("30.5 ± 0.3° left", "-30.5 ± 0.3°", "side"),
         ("30.5 ± 0.3° left", "30.5 ± 0.3 deg left", "words"),
         ("30.5 ± 0.3° left", "31 ± 0.3° left", "rounding"),
+        ("30.5 ± 0.3° left", "none measurable (30.5 ± 0.3°)", "side"),
     ],
 )
 def test_an_altered_statement_of_one_output_is_found(old: str, new: str, kind: str) -> None:
