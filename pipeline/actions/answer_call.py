@@ -26,6 +26,7 @@ from models.estimation.contact_test.rule_answers import GAMES, LOWEST_BALL_GAMES
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
+from pipeline.io.shot_folder import read_shot
 from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
@@ -121,7 +122,7 @@ def _list_pockets(naming: Naming) -> str:
 
 def answer_call(
     record: ShotRecord, words: Sequence[str], edge: bool, folder: Path, clip: Path | None, target: Path,
-    game: str = "", on: str = "",
+    game: str = "", on: str = "", share: Path | None = None,
 ) -> Answer:  # fmt: skip
     """Answer a question, and write a close-up and a strip of frames of its moment.
 
@@ -134,6 +135,7 @@ def answer_call(
         target: Folder of the images; created if it does not exist.
         game: Game whose fouls are meant, as in `answer_question`.
         on: What had to be hit first, as in `answer_question`.
+        share: Clip to share to write; None for none.
 
     Returns:
         The answer.
@@ -146,7 +148,10 @@ def answer_call(
     record = replace(record, naming=replace(record.naming, game=GAMES.get(game, record.table.game)))
     call = answer_question(record, words, edge, game, on)
     text = format_call(call, record.naming)
+    if share is not None:
+        _write_share_clip(record, call, text, folder, clip, share)
     pictures, why_not = write_call_images(record, call, text, folder, clip, target, words)
+    figures = (*pictures, *filter(None, [share]))
     parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
         "question": " ".join(words), **_build_document(record, call, text),
@@ -174,7 +179,7 @@ def answer_call(
         text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
         call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),
         (*notes, *((f"No image: {why_not}",) if why_not else ())), document=document,
-        figures=tuple(map(str, pictures)),
+        figures=tuple(map(str, figures)),
     )  # fmt: skip
 
 
@@ -193,8 +198,22 @@ def _build_document(record: ShotRecord, call: CallAnswer, text: CallWords) -> di
     }  # fmt: skip
 
 
+def _write_share_clip(
+    record: ShotRecord, call: CallAnswer, text: CallWords, folder: Path, clip: Path | None, path: Path
+) -> None:
+    """Write a clip to share, for which the frames of the shot are needed."""
+    from pipeline.actions.share_call import write_share_clip  # slow to import
+
+    require_writable_folder(path.parent)
+    source, why_not = find_run_clip(folder, clip)
+    if source is None:
+        raise OptionError(f"--share needs the frames of the shot: {why_not}")
+    footage = select_run_subclip(folder, open_clip(source))
+    write_share_clip(record, call, text, _sample_line(record, call), read_shot(folder), footage, path)
+
+
 def _parse_line(text: str) -> tuple[str, float]:
-    """Parse a line across the table into its axis and coordinate (m)."""
+    """Parse a line across the table, such as `x=0.635`, into its axis and coordinate (m)."""
     match = re.fullmatch(r"([xy])=([+-]?(?:\d+\.?\d*|\.\d+))", text)
     if match is None:
         raise OptionError(f"a line must be given as x=0.635 or y=0.3, in metres; got {text!r}")
@@ -236,7 +255,7 @@ def write_call_images(
         return [], f"{source} cannot be read: {error}"
     target.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
-    line = _sample_line(record, *_parse_line(call.subject[1])) if call.kind == "line" else None
+    line = _sample_line(record, call)
     scenery = [
         _build_close_up_frame(record, record.camera, call, int(frame), image, line)
         for frame, image in sorted(frames.items())
@@ -293,8 +312,11 @@ def select_run_subclip(folder: Path, clip: Clip) -> Clip:
     return clip
 
 
-def _sample_line(record: ShotRecord, axis: str, at: float) -> FloatArray:
-    """Sample points (n, 2) m of the line across the table at x or y = `at`."""
+def _sample_line(record: ShotRecord, call: CallAnswer) -> FloatArray | None:
+    """Sample points (n, 2) m of the line in question across the table; None where there is none."""
+    if call.kind != "line":
+        return None
+    axis, at = _parse_line(call.subject[1])
     along = np.linspace(0, record.table.width if axis == "x" else record.table.length, LINE_POINTS)
     columns = (np.full(LINE_POINTS, at), along)
     return np.column_stack(columns if axis == "x" else columns[::-1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,23 +16,19 @@ from models.core.table_view import TableView, find_table_view
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import SHIFT
 from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
-from video.drawing.text import draw_text, round_corner_mask, text_mask
+from video.drawing.text import LINE_SPACING, draw_paragraph, draw_text, round_corner_mask, text_mask, wrap_text
 from video.io.pixel_kernels import blend_colours
 
 CLOTH_COLOUR: Colour = (34, 104, 96)
 """Cloth of a table without footage."""
-PLAN_WIDTH = 1280
-"""px, width of the drawing."""
-FOOTER_TEXT_PX, FOOTER_LINE_PX = 17, 24
-"""px, font size and height of a line below the table."""
-LETTER_WIDTH = 0.55
-"""Mean width of a letter over the font size."""
+PLAN_WIDTH, NAME_PX = 1280, 15
+"""px, longer side of the drawing, and font size of the names of balls and rails."""
+FOOTER_TEXT_PX, FOOTER_MARGIN = 17, 16
+"""px, font size and margin of the text below the table."""
 START_FADE = 0.55
 """Share of the cloth colour in a ball that is drawn at its start."""
 BAND_SHARE = 0.5
 """Half width of the band of a striped ball, ball radii."""
-RAIL_TEXT_PX = 14
-"""px, font size of the names of the rails."""
 
 
 def draw_ball_disc(canvas: ImageArray, centre: Sequence[int], radius: int, look: BallLook, faded: float = 0.0) -> None:
@@ -64,6 +59,8 @@ def draw_table_plan(
     contact_points: FloatArray,
     title: str,
     draw_background: Callable[[TableInset, Sequence[Colour]], None] | None = None,
+    longest: int = PLAN_WIDTH,
+    name_px: int = NAME_PX,
 ) -> ImageArray:
     """Draw the paths of the balls on an empty table that lies as in the clip.
 
@@ -77,11 +74,13 @@ def draw_table_plan(
         contact_points: Positions of the contacts (m, 2), m.
         title: Text below the table, one or several lines; empty for none.
         draw_background: Function that draws on the empty table first, in the colours of the balls' lines.
+        longest: Longer side without the text, px.
+        name_px: Font size of the names of balls and rails, px.
 
     Returns:
-        Image (h, w, 3), its longer side without the text `PLAN_WIDTH`.
+        Image (h, w, 3).
     """
-    inset = build_empty_inset(table, CLOTH_COLOUR, naming.view, PLAN_WIDTH)
+    inset = build_empty_inset(table, CLOTH_COLOUR, naming.view, longest)
     looks = [naming.find_look(name) for name in ids]
     lines = [ensure_contrast(look.colour, CLOTH_COLOUR) for look in looks]
     if draw_background is not None:
@@ -97,14 +96,16 @@ def draw_table_plan(
             if len(places):
                 inset.draw_true_ball(table, places[which], look, faded)
     image = np.asarray(cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA), np.uint8)
-    name_rails(image, inset, table, naming)
+    name_rails(image, inset, table, naming, name_px)
     for name, places in zip(ids, finite_paths, strict=True):
         if len(places):
-            _draw_ball_name(image, inset, places[-1], naming.name_ball(name))
+            _draw_ball_name(image, inset, places[-1], naming.name_ball(name), name_px)
     return append_footer(image, title)
 
 
-def name_rails(image: ImageArray, inset: TableInset, table: Table, naming: Naming) -> None:
+def name_rails(
+    image: ImageArray, inset: TableInset, table: Table, naming: Naming, size: int = NAME_PX
+) -> None:
     """Write on each rail of a plan (h, w, 3) what a viewer of the clip calls it."""
     rail, length, width = RAIL_SHARE * table.length / 2, table.length, table.width
     aside = 5 / 16  # between two diamonds, away from pockets
@@ -116,10 +117,10 @@ def name_rails(image: ImageArray, inset: TableInset, table: Table, naming: Namin
     )
     for cushion, place in zip(CUSHIONS, places, strict=True):
         text = naming.view.name_rail(cushion)
-        height, breadth = text_mask(text, RAIL_TEXT_PX).shape[:2]
+        height, breadth = text_mask(text, size).shape[:2]
         x, y = inset.to_fixed_point(np.array(place)) / (SUPERSAMPLE << SHIFT)
         left, top = np.clip([x - breadth / 2, y - height / 2], 0, [image.shape[1] - breadth, image.shape[0] - height])
-        draw_text(image, text, int(left), int(top), RAIL_TEXT_PX, MUTED_GREY)
+        draw_text(image, text, int(left), int(top), size, MUTED_GREY)
 
 
 def append_footer(image: ImageArray, text: str) -> ImageArray:
@@ -132,13 +133,11 @@ def append_footer(image: ImageArray, text: str) -> ImageArray:
     Returns:
         Image (h + strip, w, 3).
     """
-    letters = int((image.shape[1] - 32) / (LETTER_WIDTH * FOOTER_TEXT_PX))
-    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, letters)]
-    if not lines:
+    count = len(wrap_text(text, FOOTER_TEXT_PX, image.shape[1] - 2 * FOOTER_MARGIN))
+    if not count:
         return image
-    strip = np.full((len(lines) * FOOTER_LINE_PX + 10, image.shape[1], 3), INK, np.uint8)
-    for k, line in enumerate(lines):
-        draw_text(strip, line, 16, 5 + k * FOOTER_LINE_PX, FOOTER_TEXT_PX, WHITE)
+    strip = np.full((count * round(LINE_SPACING * FOOTER_TEXT_PX) + 10, image.shape[1], 3), INK, np.uint8)
+    draw_paragraph(strip, text, FOOTER_MARGIN, 5, FOOTER_TEXT_PX, WHITE)
     return np.vstack([image, strip])
 
 
@@ -152,14 +151,14 @@ def _draw_path(inset: TableInset, path: FloatArray, colour: Colour) -> None:
             cv2.polylines(inset.canvas, [points], False, colour, 2 * SUPERSAMPLE, cv2.LINE_AA, SHIFT)
 
 
-def _draw_ball_name(image: ImageArray, inset: TableInset, place: FloatArray, name: str) -> None:
+def _draw_ball_name(image: ImageArray, inset: TableInset, place: FloatArray, name: str, size: int) -> None:
     """Draw the name beside its ball, inside the image."""
     x, y = inset.to_fixed_point(place) / (SUPERSAMPLE << SHIFT)
-    mask = text_mask(name, 15, bold=True)
+    mask = text_mask(name, size, bold=True)
     height, width = mask.shape[:2]
     away = inset.ball_radius / SUPERSAMPLE + 3
     left = x + away if x + away + width < image.shape[1] else x - away - width
-    draw_text(image, name, int(max(left, 0)), int(np.clip(y - height / 2, 0, image.shape[0] - height)), 15, WHITE)
+    draw_text(image, name, int(max(left, 0)), int(np.clip(y - height / 2, 0, image.shape[0] - height)), size, WHITE)
 
 
 RAIL_SHARE = 0.055

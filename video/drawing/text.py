@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +15,10 @@ from models.core.typing import ByteArray, ImageArray
 from video.drawing.palette import Colour
 from video.io.pixel_kernels import paint_mask, paint_masks
 
+LINE_SPACING = 1.4
+"""Distance of two lines over the font size."""
+_BREAK = re.compile(r"(?<![±=]) (?![±=%]|(?:m|mm|ms|s)\b)")
+"""A space at which a line may end: not within a number with its error and unit."""
 FONTS = Path(__file__).resolve().parent / "fonts"
 
 
@@ -150,3 +155,38 @@ def draw_text(
     mask = text_mask(text, size, bold)
     blend_mask(image, mask, round(x), round(y), colour, opacity)
     return int(mask.shape[1])
+
+
+def wrap_text(text: str, size: int, width: int, bold: bool = False) -> list[str]:
+    """Break lines of text of a font size (px) so that they fit into `width` px."""
+    font, lines = _load_font(size, bold), list[str]()
+    for line in filter(None, text.splitlines()):
+        first, *words = _BREAK.split(line)
+        lines.append(first)
+        for word in words:
+            longer = f"{lines[-1]} {word}"
+            lines = [*lines[:-1], longer] if font.getlength(longer) <= width else [*lines, word]
+    return lines
+
+
+def draw_paragraph(
+    image: ImageArray, text: str, margin: int, y: int, size: int, colour: Colour, bold: bool = False
+) -> int:
+    """Draw text in as many lines as it needs, in place.
+
+    Args:
+        image: Image (H, W, 3).
+        text: One or several lines.
+        margin: px left and right of the text.
+        y: Top edge, px.
+        size: Font size, px.
+        colour: Colour of the text.
+        bold: Whether to use the bold font.
+
+    Returns:
+        Top edge of what follows, px.
+    """
+    for line in wrap_text(text, size, image.shape[1] - 2 * margin, bold):
+        draw_text(image, line, margin, y, size, colour, bold)
+        y += round(LINE_SPACING * size)
+    return y

@@ -34,6 +34,10 @@ SHIFT = 4
 """Fractional bits of OpenCV's fixed-point coordinates."""
 
 
+Window = FloatArray
+"""(2, 2) px, middle and least extent of a part of a frame."""
+
+
 @dataclass(frozen=True, slots=True)
 class NamedOutline:
     """Fitted outline of a ball: centre (2,) and radius in px of the frame."""
@@ -75,8 +79,9 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
     Returns:
         Image of `CLOSE_UP_SIZE` with the text below it.
     """
-    view, scale, corner = _magnify_frame(frame, CLOSE_UP_SIZE, _find_window([frame]))
-    _draw_line(view, frame, scale, corner, 2)
+    view, scale, corner = magnify_image(frame.image, CLOSE_UP_SIZE, _find_window([frame]))
+    if frame.line is not None:
+        draw_polyline(view, scale * (frame.line - corner), 2)
     for outline in frame.moment_outlines:
         draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
     _draw_balls(view, frame, scale, corner, 2.0)
@@ -100,8 +105,9 @@ def draw_frame_strip(frames: Sequence[CloseUpFrame], t: float) -> ImageArray:
     left, top = _free_corner(frames, window)
     tiles = []
     for scene in frames:
-        view, scale, corner = _magnify_frame(scene, TILE_SIZE, window)
-        _draw_line(view, scene, scale, corner, 1)
+        view, scale, corner = magnify_image(scene.image, TILE_SIZE, window)
+        if scene.line is not None:
+            draw_polyline(view, scale * (scene.line - corner), 1)
         _draw_balls(view, scene, scale, corner, 1.4)
         blend_mask(view, round_corner_mask(*CAPTION_SIZE, 8), left, top, INK, 0.8)
         draw_text(view, f"frame {scene.frame}", left + 10, top + 2, 16, WHITE, bold=True)
@@ -127,7 +133,7 @@ def draw_place(frame: CloseUpFrame, place: FloatArray, radius: float) -> ImageAr
     for outline in frame.outlines:
         low = np.minimum(low, outline.centre - MARGIN_RADII * outline.radius)
         high = np.maximum(high, outline.centre + MARGIN_RADII * outline.radius)
-    view, scale, corner = _magnify_frame(frame, PLACE_SIZE, ((low + high) / 2, high - low))
+    view, scale, corner = magnify_image(frame.image, PLACE_SIZE, np.stack([(low + high) / 2, high - low]))
     for outline in frame.moment_outlines:
         draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.2, WHITE, 0.7, DASHES // 2)
     _draw_balls(view, frame, scale, corner, 2.0)
@@ -135,7 +141,7 @@ def draw_place(frame: CloseUpFrame, place: FloatArray, radius: float) -> ImageAr
     return view
 
 
-def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, FloatArray]) -> tuple[int, int]:
+def _free_corner(frames: Sequence[CloseUpFrame], window: Window) -> tuple[int, int]:
     """Return left and top, px of a tile, of the corner where the caption hides the fewest balls of all frames."""
     scale, corner = _view_transform(TILE_SIZE, window)
     far = (TILE_SIZE[0] - CAPTION_SIZE[0] - 10, TILE_SIZE[1] - CAPTION_SIZE[1] - 10)
@@ -152,44 +158,53 @@ def _free_corner(frames: Sequence[CloseUpFrame], window: tuple[FloatArray, Float
     return min(places, key=hidden)
 
 
-def _find_window(frames: Sequence[CloseUpFrame]) -> tuple[FloatArray, FloatArray]:
-    """Return middle (2,) and least extent (2,), px, of a window with all balls; the whole frame without balls."""
+def _find_window(frames: Sequence[CloseUpFrame]) -> Window:
+    """Return a window with all balls; the whole frame without balls."""
     outlines = [outline for scene in frames for outline in scene.subjects]
     if not outlines:
         height, width = frames[0].image.shape[:2]
-        return np.array([width, height]) / 2, np.array([width, height], dtype=np.float64)
+        return np.array([[width / 2, height / 2], [width, height]])
     low = np.min([o.centre - MARGIN_RADII * o.radius for o in outlines], axis=0)
     high = np.max([o.centre + MARGIN_RADII * o.radius for o in outlines], axis=0)
-    return (low + high) / 2, high - low
+    return np.stack([(low + high) / 2, high - low])
 
 
-def _view_transform(size: tuple[int, int], window: tuple[FloatArray, FloatArray]) -> tuple[float, FloatArray]:
+def _view_transform(size: tuple[int, int], window: Window) -> tuple[float, FloatArray]:
     """Return the magnification of a window to `size`, and the corner (2,) of the window in the frame."""
     middle, extent = window
     scale = float(min(np.min(np.array(size) / extent), MAX_MAGNIFICATION))
     return scale, middle - np.array(size) / (2 * scale)
 
 
-def _magnify_frame(
-    frame: CloseUpFrame, size: tuple[int, int], window: tuple[FloatArray, FloatArray]
+def magnify_image(
+    image: ImageArray, size: tuple[int, int], window: Window, keeps_inside: bool = False
 ) -> tuple[ImageArray, float, FloatArray]:
-    """Return the frame around a window, magnified to `size`, the magnification and the window's corner (2,)."""
+    """Magnify the part of a frame (H, W, 3) around a window.
+
+    Args:
+        image: The frame.
+        size: Width and height of the result, px.
+        window: What the result shows.
+        keeps_inside: Whether to move the window into the frame, where it fits.
+
+    Returns:
+        The view, its magnification, and its corner (2,) in the frame, px.
+    """
     scale, corner = _view_transform(size, window)
+    if keeps_inside:
+        room = np.array(image.shape[1::-1]) - np.array(size) / scale
+        corner = np.where(room > 0, np.clip(corner, 0, np.maximum(room, 0)), room / 2)
     # Pixel centres are whole numbers in both images.
     to_view = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]]])
     interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-    view = cv2.warpAffine(
-        frame.image, to_view, size, flags=interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=INK
-    )
+    view = cv2.warpAffine(image, to_view, size, flags=interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=INK)
     return np.ascontiguousarray(view, dtype=np.uint8), scale, corner
 
 
-def _draw_line(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: int) -> None:
-    """Draw the line in question."""
-    if frame.line is None:
-        return
+def draw_polyline(view: ImageArray, points: FloatArray, width: int) -> None:
+    """Draw a line through points (n, 2) px, in place, in the colour of what is in question."""
     mask = np.zeros(view.shape[:2], dtype=np.uint8)
-    points = np.clip(scale * (frame.line - corner), -1e5, 1e5)  # far points overflow fixed-point numbers
+    points = np.clip(points, -1e5, 1e5)  # far points overflow fixed-point numbers
     cv2.polylines(mask, [to_fixed_point(points).reshape(-1, 1, 2)], False, 255, width, cv2.LINE_AA, SHIFT)
     blend_mask(view, mask, 0, 0, FLASH)
 

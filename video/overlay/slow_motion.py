@@ -11,7 +11,6 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
+from video.overlay.close_up import magnify_image
 from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
 from video.overlay.motion_paths import MIN_SPEED, ContactMark, select_contact_marks
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
@@ -267,13 +267,8 @@ def _draw_replay_frame(
 ) -> ImageArray:
     """Magnify the place of the contact, and draw the fitted outlines and the time relative to the contact."""
     height, width = image.shape[:2]
-    scale = height / (2 * AROUND_RADII * balls.radius_of(mark.ball))
-    middle = timeline.project(mark.xy, t)
-    corner = middle - np.array([width, height]) / (2 * scale)
-    to_view = np.array([[scale, 0, -scale * corner[0]], [0, scale, -scale * corner[1]]])
-    interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-    close = cv2.warpAffine(image, to_view, (width, height), flags=interpolation, borderMode=cv2.BORDER_REPLICATE)
-    view: ImageArray = np.ascontiguousarray(close, dtype=np.uint8)
+    extent = 2 * AROUND_RADII * balls.radius_of(mark.ball) * np.array([width / height, 1.0])
+    view, scale, corner = magnify_image(image, (width, height), np.stack([timeline.project(mark.xy, t), extent]))
     stroke = drawing_scale(height)
     margin, inside = 14 * stroke, replace(balls, centre=scale * (balls.centre - corner), radius=scale * balls.radius)
     value = f"{1e3 * (t - mark.t):+.1f} ms   {slow * REPLAY_SLOWDOWN:g}× slower"

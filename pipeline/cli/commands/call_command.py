@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ from pipeline.actions.answer_call import answer_call
 from pipeline.io.run_views import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.answer_command import answer_command
+from pipeline.terminal.answer_command import answer_command, ignore
 
 
 @answer_command("call")
@@ -39,6 +40,14 @@ def call(
         cli.AnyPath | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
     ] = None,
     out: cli.OutBesideOption = None,
+    share: Annotated[
+        cli.AnyPath | None,
+        typer.Option(
+            "--share",
+            metavar="FILE.mp4",
+            help="Write a clip of ten seconds for phones too: the moment in slow motion, and its answer.",
+        ),
+    ] = None,
     shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     profile: Annotated[
         cli.AnyPath | None,
@@ -48,9 +57,13 @@ def call(
             help="Table profile of trueroll fit-table or diagnose: its friction decides close passes of two balls.",
         ),
     ] = None,
+    on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(Path(profile)))
     record = read_shot_record(Path(folder), shot, cloth)
     target = Path(folder if out is None else out)
-    return answer_call(record, question, edge, Path(folder), None if clip is None else Path(clip), target, game, on)
+    if share is not None:
+        on_activity("Rendering the clip to share")
+    noted, shared = (None if one is None else Path(one) for one in (clip, share))
+    return answer_call(record, question, edge, Path(folder), noted, target, game, on, shared)

@@ -68,9 +68,14 @@ class CallWords:
     """Why the clip does not decide, and what would; empty where it does."""
 
     @property
+    def headline(self) -> str:
+        """Verdict and probability."""
+        return f"{self.verdict[0].upper()}{self.verdict[1:]} ({self.probability})"
+
+    @property
     def sentence(self) -> str:
         """The whole answer."""
-        text = f"{self.verdict[0].upper()}{self.verdict[1:]} ({self.probability}): {self.statement}."
+        text = f"{self.headline}: {self.statement}."
         return " ".join(filter(None, [text, self.reason]))
 
 
