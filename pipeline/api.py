@@ -31,6 +31,7 @@ from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder, run_clip
+from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.io.run_folder import TEXT_COLUMNS
 from pipeline.io.run_views import view_run
@@ -185,7 +186,7 @@ def run(
         raise ValueError(f"run takes the settings {', '.join(defaults)}; got {', '.join(unknown)}")
     options = build_options({name: settings.get(name, setting.default) for name, setting in defaults.items()})
     path = Path(clip)
-    folder = Path(out) if out is not None else default_run_folder(path)
+    folder = parse_output_path(out) if out is not None else default_run_folder(path)
     values: dict[str, Any] = {}
     store = ResultCache(Path(cache) if cache is not None else default_cache_root())
     run_clip(path, folder, options, store, _CallbackWatcher(progress), values.__setitem__)

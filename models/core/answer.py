@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
+from models.core.naming import Naming
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -45,19 +47,28 @@ class Answer:
     """What was left out because it could not be used, and why."""
     document: Mapping[str, Any] = field(default_factory=dict)
     """The answer as JSON values."""
+    naming: Naming = field(default_factory=Naming)
+    """What the balls of `quantities` are called."""
     figures: tuple[str, ...] = ()
     """Files of the images, pages and tables that were written."""
 
-    def __getitem__(self, name: str) -> Quantity:
-        """Return the quantity with a name.
+    def __getitem__(self, key: str | tuple[str, str]) -> Quantity:
+        """Return a quantity by its name, or by its name and a ball where every ball has one.
+
+        Args:
+            key: Such as `"margin"`, or `("x", "red 3")`; a ball by its id or by what a person calls it.
 
         Raises:
-            KeyError: The answer has none.
+            KeyError: The answer has none, or of several balls.
         """
-        for one in self.quantities:
-            if one.name == name:
-                return one
-        raise KeyError(f"this answer has {', '.join(one.name for one in self.quantities) or 'no quantity'}; not {name}")
+        name, ball = (key, "") if isinstance(key, str) else key
+        ball = self.naming.find_ball(ball) or ball
+        fitting = [one for one in self.quantities if one.name == name and ball in ("", one.ball)]
+        if len(fitting) == 1:
+            return fitting[0]
+        names = ", ".join(dict.fromkeys(one.name for one in self.quantities)) or "no quantity"
+        balls = f" of a ball, such as {name!r}, {self.naming.name_ball(fitting[0].ball)!r}" if fitting else ""
+        raise KeyError(f"this answer has {names}{balls}; got {key!r}")
 
     def __repr__(self) -> str:
         verdict = f"{self.verdict} ({self.probability:.3f})" if self.verdict else self.sentences[0]

@@ -13,11 +13,12 @@ import pyarrow.parquet as pq
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
+from models.core.naming import Naming
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse_table, read_scene_document
+from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse_naming, read_scene_document
 from pipeline.io.shot_numbers_json import parse_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
@@ -29,44 +30,58 @@ GROUPINGS: tuple[Grouping, ...] = ("folder", "spin", "ball", "pocket", "side")
 SCHEMA = "trueroll.session/1"
 
 
-def read_shot_numbers(folder: Path) -> tuple[ShotNumbers, ...]:
+@dataclass(frozen=True, slots=True)
+class SessionShot:
+    """One shot of a session."""
+
+    source: str
+    """As the user named it: the run folder, or a folder of run folders."""
+    folder: Path
+    """Run folder."""
+    shot: ShotNumbers
+    naming: Naming
+
+
+def read_shots(folder: Path, source: str = "") -> list[SessionShot]:
     """Read the numbers of the shots of a run folder.
 
     Args:
         folder: Run folder.
+        source: As the user named it.
 
     Returns:
-        Numbers per shot.
+        Its shots.
 
     Raises:
         OptionError: There is no scene.json with such numbers.
     """
     document = read_scene_document(folder / "scene.json")
     try:
-        return parse_shot_numbers(document)
+        naming = parse_naming(document)
+        return [SessionShot(source, folder, shot, naming) for shot in parse_shot_numbers(document)]
     except OptionError as error:
         raise OptionError(f"{folder} {error}") from error
 
 
-def read_session(sources: Sequence[Path]) -> tuple[list[tuple[str, Path, ShotNumbers]], tuple[str, ...]]:
+def read_session(sources: Sequence[Path]) -> tuple[list[SessionShot], tuple[str, ...]]:
     """Read the shots of several sources.
 
     Args:
         sources: Run folders or folders of run folders.
 
     Returns:
-        Source, run folder and numbers of each shot, in the given order; and sentences on folders that are left out.
+        The shots, in the given order; and sentences on folders that are left out.
 
     Raises:
         OptionError: No folder has a shot.
     """
-    shots: list[tuple[str, Path, ShotNumbers]] = []
+    shots: list[SessionShot] = []
     refusals = []
     folders = [source for source in sources if not source.is_file()]  # DIR/* names the table of a batch too
     for source in folders or sources:
         for folder in list_folders_with("scene.json", [source]):
             try:
-                shots += [(str(source), folder, shot) for shot in read_shot_numbers(folder)]
+                shots += read_shots(folder, str(source))
             except OptionError as error:
                 refusals.append(str(error))
     if not shots:
@@ -89,15 +104,10 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
     Raises:
         OptionError: No folder has a shot, or the shots are of several games.
     """
-    read, refusals = read_session(sources)
-    _require_one_game({place for _, place, _ in read})
-    columns = tabulate_session(
-        [
-            SessionShot(_name_group(grouping, source, shot), str(place), number, shot)
-            for number, (source, place, shot) in enumerate(read, start=1)
-        ]
-    )
-    units = {name: unit for _, _, one in read for name, (_, _, unit, _) in collect_session_numbers(one).items()}
+    shots, refusals = read_session(sources)
+    _require_one_game(shots)
+    columns = tabulate_session(shots, grouping)
+    units = {name: unit for one in shots for name, (_, _, unit, _) in collect_session_numbers(one.shot).items()}
     owners, x = np.array(columns["group"]), np.asarray(columns["number"], np.float64)
     summaries = {}
     for group in ("", *dict.fromkeys(owners.tolist())):
@@ -110,7 +120,7 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         )
     repetitions = tuple(
         f"{place} is a run of the same clip as {first}: its shots count twice, so that spreads are too small"
-        for place, first in find_repeated_clips(place for _, place, _ in read).items()
+        for place, first in find_repeated_clips(one.folder for one in shots).items()
     )
     title = f"{len(owners)} shot{'s' * (len(owners) != 1)} of {name_folders(sources)}"
     document = {
@@ -142,60 +152,56 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
     )
 
 
-def _require_one_game(folders: Iterable[Path]) -> None:
-    """Raise OptionError for run folders of several games, whose numbers have no common level."""
+def _require_one_game(shots: Sequence[SessionShot]) -> None:
+    """Raise OptionError for shots of several games, whose numbers have no common level."""
     by_game: dict[str, list[str]] = {}
-    for folder in sorted(folders):
-        game = parse_table(read_scene_document(folder / "scene.json")).game
-        by_game.setdefault(game, []).append(folder.name)
+    for game, name in sorted({(one.naming.game, one.folder.name) for one in shots}):
+        by_game.setdefault(game, []).append(name)
     if len(by_game) > 1:
         games = "; ".join(f"{game}: {', '.join(names)}" for game, names in by_game.items())
         raise OptionError(f"shots of one game are compared at a time; these are of {len(by_game)} ({games})")
 
 
-def _name_group(grouping: Grouping, source: str, shot: ShotNumbers) -> str:
+def _name_group(grouping: Grouping, one: SessionShot) -> str:
+    """Name the group of a shot; balls and pockets by what a viewer calls them, since ids differ from clip to clip."""
+    shot, naming = one.shot, one.naming
     if grouping == "spin":
         return shot.spin_state
     if grouping == "ball":
-        return shot.first or "no ball"
+        return naming.name_ball(shot.first) or "no ball"
     if grouping == "pocket":
         offset = shot.find_number("pocket_offset", shot.first) if shot.first else None
-        return offset.place if offset is not None else "no pocket"
+        return naming.name_pocket(offset.place) if offset is not None else "no pocket"
     if grouping == "side":
         cut = shot.find_number("cut_angle")
         return "no ball" if cut is None else "cut to the right" if cut.value > 0 else "cut to the left"
-    return source
+    return one.source
 
 
-@dataclass(frozen=True, slots=True)
-class SessionShot:
-    """One shot of a session."""
-
-    group: str
-    folder: str
-    """Run folder."""
-    number: int
-    """Number of the shot in the session, from 1."""
-    shot: ShotNumbers
-
-
-def tabulate_session(shots: Sequence[SessionShot]) -> Columns:
+def tabulate_session(shots: Sequence[SessionShot], grouping: Grouping = "folder") -> Columns:
     """Arrange the shots of a session as columns.
 
     Args:
         shots: K shots.
+        grouping: What shots of one group share.
 
     Returns:
-        Columns (K,): texts, then for every number its value and `NAME_sigma`; NaN where it is not observable.
+        Columns (K,): texts, with balls and pockets by id and by name, then for every number its value and
+        `NAME_sigma`; NaN where it is not observable.
     """
     entries = [collect_session_numbers(one.shot) for one in shots]
     columns: Columns = {
-        "number": np.array([one.number for one in shots], np.int64),
-        "group": [one.group for one in shots], "folder": [one.folder for one in shots],
+        "number": np.arange(1, len(shots) + 1),
+        "group": [_name_group(grouping, one) for one in shots], "folder": [str(one.folder) for one in shots],
         "t": np.array([one.shot.t for one in shots], np.float64),
         "cue": [one.shot.cue for one in shots], "first": [one.shot.first for one in shots],
+        "first_name": [one.naming.name_ball(one.shot.first) for one in shots],
         "spin_state": [one.shot.spin_state for one in shots],
-        "potted": [_format_potted(one.shot) for one in shots],
+        "potted": [_join_pots(one.shot.potted, one.shot.pockets) for one in shots],
+        "potted_names": [
+            _join_pots(map(one.naming.name_ball, one.shot.potted), map(one.naming.name_pocket, one.shot.pockets))
+            for one in shots
+        ],
     }  # fmt: skip
     for name in dict.fromkeys(name for entry in entries for name in entry):
         pairs = [entry.get(name, (np.nan, np.nan, "", False)) for entry in entries]
@@ -204,8 +210,8 @@ def tabulate_session(shots: Sequence[SessionShot]) -> Columns:
     return columns
 
 
-def _format_potted(shot: ShotNumbers) -> str:
-    return "; ".join(f"{ball} {pocket}" for ball, pocket in zip(shot.potted, shot.pockets, strict=True))
+def _join_pots(balls: Iterable[str], pockets: Iterable[str]) -> str:
+    return "; ".join(f"{ball} {pocket}" for ball, pocket in zip(balls, pockets, strict=True))
 
 
 def write_session_tables(columns: Columns, table: Path, parquet: Path) -> None:

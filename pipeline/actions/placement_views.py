@@ -73,7 +73,7 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         ),
         rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No image of the clip: {wanted.no_image}"))),
-        document=document, figures=tuple(map(str, figures)),
+        naming=naming, document=document, figures=tuple(map(str, figures)),
     )  # fmt: skip
 
 

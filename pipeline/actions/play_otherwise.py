@@ -75,7 +75,7 @@ def estimate_session_spread(sources: Sequence[Path]) -> PlayerSpread:
 
     shots, _ = read_session(sources)
     try:
-        speed, angle = estimate_player_spread([shot for _, _, shot in shots])
+        speed, angle = estimate_player_spread([one.shot for one in shots])
     except ValueError as error:
         raise OptionError(f"--session needs repetitions of one shot: {error}") from error
     if angle > MAX_REPEATED_TURN:

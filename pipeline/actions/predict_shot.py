@@ -87,6 +87,7 @@ def predict_shot(
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
         notes=(f"Do not trust this: {why}",) if why else (),
+        naming=naming,
         document={"folder": str(folder), **document},
         figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
     )  # fmt: skip

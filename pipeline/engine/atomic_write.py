@@ -46,6 +46,23 @@ def replace_file(target: Path) -> Iterator[Path]:
         path.unlink(missing_ok=True)
 
 
+def parse_output_path(text: str | os.PathLike[str]) -> Path:
+    """Parse the value of -o or `out`, which must not be empty: an empty path would mean the current folder.
+
+    Args:
+        text: The value.
+
+    Returns:
+        The path.
+
+    Raises:
+        OptionError: The value is empty.
+    """
+    if not os.fspath(text).strip():
+        raise OptionError("-o, --out needs a name; an empty one was given")
+    return Path(text)
+
+
 def require_writable_folder(folder: Path) -> None:
     """Require that results can be written, before any work starts.
 

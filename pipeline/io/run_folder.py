@@ -15,7 +15,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from models.core.ball_look import BallLook
 from models.core.errors import OptionError
+from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Table
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.strict_json import read_json
@@ -216,6 +218,23 @@ def parse_camera(scene: dict[str, Any]) -> Camera | None:
         return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:
         raise OptionError(f"scene.json has a calibration that cannot be used: {error}") from error
+
+
+def parse_naming(scene: dict[str, Any]) -> Naming:
+    """Build the naming of a scene.json; balls of an earlier version are called by their ids.
+
+    Args:
+        scene: Content of the scene.json.
+
+    Returns:
+        What balls, rails and pockets are called.
+
+    Raises:
+        OptionError: The table or the calibration cannot be used.
+    """
+    looks = {one["id"]: BallLook(one.get("name", one["id"]), number=one.get("number") or 0)
+             for one in scene.get("balls", [])}  # fmt: skip
+    return build_naming(parse_table(scene), parse_camera(scene), list(looks), list(looks.values()))
 
 
 def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:

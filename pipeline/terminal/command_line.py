@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from models.core.answer import Answer
-from models.core.errors import OptionError
+from pipeline.engine.atomic_write import parse_output_path
 
 app = typer.Typer(
     help="A clip of a billiards shot goes in; physics-true annotated slow motion comes out.",
@@ -66,23 +66,6 @@ def print_answer(answer: Answer, as_json: bool) -> None:
 
 
 ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
-
-
-def parse_output_path(text: str | Path) -> Path:
-    """Parse the value of -o, which must not be empty: an empty path would mean the current folder.
-
-    Args:
-        text: The value.
-
-    Returns:
-        The path.
-
-    Raises:
-        OptionError: The value is empty.
-    """
-    if not str(text).strip():
-        raise OptionError("-o, --out needs a name; an empty one was given")
-    return Path(text)
 
 
 def make_output_option(description: str, metavar: str = "PATH") -> Any:

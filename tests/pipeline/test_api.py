@@ -168,7 +168,7 @@ def test_a_question_of_python_has_the_answer_of_the_command(home: Home, tmp_path
     assert json.loads(run_command(*home_words)) == json.loads(format_strict_json(answer.document))
     assert run_command(*home_words[:-1]).splitlines()[0] == answer.sentences[0]
     places = trueroll.put_back(loaded, out=tmp_path / "places")
-    assert places["x"].sigma > 0
+    assert places["x", "yellow"].sigma > 0
     assert [row[0] for row in places.rows[1:]] == [look.name for look in loaded.tracks.looks]
     assert trueroll.compare(loaded, out=tmp_path / "session").rows[0][0] == "number"
 

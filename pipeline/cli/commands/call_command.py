@@ -10,6 +10,7 @@ import typer
 
 from models.core.answer import Answer
 from pipeline.actions.answer_call import answer_call
+from pipeline.engine.atomic_write import parse_output_path
 from pipeline.io.run_views import read_shot_record
 from pipeline.io.table_profile import parse_cloth_priors, read_profile_text
 from pipeline.terminal import command_line as cli
@@ -60,9 +61,9 @@ def call(
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
+    target = parse_output_path(folder if out is None else out)
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(Path(profile)))
     record = read_shot_record(Path(folder), shot, cloth)
-    target = Path(folder if out is None else out)
     if share is not None:
         on_activity("Rendering the clip to share")
     noted, shared = (None if one is None else Path(one) for one in (clip, share))

@@ -10,7 +10,7 @@ import typer
 
 from models.core.answer import Answer
 from pipeline.actions.certify_table import certify_table
-from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.engine.atomic_write import parse_output_path, require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.certificate_files import read_certificate
@@ -39,7 +39,8 @@ def certify(
     """
     other = None if compare is None else (Path(compare), read_certificate(Path(compare)))
     sources = list_folders_with("tracks.csv", [Path(one) for one in inputs])
-    require_writable_folder(Path(out))
+    folder = parse_output_path(out)
+    require_writable_folder(folder)
     store = open_cache(cache)
     with open_executor() as executor:
-        return certify_table(sources, other, Path(out), store, executor, on_activity)
+        return certify_table(sources, other, folder, store, executor, on_activity)

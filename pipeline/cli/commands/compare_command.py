@@ -10,7 +10,7 @@ import typer
 from models.core.answer import Answer
 from models.core.errors import OptionError
 from pipeline.actions.compare_session import GROUPINGS, Grouping, compare_session
-from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.engine.atomic_write import parse_output_path, require_writable_folder
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command
 
@@ -33,5 +33,6 @@ def compare(
     """Compare the shots of a session: level, spread and trend of every number, as a page, CSV and Parquet."""
     if group not in GROUPINGS:
         raise OptionError(f"--group is one of {', '.join(GROUPINGS)}; got {group}")
-    require_writable_folder(Path(out))
-    return compare_session([Path(one) for one in folders], group, Path(out))
+    folder = parse_output_path(out)
+    require_writable_folder(folder)
+    return compare_session([Path(one) for one in folders], group, folder)

@@ -10,6 +10,7 @@ import typer
 
 from models.core.answer import Answer
 from pipeline.actions.fit_table import learn_table_profile
+from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.helper_executor import open_executor
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
@@ -32,4 +33,4 @@ def fit_table(
     """
     store = open_cache(cache)
     with open_executor() as executor:
-        return learn_table_profile([Path(one) for one in inputs], Path(out), store, executor, on_activity)
+        return learn_table_profile([Path(one) for one in inputs], parse_output_path(out), store, executor, on_activity)

@@ -10,6 +10,7 @@ import typer
 from models.core.answer import Answer
 from models.core.errors import OptionError
 from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
+from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.particle_files import is_particle_source
 from pipeline.terminal import command_line as cli
@@ -51,7 +52,7 @@ def predict(
     if not 0 < seconds <= 60:
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")
     place = Path(source)
-    folder = Path(out) if out is not None else place if place.is_dir() else place.parent
+    folder = parse_output_path(out) if out is not None else place if place.is_dir() else place.parent
     if is_particle_source(place):
         from pipeline.actions.predict_particles import predict_particles  # slow to import
 

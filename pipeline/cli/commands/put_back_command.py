@@ -15,7 +15,7 @@ from models.core.answer import Answer
 from models.core.errors import TableNotFound
 from pipeline.actions.placement_views import read_camera, write_live_page, write_state, write_wanted_places
 from pipeline.actions.put_back import PlacementGuide, WantedPlaces, locate_wanted_places
-from pipeline.engine.atomic_write import require_writable_folder
+from pipeline.engine.atomic_write import parse_output_path, require_writable_folder
 from pipeline.io.image_file import read_image
 from pipeline.io.run_folder import read_scene_document
 from pipeline.io.run_views import read_shot_record
@@ -55,7 +55,7 @@ def put_back(
     the direction that are missing; within 2 mm a ring is green.
     """
     place = Path(folder)
-    target = place if out is None else Path(out)
+    target = place if out is None else parse_output_path(out)
     require_writable_folder(target)
     wanted = locate_wanted_places(read_shot_record(place, shot), place, at, None if clip is None else Path(clip))
     answer = write_wanted_places(wanted, target)

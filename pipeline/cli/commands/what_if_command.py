@@ -14,6 +14,7 @@ from models.core.errors import OptionError
 from models.estimation.what_if.shot_outcome import GAMES, Game
 from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
+from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command, ignore, read_learned_table
@@ -86,7 +87,7 @@ def what_if(
     if game not in (None, *GAMES):
         raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
     place = Path(source)
-    folder = Path(out) if out is not None else place if place.is_dir() else place.parent
+    folder = parse_output_path(out) if out is not None else place if place.is_dir() else place.parent
     plan = StrokePlan(change, *_choose_spread(spread, session), game, ball, pocket)
     learned = read_learned_table(profile)
     return play_otherwise(place, stroke - 1, plan, learned, draws, seed, folder, open_cache(cache), on_activity)

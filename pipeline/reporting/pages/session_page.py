@@ -91,9 +91,9 @@ def _describe_shot(columns: Columns, row: int, shown: Sequence[SeriesSummary]) -
         "number": int(columns["number"][row]),
         "group": escape_text(str(columns["group"][row])),
         "folder": escape_text(Path(str(columns["folder"][row])).name),
-        "first": columns["first"][row],
+        "first": columns["first_name"][row],
         "state": columns["spin_state"][row],
-        "potted": columns["potted"][row],
+        "potted": columns["potted_names"][row],
         "cells": [
             format_number(ShotNumber(one.name, value, float(columns[f"{one.name}_sigma"][row]), one.unit, True))
             if np.isfinite(value := float(columns[one.name][row]))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,11 @@ import pytest
 from PIL import Image
 from support.filmed_pot import R, film_pot
 
+import trueroll
+from models.core.errors import OptionError
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
-from pipeline.actions.compare_session import read_shot_numbers
+from pipeline.actions.compare_session import read_shots
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.number_sentences import format_number
@@ -53,8 +57,8 @@ def write_session(folder: Path, count: int = 6) -> Path:
 
 def test_numbers_survive_a_scene_file(tmp_path: Path) -> None:
     one, two = make_shot(2.0, 30.0), make_shot(2.0, 30.0, observable=False)
-    assert read_shot_numbers(write_run(tmp_path / "one", one)) == (one,)
-    (read,) = read_shot_numbers(write_run(tmp_path / "two", two))
+    assert [shot.shot for shot in read_shots(write_run(tmp_path / "one", one))] == [one]
+    (read,) = (shot.shot for shot in read_shots(write_run(tmp_path / "two", two)))
     assert read.spin_state == "follow"
     assert not read.numbers[2].observable
 
@@ -75,6 +79,48 @@ def test_a_session_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert rows[0]["folder"].endswith("shot, 0")
     assert pq.read_table(out / "session.parquet").num_rows == 6
     assert "Speed after the strike" in (out / "session.html").read_text(encoding="utf-8")
+
+
+def test_balls_and_pockets_are_called_what_a_viewer_calls_them(tmp_path: Path) -> None:
+    """Two clips give the red 3 different ids; both show the table from its end, with `top` on the right."""
+    for ball, place in (("solid-1", "one"), ("solid-2", "two")):
+        shot = make_shot(2.0, 30.0)
+        pot = replace(shot.numbers[-1], ball=ball)
+        shot = replace(shot, first=ball, potted=(ball,), numbers=(*shot.numbers[:-1], pot))
+        path = write_run(tmp_path / "session" / place, shot) / "scene.json"
+        scene = json.loads(path.read_text(encoding="utf-8"))
+        scene["balls"] = [{"id": "cue", "name": "cue ball"}, {"id": ball, "name": "red 3", "number": 3}]
+        f, (u, v) = 300.0, (100.0, 50.0)  # x runs down, y to the left
+        corners = [[u + f * (1.27 - y), v + f * x] for x, y in ((0, 0), (2.54, 0), (2.54, 1.27), (0, 1.27))]
+        scene["image"] = {"width_px": 600, "height_px": 900}
+        scene["calibration"] = {
+            "matrix": [[0, -f, 0, u + 1.27 * f], [f, 0, 0, v], [0, 0, 0.1, 1]], "corners_px": corners,
+            "corner_covariance_px2": np.eye(8).tolist(), "plane": "noses", "camera_height": 3, "camera_height_sigma": 1,
+        }  # fmt: skip
+        path.write_text(json.dumps(scene), encoding="utf-8")
+    for group, name in (("ball", "red 3"), ("pocket", "far-right pocket")):
+        answer = trueroll.compare(tmp_path / "session", out=tmp_path / group, group=group)
+        assert list(answer.document["groups"]) == ["all", name]
+    page = (tmp_path / "ball" / "session.html").read_text(encoding="utf-8")
+    assert '<td data-label="first ball">red 3</td>' in page
+    assert '<td data-label="potted">red 3 far-right pocket</td>' in page
+    assert "solid-" not in page
+    with (tmp_path / "ball" / "session.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["first"], row["first_name"]) for row in rows] == [("solid-1", "red 3"), ("solid-2", "red 3")]
+
+
+@pytest.mark.parametrize("function", [trueroll.call, trueroll.compare, trueroll.put_back, trueroll.run])
+@pytest.mark.parametrize("out", ["", " "])
+def test_an_empty_out_is_refused_and_nothing_is_written(
+    function: Callable[..., object], out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An empty path would mean the current folder."""
+    monkeypatch.chdir(tmp_path)
+    folder = write_session(tmp_path / "session", 2)
+    with pytest.raises(OptionError, match="needs a name; an empty one was given"):
+        function(folder, out=out)
+    assert list(tmp_path.iterdir()) == [folder]
 
 
 def make_summary(name: str, unit: str, values: list[float], sigma: float) -> SeriesSummary:

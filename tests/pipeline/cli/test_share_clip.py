@@ -16,7 +16,7 @@ from models.core.errors import OptionError
 from models.estimation.contact_test.call_answers import answer_first_contact
 from pipeline.actions.answer_call import answer_question
 from pipeline.actions.share_call import find_moment
-from pipeline.io.run_record import read_shot_record
+from pipeline.io.run_views import read_shot_record
 from video.drawing.label_layout import Rect
 from video.drawing.text import text_mask, wrap_text
 from video.overlay import share_clip
