@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from models.core.naming import Naming
-
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -24,6 +22,8 @@ class Quantity:
     unit: str = ""
     ball: str = ""
     """Id of the ball that it belongs to; empty for none."""
+    ball_name: str = ""
+    """What a person calls that ball."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -47,8 +47,6 @@ class Answer:
     """What was left out because it could not be used, and why."""
     document: Mapping[str, Any] = field(default_factory=dict)
     """The answer as JSON values."""
-    naming: Naming = field(default_factory=Naming)
-    """What the balls of `quantities` are called."""
     figures: tuple[str, ...] = ()
     """Files of the images, pages and tables that were written."""
 
@@ -62,12 +60,11 @@ class Answer:
             KeyError: The answer has none, or of several balls.
         """
         name, ball = (key, "") if isinstance(key, str) else key
-        ball = self.naming.find_ball(ball) or ball
-        fitting = [one for one in self.quantities if one.name == name and ball in ("", one.ball)]
+        fitting = [one for one in self.quantities if one.name == name and ball in ("", one.ball, one.ball_name)]
         if len(fitting) == 1:
             return fitting[0]
         names = ", ".join(dict.fromkeys(one.name for one in self.quantities)) or "no quantity"
-        balls = f" of a ball, such as {name!r}, {self.naming.name_ball(fitting[0].ball)!r}" if fitting else ""
+        balls = f" of a ball, such as {name!r}, {fitting[0].ball_name!r}" if fitting else ""
         raise KeyError(f"this answer has {names}{balls}; got {key!r}")
 
     def __repr__(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,9 @@ from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import SHOT_FOLDER, read_shot
 
 
-def interpolate_particles(source: Path, factor: int, out: Path, fps: float | None, as_json: bool) -> None:
+def interpolate_particles(
+    source: Path, factor: int, out: Path, fps: float | None, as_json: bool, on_activity: Callable[[str], None]
+) -> None:
     """Write interpolated tracks of all shots of a tracks.csv, and print the fitted motion.
 
     Args:
@@ -33,12 +35,13 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
         out: File (.csv) to write, or folder of a tracks.csv; columns shot, frame, t, id, x, y, sigma, observed.
         fps: Frame rate (1/s) for files without times; None for the one of scene.json.
         as_json: Whether to print JSON.
+        on_activity: Called with what is done next.
     """
     target = out if out.suffix.lower() == ".csv" else out / "tracks.csv"
     require_writable_folder(target.parent)
     tracks = require_tracks_file(source)
     shots = list(read_particles(tracks, fps))
-    motions = [_find_motion(shot, tracks.parent) for shot in shots]
+    motions = [_find_motion(shot, tracks.parent, on_activity) for shot in shots]
     target.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(target) as fresh:
         write_particle_positions(
@@ -55,7 +58,7 @@ def interpolate_particles(source: Path, factor: int, out: Path, fps: float | Non
     print(f"Look at {target}")
 
 
-def _find_motion(shot: Recording, folder: Path) -> ParticleMotion:
+def _find_motion(shot: Recording, folder: Path, on_activity: Callable[[str], None]) -> ParticleMotion:
     """Return the fitted motion of the run that wrote the tracks, if there is one; otherwise fit particles."""
     if (folder / SHOT_FOLDER).is_dir():
         fit = view_run(read_shot(folder))
@@ -64,7 +67,7 @@ def _find_motion(shot: Recording, folder: Path) -> ParticleMotion:
             order = [trajectory.ids.index(ball) for ball in shot.bodies]
             return ParticleMotion("the fitted motion of the run", lambda t: trajectory.at(t).xy[:, order], sigma, {})
     count = f"{len(shot.bodies)} particles, {len(shot.t)} samples"
-    print(f"Fitting shot {shot.shot} ({count}); many particles take minutes", file=sys.stderr, flush=True)
+    on_activity(f"Fitting shot {shot.shot} ({count}); many particles take minutes")
     return fit_particles(shot)
 
 

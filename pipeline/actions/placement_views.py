@@ -67,13 +67,13 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         (f"Where the balls lay at {places.t:.3f} s, in mm from the centre of each ball to the noses of the"
          f" {naming.rail_word}s, ± standard deviation:",),
         quantities=tuple(
-            Quantity(axis, float(xy[k]), float(sigma[k]), "m", ball)
+            Quantity(axis, float(xy[k]), float(sigma[k]), "m", ball, naming.name_ball(ball))
             for ball, xy, sigma in zip(places.ids, places.xy, wanted.place_sigma, strict=True)
             for k, axis in enumerate("xy")
         ),
         rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No image of the clip: {wanted.no_image}"))),
-        naming=naming, document=document, figures=tuple(map(str, figures)),
+        document=document, figures=tuple(map(str, figures)),
     )  # fmt: skip
 
 

@@ -81,13 +81,13 @@ def predict_shot(
         f"Where do the balls go from {t:.2f} s to {times[-1]:.2f} s?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
-            Quantity(axis, float(prediction.path[-1, k, column]), float(prediction.sigma[-1, k]), "m", ball)
+            Quantity(axis, float(prediction.path[-1, k, column]), float(prediction.sigma[-1, k]), "m", ball,
+                     naming.name_ball(ball))
             for k, ball in enumerate(state.ids)
             for column, axis in enumerate("xy")
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
         notes=(f"Do not trust this: {why}",) if why else (),
-        naming=naming,
         document={"folder": str(folder), **document},
         figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
     )  # fmt: skip

@@ -74,11 +74,13 @@ def interpolate(
     """
     if source.suffix.lower() == ".csv" or (source / "tracks.csv").is_file():
         from pipeline.actions.interpolate_particles import interpolate_particles
+        from pipeline.terminal.activity_display import show_activity  # numba is slow to import
 
         if factor is None:
             raise OptionError("--factor is missing: the number of steps from sample to sample")
-        fps = options.read.fps
-        interpolate_particles(source, factor, out, None if fps is None else float(Fraction(fps)), as_json)
+        fps = None if options.read.fps is None else float(Fraction(options.read.fps))
+        with show_activity(cli.console) as on_activity:
+            interpolate_particles(source, factor, out, fps, as_json, on_activity)
         return
     from pipeline.actions.interpolate_clip import InterpolateOptions
 
