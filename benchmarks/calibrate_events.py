@@ -42,9 +42,9 @@ from benchmarks.stress_cases.synthetic_shots import (  # noqa: E402
 from benchmarks.support.run_folder import ROOT  # noqa: E402
 from models.core.events import Events  # noqa: E402
 from models.core.typing import FloatArray, IntArray  # noqa: E402
+from models.estimation.contact_test.call_answers import PairClass, classify_pair  # noqa: E402
 from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
 from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
-from models.estimation.contact_test.unlisted_contacts import PairClass, classify_pair  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402
 from models.estimation.shot_hypotheses.event_evidence import EVIDENCE_NAMES  # noqa: E402
 from models.estimation.shot_hypotheses.event_probability import CATEGORIES  # noqa: E402

@@ -30,8 +30,7 @@ from models.core.options import FitOptions
 from models.core.typing import FloatArray
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.shot_numbers.contact_numbers import CONTACT_NUMBERS, evaluate_contact
-from models.estimation.shot_numbers.measure_shots import measure_shots
+from models.estimation.shot_numbers.measure_shots import CONTACT_NUMBERS, evaluate_contact, measure_shots
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts
 

@@ -27,8 +27,8 @@ from models.neural.common.network_training import TrainingSchedule
 from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
 from models.neural.method_catalogue import COMPETING_METHODS, CONSTRAINT_NET, THESIS_METHODS
 from models.neural.networks.hamiltonian_network import HAMILTONIAN
+from models.neural.networks.neural_flow import SECOND_ORDER
 from models.neural.networks.neural_runge_kutta import FOURIER_NET, SMOOTH_NET
-from models.neural.networks.second_order_network import SECOND_ORDER
 
 SECONDS, FUTURE = 2.5, 1.0
 ADAM = TrainingSchedule(adam_steps=3000)

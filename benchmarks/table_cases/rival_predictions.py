@@ -58,7 +58,7 @@ def extrapolate_by_network(
     Returns:
         (K, 2) m; NaN with too few samples, or where the motion diverges.
     """
-    from models.neural.networks.second_order_network import SECOND_ORDER
+    from models.neural.networks.neural_flow import SECOND_ORDER
 
     begin = max(since, at - NETWORK_HISTORY)
     rows = np.flatnonzero(tracks.is_observed[:, ball] & (tracks.t > begin) & (tracks.t <= at + 1e-9))

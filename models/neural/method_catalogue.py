@@ -27,6 +27,7 @@ from models.neural.common.spline_methods import CURVES
 from models.neural.networks.constraint_net import CONSTRAINT_NET
 from models.neural.networks.hamiltonian_network import HAMILTONIAN, SEPARABLE
 from models.neural.networks.interaction_network import INTERACTION
+from models.neural.networks.neural_flow import PLAIN_FLOW, SECOND_ORDER
 from models.neural.networks.neural_runge_kutta import (
     CORRECTED_NET,
     EULER_NET,
@@ -36,7 +37,6 @@ from models.neural.networks.neural_runge_kutta import (
     RUNGE_KUTTA_NET,
     SMOOTH_NET,
 )
-from models.neural.networks.second_order_network import PLAIN_FLOW, SECOND_ORDER
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,14 @@ from models.core.shot_explanation import is_undecided
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers as calls
 from models.estimation.contact_test import candidate_contacts as contacts
-from models.estimation.contact_test.call_answers import UNKNOWN, UNOBSERVED_PROBABILITY, CallAnswer
+from models.estimation.contact_test.call_answers import (
+    UNKNOWN,
+    UNOBSERVED_PROBABILITY,
+    CallAnswer,
+    probability_of_unlisted_event,
+)
 from models.estimation.contact_test.candidate_contacts import REST_SPEED, CandidateContact
 from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.contact_test.unlisted_contacts import probability_of_unlisted_event
 from models.estimation.segmentation.contact_classification import CUE_KINDS
 
 CAROM_CUSHIONS = (1, 3)

@@ -14,6 +14,7 @@ from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.naming import Naming
+from models.core.scene import POCKETS, Table
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
 from models.core.tracks import Tracks
@@ -32,7 +33,6 @@ from models.estimation.joint_fit.trust_level import (
 )
 from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.event_list import collect_events, list_events
-from models.estimation.reconstruction.pocket_events import find_pocketed_balls
 from models.estimation.reconstruction.rack_breaks import find_rack_breaks
 from models.estimation.reconstruction.trajectory_assembly import (
     TrajectoryPiece,
@@ -45,6 +45,7 @@ from models.estimation.reconstruction.unexplained_motion import mark_unexplained
 from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
 from models.estimation.shot_hypotheses.event_row import EventRow
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
+from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.ball_classes import find_missing_colours
 from models.tracking.track_noise import NOISE_FLOOR_RADII
 
@@ -103,7 +104,7 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
         solution, observations, table.ball_radius, _pixel_size(original, table.ball_radius)
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
-    pocketed = find_pocketed_balls(solution, tracks, table)
+    pocketed = _find_pocketed_balls(solution, tracks, table)
     breaks, first_contacts = find_rack_breaks(shot, solution)
     hidden = {row.contact for row in first_contacts} | _find_hidden_contacts(solution, breaks, tracks.ids)
     first_contacts += _list_break_contacts(shot.breaks, tracks.ids)
@@ -381,3 +382,65 @@ def _build_ball_pieces(
         spin = np.array([motion.spin[k, 0] + offset * motion.spin[k, 1], motion.spin[k, 1]])
         pieces.append(TrajectoryPiece(ball_exit.ball, start, end, position, spin, motion.phase[k], covariance))
     return pieces
+
+
+POCKET_REACH = 3.0
+"""Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
+
+
+def _find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) -> list[EventRow]:
+    """Find balls whose tracks end early, in motion, near a pocket."""
+    events = []
+    last_frame = len(tracks.t) - 1
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        if not table.pockets or len(rows) < 2 or rows[-1] > last_frame - 2:
+            continue
+        segment = solution.graph.segments_of_ball(ball)[-1]
+        if solution.graph.segments[segment].static:
+            events += _find_fall_from_jaws(solution, tracks, table, ball, segment, rows)
+            continue
+        events += _find_fall(solution, tracks, table, ball, segment, int(rows[-1]))
+    return events
+
+
+def _find_fall_from_jaws(
+    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, rows: NDArray[np.int64]
+) -> list[EventRow]:
+    """Find the fall of a ball that stops in the jaws for up to three frames, then is gone."""
+    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
+    last = float(tracks.t[rows[-1]])
+    distance = np.linalg.norm(table.pocket_centres - tracks.xy[rows[-1], ball], axis=1)
+    pocket = int(np.argmin(distance))
+    waited = last - graph.start_time(segment)
+    if (
+        graph.segments[segment].start is None
+        or waited > 3 * interval
+        or distance[pocket] > POCKET_REACH * table.ball_radius
+    ):
+        return []
+    x = tracks.xy[rows[-1], ball]
+    return [EventRow("pocket", last + 0.5 * interval, interval, tracks.ids[ball], POCKETS[pocket], x, "vanish")]
+
+
+def _find_fall(
+    solution: JointSolution, tracks: Tracks, table: Table, ball: int, segment: int, row: int
+) -> list[EventRow]:
+    """Find the fall of a ball whose path leads into a pocket."""
+    graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
+    state, begin = graph.segments[segment].state, graph.start_time(segment)
+    t = max(float(tracks.t[row]), begin) + np.linspace(0, 8 * interval, 161)
+    path = evaluate_kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
+    speed = float(np.hypot(*path[0, 2:4]))
+    distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
+    pocket = int(np.argmin(distance.min(axis=0)))
+    here = float(np.linalg.norm(tracks.xy[row, ball] - table.pocket_centres[pocket]))
+    reach = POCKET_REACH * table.ball_radius
+    if here > reach + 2 * interval * speed or distance[:, pocket].min() > reach or speed < 0.02:
+        return []
+    inside = np.flatnonzero(distance[:, pocket] < max(1.0 * table.ball_radius, distance[:, pocket].min() + 1e-4))
+    when = float(t[inside[0]])
+    sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
+    return [
+        EventRow("pocket", when, sigma, tracks.ids[ball], POCKETS[pocket], path[inside[0], :2], "fall", speed=speed)
+    ]  # fmt: skip

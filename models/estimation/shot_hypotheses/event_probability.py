@@ -43,7 +43,7 @@ class EventModel:
     """Events of each category that the model was fitted to."""
     unlisted_contact: dict[str, float]
     """Share of pairs of balls that touched although no contact of them is listed, by class of the pair, see
-    `models.estimation.contact_test.unlisted_contacts`."""
+    `models.estimation.contact_test.call_answers`."""
 
 
 @cache

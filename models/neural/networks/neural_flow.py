@@ -4,12 +4,14 @@ Coordinates q are observed; velocities or momenta p are not. p at every sample i
 so that the state integrated from one sample matches the next one, in q and in p. Between two samples the motions from
 both are blended; after the last one the vector field is integrated. Multiple shooting: Bock and Plitt 1984,
 doi:10.1016/S1474-6670(17)61205-9.
+
+The plain fields are built here: Newton's second law with net(x, v) for the acceleration, and a network for dz/dt.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +20,15 @@ from torch import Tensor, nn
 
 from models.core.typing import FloatArray
 from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
-from models.neural.common.integration_steps import IntegrationStep, integrate_steps, integrate_to_tolerance
+from models.neural.common.integration_steps import (
+    IntegrationStep,
+    RungeKuttaStep,
+    integrate_steps,
+    integrate_to_tolerance,
+)
 from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
 from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
-from models.neural.common.perceptron import count_parameters, make_generator
+from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
 from models.neural.common.spline_methods import fit_spline
 
 MAX_SUBSTEPS = 16
@@ -171,3 +178,35 @@ def _build_network(
     free = torch.as_tensor((scale.speed > 0).astype(np.float64))
     sizes = FlowDimensions(*scale.shape, free, torch.as_tensor(q))
     return ShootingNetwork(architecture(sizes, make_generator(seed)), torch.as_tensor(q), torch.as_tensor(speed), free)
+
+
+class _AccelerationFlow(nn.Module):
+    """Vector field dx/dt = v, dv/dt = net(x, v)."""
+
+    def __init__(self, layers: Perceptron) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, z: Tensor) -> Tensor:
+        """Evaluate dz/dt (..., 2 C) at z (..., 2 C)."""
+        _, v = z.chunk(2, dim=-1)
+        return torch.cat([v, self.layers(z)], dim=-1)
+
+
+def _build_acceleration_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64, 64)
+) -> nn.Module:
+    """Build an untrained net(x, v)."""
+    count = sizes.coordinates
+    return _AccelerationFlow(Perceptron(2 * count, count, widths, nn.Tanh, generator))
+
+
+def build_first_order_flow(
+    sizes: FlowDimensions, generator: torch.Generator, widths: Sequence[int] = (64, 64, 64)
+) -> nn.Module:
+    """Build an untrained dz/dt = net(z) without any structure of mechanics: the baseline of Greydanus et al. 2019."""
+    return Perceptron(2 * sizes.coordinates, 2 * sizes.coordinates, widths, nn.Tanh, generator)
+
+
+SECOND_ORDER = NeuralFlowMethod("net(x, v)", _build_acceleration_flow, RungeKuttaStep())
+PLAIN_FLOW = NeuralFlowMethod("net(x, v), first order", build_first_order_flow, RungeKuttaStep())

@@ -8,7 +8,7 @@ from support.tracking_shots import R, overhead
 
 from models.core.detections import Detections
 from models.core.typing import FloatArray
-from models.tracking.identity_switches import correct_identity_switches
+from models.tracking.build_tracks import correct_identity_switches
 from models.tracking.table_detections import TableDetections, project_detections
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 

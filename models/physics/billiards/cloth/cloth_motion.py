@@ -5,7 +5,7 @@ changes the slip: u' = -7/2 mu g u/|u|, a constant direction, so the path is a p
 Pocket Billiards). When the slip is 0 the ball rolls straight on, decelerates at mu_r g, and stops. Side spin decays at
 a constant rate in every phase, and does not act on the path. All this has a closed form.
 
-Three more effects act on the centre of a moving ball. The paths under slope and drag are integrated (`curved_paths`),
+Three more effects act on the centre of a moving ball. The paths under slope and drag are integrated,
 and so are those under the generic law of the cloth, see `models.physics.effects.cloth.cloth_force`.
 Slope: g s, of which a rolling ball spends 2/7 on rotation; a ball at rest stays while rolling resistance exceeds it.
 Drag: -k v v and -k v. Nap, the direction of the cloth's fibres towards +x, needs no integration: a ball that rolls at
@@ -15,6 +15,25 @@ as one that rolls, and keeps its spin.
 Arguments that the functions share: s (7,) is x, y (m), vx, vy (m/s), wx, wy (rad/s) and the clock (s), changed in
 place; radius in m; p (P,) physical parameters; bends is None where no effect that bends paths is present, so that
 their integration need not be compiled; rows (K, PIECE_WIDTH) and phases (K,) receive pieces; count is their number.
+
+Paths under slope and drag are integrated with steps of variable length. The method is 5(4) of Dormand and Prince (1980,
+doi:10.1016/0771-050X(80)90013-3).
+
+A rolling ball is integrated in time. A slip u that dies away turns ever faster in time, about as the logarithm of the
+remaining slip, so a sliding ball is integrated in another variable. With k = 7/2 mu g, the acceleration b of slope and
+drag at the centre, and s defined by dt = |u| ds, friction makes u' = -k u/|u| + b a nearly linear equation,
+du/ds = -k u + b |u|. So with f = exp(-k s), the part of the slip that would remain on a level table, u = f U, where U
+hardly changes; nor does r = 5/7 v + 2/7 R (wy, -wx) = v - 2/7 u, which friction does not affect. By 1 - f, from 0 to 1,
+
+    dt = |U|/k,   dr = 5/7 b |U|/k,   dU = b |U| / (k f),   dx = (r + 2/7 f U) |U|/k,
+
+all of which are smooth, in the derivatives too, except for the logarithm in U, whose weight f vanishes. Under a
+constant b, k |u| + b.u falls at the rate k^2 - b^2, which gives the moment at which the slip ends.
+
+Between two steps the place is the quintic with the integrated place, velocity and acceleration at both ends.
+
+Arguments of the integration: m (8,) are the integrated numbers: place (2), r or velocity (2), U or spin (2), f
+and the time; radius in m; p (P,) physical parameters; phase one of `motion_pieces`; h the step in 1 - f or s.
 """
 
 from __future__ import annotations
@@ -22,8 +41,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import compile_kernel
-from models.physics.billiards.cloth.curved_paths import integrate_path
+from models.numerics.jit import COMPLEX_STEP, compile_kernel
 from models.physics.billiards.cloth.forces import (
     ROLLING_SHARE,
     contact_slip,
@@ -31,9 +49,23 @@ from models.physics.billiards.cloth.forces import (
     evaluate_state_rate,
     has_curved_path,
     rolling_deceleration,
+    slope_and_drag,
     travel_direction,
 )
-from models.physics.billiards.cloth.motion_pieces import CLOCK, GLIDE, REST, REST_DURATION, ROLL, SLIDE, write_parabola
+from models.physics.billiards.cloth.motion_pieces import (
+    CLOCK,
+    GLIDE,
+    PIECE_END,
+    PIECE_START,
+    REST,
+    REST_DURATION,
+    ROLL,
+    SLIDE,
+    WX,
+    WY,
+    X,
+    write_parabola,
+)
 from models.physics.billiards.parameter_vector import GRAVITY, ROLLING_MU, SLIDING_MU
 
 SLIP_THRESHOLD = 1e-10
@@ -144,3 +176,177 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
         write_parabola(s, np.zeros(6, rows.dtype), 0.0 * s[CLOCK] + REST_DURATION, REST, rows, phases, count)
         count += 1
     return count
+
+
+TOLERANCE, DERIVATIVE_TOLERANCE = 3e-10, 1e-7
+"""m and m/s, error of one step; the second one where derivatives are carried, and then also for their error times a
+unit change of the input."""
+STOPPING_SPEED = 1e-6
+"""m/s; below this speed rolling ends in closed form, because its direction may turn without bound."""
+FAILED_STEP_ERROR = 1e30
+"""m and m/s, error of a step that is much too long, as all are where drag outweighs a friction close to 0."""
+_LEFT, _TIME = 6, 7
+"""Indices of f and of the time in the integrated numbers."""
+
+
+@compile_kernel
+def _error_size(z):  # type: ignore[no-untyped-def]
+    """Return the size of an error, or of the error of the derivative that it carries."""
+    return max(abs(z.real), abs(z.imag) / COMPLEX_STEP)
+
+
+@compile_kernel
+def evaluate_rates(m, radius, p, phase, rate):  # type: ignore[no-untyped-def]
+    """Write to rate (8,) the derivative of m by 1 - f while the ball slides, otherwise by time."""
+    if phase != SLIDE:
+        evaluate_state_rate(m, radius, p, phase, rate)
+        rate[_LEFT], rate[_TIME] = 0.0, 1.0
+        return
+    k, size, left = 3.5 * p[SLIDING_MU] * GRAVITY, np.sqrt(m[4] * m[4] + m[5] * m[5]), m[_LEFT]
+    vx, vy = m[2] + 2.0 / 7.0 * left * m[4], m[3] + 2.0 / 7.0 * left * m[5]
+    bx, by = slope_and_drag(vx, vy, p)
+    slow = size / k
+    rate[0], rate[1], rate[2], rate[3] = vx * slow, vy * slow, 5.0 / 7.0 * bx * slow, 5.0 / 7.0 * by * slow
+    rate[4], rate[5] = bx * slow / left, by * slow / left
+    rate[_LEFT], rate[_TIME] = -1.0, slow
+
+
+@compile_kernel
+def take_step(m, radius, p, phase, h, k, y):  # type: ignore[no-untyped-def]
+    """Take one step from m to y (8,) with the rates k (7, 8), of which k[0] is given; return the error, m and m/s."""
+    evaluate_rates(m + h * (k[0] / 5.0), radius, p, phase, k[1])
+    evaluate_rates(m + h * (3.0 / 40.0 * k[0] + 9.0 / 40.0 * k[1]), radius, p, phase, k[2])
+    evaluate_rates(m + h * (44.0 / 45.0 * k[0] - 56.0 / 15.0 * k[1] + 32.0 / 9.0 * k[2]), radius, p, phase, k[3])
+    y[:] = 19372.0 / 6561.0 * k[0] - 25360.0 / 2187.0 * k[1] + 64448.0 / 6561.0 * k[2] - 212.0 / 729.0 * k[3]
+    evaluate_rates(m + h * y, radius, p, phase, k[4])
+    y[:] = 9017.0 / 3168.0 * k[0] - 355.0 / 33.0 * k[1] + 46732.0 / 5247.0 * k[2] + 49.0 / 176.0 * k[3]
+    evaluate_rates(m + h * (y - 5103.0 / 18656.0 * k[4]), radius, p, phase, k[5])
+    y[:] = 35.0 / 384.0 * k[0] + 500.0 / 1113.0 * k[2] + 125.0 / 192.0 * k[3] - 2187.0 / 6784.0 * k[4]
+    y[:] = m + h * (y + 11.0 / 84.0 * k[5])
+    evaluate_rates(y, radius, p, phase, k[6])
+    worst = 0.0
+    for i in range(8):
+        miss = 71.0 / 57600.0 * k[0, i] - 71.0 / 16695.0 * k[2, i] + 71.0 / 1920.0 * k[3, i]
+        miss = miss - 17253.0 / 339200.0 * k[4, i] + 22.0 / 525.0 * k[5, i] - k[6, i] / 40.0
+        scale = 1.0
+        if 4 <= i < 6:
+            scale = 2.0 / 7.0 * y[_LEFT].real if phase == SLIDE else radius.real
+        size = scale * _error_size(h * miss)
+        if not size < FAILED_STEP_ERROR:  # NaN too: numbers overflowed on the way
+            return FAILED_STEP_ERROR
+        worst = max(worst, size)
+    return worst
+
+
+@compile_kernel
+def _evaluate_node(m, radius, p, phase, end):  # type: ignore[no-untyped-def]
+    """Write end (6, 2): place, velocity, acceleration, r and its rate while the ball slides, spin as (wy, -wx)."""
+    end[0], end[1], end[3], end[4] = m[0:2], m[2:4], m[2:4], 0.0
+    if phase != SLIDE:
+        rate = np.empty_like(m)
+        evaluate_state_rate(m, radius, p, phase, rate)
+        end[2], end[5, 0], end[5, 1] = rate[2:4], m[5], -m[4]
+        return
+    size = np.sqrt(m[4] * m[4] + m[5] * m[5])
+    end[1] = m[2:4] + 2.0 / 7.0 * m[_LEFT] * m[4:6]
+    bx, by = slope_and_drag(end[1, 0], end[1, 1], p)
+    end[4, 0], end[4, 1] = 5.0 / 7.0 * bx, 5.0 / 7.0 * by
+    end[2] = 1.4 * end[4] - p[SLIDING_MU] * GRAVITY / size * m[4:6]
+    end[5] = (3.5 * m[2:4] - 2.5 * end[1]) / radius
+
+
+@compile_kernel
+def _interpolate_nodes(a, b, start, h, radius, phase, row):  # type: ignore[no-untyped-def]
+    """Write to row the piece between two nodes (6, 2) of `_evaluate_node`, the second one h (s) after the first."""
+    row[:] = 0.0
+    row[PIECE_START], row[PIECE_END] = start, start + h
+    for i in range(2):
+        x = b[0, i] - a[0, i] - h * (a[1, i] + 0.5 * h * a[2, i])
+        v = h * (b[1, i] - a[1, i] - h * a[2, i])
+        bend = 0.5 * h * h * (b[2, i] - a[2, i])
+        at = X + 6 * i
+        row[at], row[at + 1], row[at + 2] = a[0, i], a[1, i], 0.5 * a[2, i]
+        row[at + 3] = (10.0 * x - 4.0 * v + bend) / h**3
+        row[at + 4] = (-15.0 * x + 7.0 * v - 2.0 * bend) / h**4
+        row[at + 5] = (6.0 * x - 3.0 * v + bend) / h**5
+        spin, sign = (WY, 1.0) if i == 0 else (WX, -1.0)
+        if phase == GLIDE:
+            row[spin] = sign * a[5, i]
+            continue
+        of_velocity = -2.5 if phase == SLIDE else 1.0
+        for power in range(5):
+            row[spin + power] = of_velocity * sign / radius * (power + 1) * row[at + power + 1]
+        if phase == SLIDE:
+            r0, r1, d0, d1 = a[3, i], b[3, i], a[4, i], b[4, i]
+            cubic = (r0, d0, (3.0 * (r1 - r0) / h - 2.0 * d0 - d1) / h, (2.0 * (r0 - r1) / h + d0 + d1) / h**2)
+            for power in range(4):
+                row[spin + power] += 3.5 * sign / radius * cubic[power]
+
+
+@compile_kernel
+def _needs_step(m, p, phase, tolerance):  # type: ignore[no-untyped-def]
+    """Whether the remainder of a slide or a roll is too long for a parabola."""
+    if phase != SLIDE:
+        return travel_direction(m[2], m[3])[2].real > STOPPING_SPEED
+    left = m[_LEFT] * np.sqrt(m[4] * m[4] + m[5] * m[5]) / (3.5 * p[SLIDING_MU] * GRAVITY)
+    bx, by = slope_and_drag(m[2], m[3], p)
+    return max(_error_size(bx), _error_size(by)) * left.real * left.real > tolerance
+
+
+@compile_kernel
+def _limit_step(m, p, phase, h, horizon):  # type: ignore[no-untyped-def]
+    """Limit a step h so that it stays away from the end, where directions turn without bound."""
+    if phase == SLIDE:
+        return min(h, 0.75 * m[_LEFT].real)
+    speed = travel_direction(m[2], m[3])[2].real
+    slow = max(p[ROLLING_MU].real * GRAVITY, 1e-9)
+    return min(h, 0.75 * speed / slow, horizon + 1e-6 - m[_TIME].real)
+
+
+@compile_kernel
+def integrate_path(s, radius, p, phase, horizon, rows, phases, count):  # type: ignore[no-untyped-def]
+    """Integrate s until the phase nearly ends, the horizon (s), or the end of the table; return the number of pieces.
+
+    A slide is integrated to its end.
+    """
+    k, y, m = np.zeros((7, 8), rows.dtype), np.zeros(8, rows.dtype), np.zeros(8, rows.dtype)
+    first, last = np.zeros((6, 2), rows.dtype), np.zeros((6, 2), rows.dtype)
+    m[:6], m[_TIME] = s[:6], s[CLOCK]
+    if phase == SLIDE:
+        m[4], m[5], m[_LEFT] = s[2] - radius * s[5], s[3] + radius * s[4], 1.0
+        m[2], m[3] = s[2] - 2.0 / 7.0 * m[4], s[3] - 2.0 / 7.0 * m[5]
+    evaluate_rates(m, radius, p, phase, k[0])
+    _evaluate_node(m, radius, p, phase, first)
+    tolerance = DERIVATIVE_TOLERANCE if np.iscomplexobj(rows) else TOLERANCE
+    h = 0.1 if phase == SLIDE else 0.02
+    while m[_TIME].real < horizon and _needs_step(m, p, phase, tolerance) and count < len(rows) - 4:
+        h = _limit_step(m, p, phase, h, horizon)
+        worst = take_step(m, radius, p, phase, h, k, y)
+        if worst <= tolerance:
+            _evaluate_node(y, radius, p, phase, last)
+            _interpolate_nodes(first, last, m[_TIME], y[_TIME] - m[_TIME], radius, phase, rows[count])
+            phases[count] = phase
+            count += 1
+            m[:], k[0], first[:] = y, k[6], last
+        h = h * min(4.0, max(0.2, 0.9 * (tolerance / max(worst, 1e-30)) ** 0.2))
+    s[0:2], s[2:4], s[4], s[5], s[CLOCK] = first[0], first[1], -first[5, 1], first[5, 0], m[_TIME]
+    if phase == SLIDE and m[_TIME].real < horizon:
+        count = _finish_slide(s, m, radius, p, rows, phases, count)
+    return count
+
+
+@compile_kernel
+def _finish_slide(s, m, radius, p, rows, phases, count):  # type: ignore[no-untyped-def]
+    """Write the rest of a slide as a parabola; return the number of pieces.
+
+    It leads to where a constant acceleration ends the slip.
+    """
+    k = 3.5 * p[SLIDING_MU] * GRAVITY
+    bx, by = slope_and_drag(s[2], s[3], p)
+    ux, uy = m[_LEFT] * m[4], m[_LEFT] * m[5]
+    length = (k * np.sqrt(ux * ux + uy * uy) + bx * ux + by * uy) / (k * k - bx * bx - by * by)
+    rate = np.zeros(6, rows.dtype)
+    rate[2], rate[3] = 5.0 / 7.0 * bx - 2.0 / 7.0 * ux / length, 5.0 / 7.0 * by - 2.0 / 7.0 * uy / length
+    rate[4], rate[5] = 2.5 / radius * (rate[3] - by), -2.5 / radius * (rate[2] - bx)
+    write_parabola(s, rate, length, SLIDE, rows, phases, count)
+    return count + 1

@@ -3,6 +3,9 @@
 Velocity and spin are rotated about the vertical, which rotates both as vectors. Gentle contacts (see
 `models.numerics.roots`) have no loss and no friction whatever the model, and the overlap of a micrometre is removed: so
 the next such contact comes after some time, and balls that press on each other do not creep into each other.
+
+Beside any contact model there may be a generic law, see `models.physics.effects.contacts.ball_impulse` and
+`cushion_rebound` beside it. A change that would create energy, or leave the bodies moving into each other, is left out.
 """
 
 from __future__ import annotations
@@ -11,10 +14,11 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import CONTACT_DEPTH
+from models.physics.billiards.ball_ball.ball_contact import apply_ball_impulse, surface_slip
 from models.physics.billiards.ball_ball.ball_models import GENTLE_MODEL, dispatch_ball_model
-from models.physics.billiards.ball_ball.generic_impulse import change_impulse
 from models.physics.billiards.ball_cushion.cushion_models import dispatch_cushion_model
-from models.physics.billiards.ball_cushion.generic_rebound import change_rebound
+from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, sphere_energy
+from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS, REBOUND_PARAMETERS
 
 
 @compile_kernel
@@ -36,7 +40,7 @@ def rebound(code, vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyp
         (vn, vt, wn, wt, wz) after the contact.
     """
     after = dispatch_cushion_model(code, vn, vt, wn, wt, wz, radius, mass, p)
-    return change_rebound(vn, vt, wn, wt, wz, radius, p, after)
+    return _change_rebound(vn, vt, wn, wt, wz, radius, p, after)
 
 
 @compile_kernel
@@ -118,7 +122,7 @@ def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: i
         GENTLE_MODEL if gentle else code, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
     )
     if not gentle:
-        after = change_impulse(van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p, after)
+        after = _change_impulse(van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p, after)
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz = after
     back = CONTACT_DEPTH / (ma + mb) if gentle else 0.0 * ma
     out[0], out[1], out[7], out[8] = (
@@ -130,3 +134,78 @@ def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: i
     out[2], out[3], out[9], out[10] = nx * van - ny * vat, ny * van + nx * vat, nx * vbn - ny * vbt, ny * vbn + nx * vbt
     out[4], out[5], out[6] = nx * wan - ny * wat, ny * wan + nx * wat, waz
     out[11], out[12], out[13] = nx * wbn - ny * wbt, ny * wbn + nx * wbt, wbz
+
+
+_E_0, _E_1, _GRIP_0, _GRIP_1 = IMPULSE_PARAMETERS
+
+
+@compile_kernel
+def _change_impulse(  # type: ignore[no-untyped-def]
+    van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p, after
+):
+    """Change velocities and spins after a contact of two balls by the generic law.
+
+    Args and result are those of `ball_contact`; `after` are the ten numbers after the contact by a model. A parameter
+    that carries only a derivative counts too.
+    """
+    acts = False
+    for parameter in IMPULSE_PARAMETERS:
+        if p[parameter] != 0:
+            acts = True
+    if not acts:
+        return after
+    reduced, closing = ma * mb / (ma + mb), van - vbn
+    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
+    share = reduced * (p[_GRIP_0] + p[_GRIP_1] * closing / np.sqrt(closing * closing + st * st + sz * sz))
+    a = apply_ball_impulse(
+        after[0], after[1], after[2], after[3], after[4], after[5], after[6], after[7], after[8], after[9],
+        ra, rb, ma, mb, reduced * (p[_E_0] + p[_E_1] * closing) * closing, -share * st, -share * sz,
+    )  # fmt: skip
+    energy = ma.real * sphere_energy(a[0], a[1], a[2], a[3], a[4], ra)
+    energy += mb.real * sphere_energy(a[5], a[6], a[7], a[8], a[9], rb)
+    limit = ma.real * sphere_energy(van, vat, wan, wat, waz, ra) + mb.real * sphere_energy(vbn, vbt, wbn, wbt, wbz, rb)
+    if a[0].real > a[5].real or energy > MAX_ENERGY_RATIO * limit:
+        return after
+    return a
+
+
+_E_0, _E_1, _E_2, _GRIP_0, _GRIP_1, _ROLL = REBOUND_PARAMETERS
+
+
+@compile_kernel
+def _change_rebound(vn, vt, wn, wt, wz, radius, p, after):  # type: ignore[no-untyped-def]
+    """Change velocity and spin after a contact with a cushion by the generic law.
+
+    Args:
+        vn: Velocity into the cushion before the contact, m/s.
+        vt: Velocity along the cushion, m/s.
+        wn: Spin about the normal, rad/s.
+        wt: Spin about the direction along the cushion, rad/s.
+        wz: Side spin, rad/s.
+        radius: m.
+        p: (P,) physical parameters; a parameter that carries only a derivative counts too.
+        after: The same five numbers after the contact by a model.
+
+    Returns:
+        The five numbers after the contact.
+    """
+    acts = False
+    for parameter in REBOUND_PARAMETERS:
+        if p[parameter] != 0:
+            acts = True
+    if not acts:
+        return after
+    slip = vt + radius * wz
+    restitution = p[_E_0] + p[_E_1] * vn + p[_E_2] * vt * vt / (vn * vn + vt * vt)
+    along = -(p[_GRIP_0] + p[_GRIP_1] * vn / np.sqrt(vn * vn + slip * slip)) * slip
+    changed = (
+        after[0] - restitution * vn,
+        after[1] + along,
+        after[2],
+        after[3] - p[_ROLL] * wt,
+        after[4] + 2.5 / radius * along,
+    )
+    energy = sphere_energy(changed[0], changed[1], changed[2], changed[3], changed[4], radius)
+    if changed[0].real > 0.0 or energy > MAX_ENERGY_RATIO * sphere_energy(vn, vt, wn, wt, wz, radius):
+        return after
+    return changed

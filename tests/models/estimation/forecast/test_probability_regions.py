@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.estimation.forecast.probability_regions import (
+from models.estimation.forecast.ensemble_prediction import (
     level_by_neighbours,
     level_of_normal,
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
-from models.estimation.gap_scenes.time_jumps import add_pauses, find_time_jumps
+from models.estimation.gap_scenes.billiards_scene import add_pauses, find_time_jumps
 
 FPS, SIGMA, DECELERATION = 30.0, 0.0003, 0.1
 

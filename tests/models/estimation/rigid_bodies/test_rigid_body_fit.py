@@ -10,8 +10,12 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies, group_rigid_points
-from models.estimation.rigid_bodies.body_trajectories import BodySimulator, BodyState, start_without_contacts
-from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
+from models.estimation.rigid_bodies.rigid_body_fit import (
+    BodySimulator,
+    BodyState,
+    fit_rigid_bodies,
+    start_without_contacts,
+)
 from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, guess_worlds
 
 GRAVITY = 1000.0

@@ -15,8 +15,7 @@ from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.shot_numbers.contact_numbers import classify_spin, evaluate_contact
-from models.estimation.shot_numbers.measure_shots import measure_shots
+from models.estimation.shot_numbers.measure_shots import classify_spin, evaluate_contact, measure_shots
 from models.estimation.shot_numbers.struck_samples import rewind_samples
 from models.estimation.what_if.struck_ensemble import draw_struck_ensemble
 from models.physics.billiards.cushion_geometry import find_mouth_line

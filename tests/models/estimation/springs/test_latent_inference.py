@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 
 from models.core.recording import record_points
 from models.core.typing import FloatArray
-from models.estimation.springs.colliding_particles import find_nearest_jolt
 from models.estimation.springs.latent_inference import (
     REST_AT_START,
     LatentSprings,
+    find_nearest_jolt,
     format_not_identifiable,
     infer_springs,
 )

@@ -23,9 +23,8 @@ from models.neural.networks.hamiltonian_network import (
     build_separable_flow,
 )
 from models.neural.networks.interaction_network import INTERACTION, build_interaction_flow, find_nearest
-from models.neural.networks.neural_flow import NeuralFlowMethod
+from models.neural.networks.neural_flow import PLAIN_FLOW, SECOND_ORDER, NeuralFlowMethod, build_first_order_flow
 from models.neural.networks.pretrained_constraint_net import PRETRAINING_SCHEDULE, PretrainedConstraintNet
-from models.neural.networks.second_order_network import PLAIN_FLOW, SECOND_ORDER, build_first_order_flow
 
 SHORT = TrainingSchedule(adam_steps=200, learning_rate=5e-3)
 FLOWS = (SECOND_ORDER, PLAIN_FLOW, HAMILTONIAN, SEPARABLE, INTERACTION)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.numerics.splines import fit_cubic_pieces, fit_linear_pieces, fit_smoothing_pieces
+from models.estimation.reconstruction.trajectory_assembly import (
+    fit_cubic_pieces,
+    fit_linear_pieces,
+    fit_smoothing_pieces,
+)
 
 
 def test_splines_pass_through_their_samples_and_smoothing_stays_within_errors() -> None:
