@@ -46,8 +46,7 @@ from models.estimation.contact_test.call_answers import PairClass, classify_pair
 from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
 from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402
-from models.estimation.shot_hypotheses.event_evidence import EVIDENCE_NAMES  # noqa: E402
-from models.estimation.shot_hypotheses.event_probability import CATEGORIES  # noqa: E402
+from models.estimation.shot_hypotheses.event_probability import CATEGORIES, EVIDENCE_NAMES  # noqa: E402
 
 WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
 """Standard deviations of the Gaussian priors on the weights and on the biases."""

@@ -45,8 +45,8 @@ from benchmarks.table_cases.whole_shot_predictions import WholeShotRow, print_wh
 from models.core.errors import TrackError  # noqa: E402
 from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
-from models.estimation.forecast.current_state import estimate_states  # noqa: E402
 from models.estimation.forecast.ensemble_prediction import forecast_shot  # noqa: E402
+from models.estimation.forecast.forecast_check import estimate_states  # noqa: E402
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts  # noqa: E402
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402

@@ -25,9 +25,8 @@ from benchmarks.fitting.prediction_shots import LAWS, LEAD, film_shot, overhead_
 from benchmarks.support.figures import Figure, add_quick_option, estimate_median, estimate_statistic, run_quick
 from benchmarks.support.run_folder import ROOT
 from models.core.errors import TrackError
-from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
-from models.estimation.forecast.forecast_check import check_prediction
+from models.estimation.forecast.forecast_check import check_prediction, estimate_state
 from models.estimation.forecast.state_estimate import StateEstimate
 from pipeline.io.observed_shot import read_observed_shot
 

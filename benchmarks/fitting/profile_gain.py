@@ -21,8 +21,8 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_median
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.table_cases.session_shots import LEAD_S, draw_table, play_session
 from models.core.errors import TrackError
-from models.estimation.forecast.current_state import estimate_states
 from models.estimation.forecast.ensemble_prediction import forecast_shot
+from models.estimation.forecast.forecast_check import estimate_states
 from models.estimation.table_learning.learn_table import learn_table
 from pipeline.actions.fit_table import prepare_shot, write_learned_profile
 from pipeline.engine.result_cache import ResultCache

@@ -33,10 +33,14 @@ from models.core.scene import Scene
 from models.core.typing import FloatArray
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.what_if.changed_shot import play_changed_shot
+from models.estimation.what_if.changed_shot import (
+    PlayerSpread,
+    StrokeChange,
+    change_stroke,
+    draw_struck_ensemble,
+    play_changed_shot,
+)
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
-from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
-from models.estimation.what_if.struck_ensemble import draw_struck_ensemble
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 
 SPREAD = PlayerSpread(0.02, 0.5)

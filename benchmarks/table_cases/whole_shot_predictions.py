@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.table_cases.recorded_shots import list_contact_times
 from models.core.scene import Scene
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import estimate_state
+from models.estimation.forecast.forecast_check import estimate_state
 from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.result_cache import ResultCache
 

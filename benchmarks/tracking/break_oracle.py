@@ -25,8 +25,7 @@ from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
 from models.estimation.reconstruction.close_passes import list_close_passes
-from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
-from models.estimation.reconstruction.explain_shot import list_gaps, whiten_observed
+from models.estimation.reconstruction.explain_shot import list_gaps, refine_contact_times, whiten_observed
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
 

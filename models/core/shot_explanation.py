@@ -46,7 +46,7 @@ class CauseHypothesis:
     category: str = ""
     """What it is concluded from, see `models.estimation.shot_hypotheses.event_probability`."""
     evidence: tuple[float, ...] = ()
-    """Evidence that the probability follows from, in the order of `event_evidence.EVIDENCE_NAMES`."""
+    """Evidence that the probability follows from, in the order of `event_probability.EVIDENCE_NAMES`."""
 
 
 @dataclass(frozen=True, slots=True)

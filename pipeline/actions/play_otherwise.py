@@ -19,10 +19,17 @@ from models.core.typing import FloatArray
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
+from models.estimation.what_if.changed_shot import (
+    ChangedShot,
+    PlayerSpread,
+    StrokeChange,
+    StruckEnsemble,
+    change_stroke,
+    draw_struck_ensemble,
+    measure_stroke,
+    play_changed_shot,
+)
 from models.estimation.what_if.shot_outcome import Game, ShotGoal, group_by_ball, is_scored
-from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke, measure_stroke
-from models.estimation.what_if.struck_ensemble import StruckEnsemble, draw_struck_ensemble
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns

@@ -13,9 +13,8 @@ from models.core.naming import Naming, build_naming
 from models.core.number_format import format_measured
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import PredictedEvent, ShotPrediction, forecast_shot
-from models.estimation.forecast.forecast_check import PredictionCheck, check_prediction
+from models.estimation.forecast.forecast_check import PredictionCheck, check_prediction, estimate_state
 from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache

@@ -14,8 +14,12 @@ from models.core.errors import OptionError, TableNotFound
 from models.core.naming import Naming
 from models.core.scene import Camera, Scene, Table
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_placement.ball_places import BallPlaces, locate_balls, select_moment_before_strike
-from models.estimation.ball_placement.place_matching import match_places
+from models.estimation.ball_placement.ball_places import (
+    BallPlaces,
+    locate_balls,
+    match_places,
+    select_moment_before_strike,
+)
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.actions.answer_call import estimate_drift, find_run_clip, select_run_subclip
 from video.calibration.camera_model import build_camera, estimate_place_sigma

@@ -35,8 +35,7 @@ def _forecast_moments(inputs: Inputs, options: ForecastOptions, folder: Path, pr
     profile = "" if fit.profile_misfits else options.profile
     if not (options.fans or profile):
         return ForecastFans(())
-    from models.estimation.forecast.forecast_check import compare_rest_of_shot  # slow to import
-    from models.estimation.forecast.forecast_fans import predict_fans
+    from models.estimation.forecast.forecast_check import compare_rest_of_shot, predict_fans  # slow to import
     from pipeline.io.table_profile import parse_learned_table
 
     learned = parse_learned_table(profile) if profile else None

@@ -27,7 +27,7 @@ from models.estimation.segmentation.contact_classification import (
     INWARD_NORMALS,
     cushion_distances,
 )
-from models.estimation.shot_hypotheses.event_row import EventRow
+from models.estimation.shot_hypotheses.event_probability import EventRow
 from models.physics.billiards.cloth.closed_form_motion import duration_until_rest, evaluate_kinematics, sliding_duration
 
 GAP_HORIZON = 0.25

@@ -1,23 +1,35 @@
-"""Explanation of a recording: tracks in, contact graph with states, times and covariance out, as one `Shot`."""
+"""Explanation of a recording: tracks in, contact graph with states, times and covariance out, as one `Shot`.
+
+A simulation replaces each ball's motion in a break shot until its last contact there. Contacts of two balls are timed
+last: the joint fit holds real tables with soft priors, which costs precision where a contact is observed well. Where
+the contact laws of two balls explain the samples around a contact, they time it to the Cramer-Rao bound; elsewhere the
+time of the joint fit stays.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import ContactGraph
+from models.core.contact_graph import Contact, ContactGraph
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.joint_solution import JointSolution, Observations
+from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
-from models.core.shot import ContactRivals, ContactTestResult, Note, Shot
+from models.core.shot import ContactRivals, ContactTestResult, Note, Shot, SimulatedBreak, select_outside_breaks
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.break_shot.break_search import search_break, summarize_break
+from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME
+from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
+from models.estimation.contact_test.contact_probability import estimate_contact_time
+from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma
 from models.estimation.hand_marks.graph_marks import (
     MarkedFit,
     apply_marks,
@@ -26,21 +38,20 @@ from models.estimation.hand_marks.graph_marks import (
     settle_marks,
 )
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
+from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
-from models.estimation.reconstruction.break_refinement import reconstruct_breaks
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.close_passes import list_close_passes
-from models.estimation.reconstruction.contact_time_refinement import refine_contact_times
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
 from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
-from models.estimation.structure_search.initial_rests import insert_initial_rests
+from models.estimation.structure_search.initial_rests import insert_initial_rests, refit_strikes
 from models.estimation.structure_search.missed_cushions import refit_rebounds
 from models.estimation.structure_search.pass_log import log_pass
-from models.estimation.structure_search.strike_times import refit_strikes
+from models.estimation.structure_search.rack_detection import find_break_shots, rest_start_time
 from models.estimation.structure_search.structure_revision import remove_unexplained_contacts, revise_graph
 from models.tracking.track_noise import (
     NOISE_FLOOR_RADII,
@@ -250,3 +261,172 @@ def _running_median(values: FloatArray) -> FloatArray:
     padded = np.pad(values, ((half, half), (0, 0)), mode="reflect" if half < len(values) else "edge")
     medians: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     return medians
+
+
+MAX_CHI2 = 1.6
+"""Per degree of freedom: beyond, two ideal balls do not explain the samples."""
+MAX_MOVE_SIGMAS = 4.0
+"""Standard deviations of the joint fit that a time may move."""
+MAX_MOVE = 4e-3
+"""s: upper limit of that move."""
+MIN_SAMPLES = 3
+"""Least number of samples of a ball on either side of a contact."""
+
+
+class _FittedShot(NamedTuple):
+    """What contacts are timed from."""
+
+    solution: JointSolution
+    observations: Observations
+    sigma: FloatArray
+    """(K,) m, of the observations, scaled to the scatter of their balls about the fitted paths."""
+    time_sigma: FloatArray
+    """(C,) s, of the contacts."""
+
+
+def refine_contact_times(
+    solution: JointSolution, observations: Observations, scene: Scene
+) -> dict[int, ContactTestResult]:
+    """Refine the times of all contacts of two balls where exact physics holds.
+
+    Args:
+        solution: A solution with its covariance.
+        observations: K observations.
+        scene: Table and camera.
+
+    Returns:
+        Result of the contact test by the number of the contact; its standard deviations include the lack of fit.
+    """
+    layout = layout_parameters(solution.graph)
+    variance = np.diag(solution.covariance)[layout.contact : layout.shared]
+    sigma = np.sqrt(np.trace(np.linalg.inv(observations.whiten.mT @ observations.whiten), axis1=1, axis2=2) / 2)
+    residual = np.einsum("kij,kj->ki", observations.whiten, evaluate_residuals(solution, observations))
+    for ball in np.unique(observations.ball):
+        is_own = observations.ball == ball
+        sigma[is_own] *= estimate_noise_scale(np.hypot(*residual[is_own].T))
+    shot = _FittedShot(solution, observations, sigma, np.sqrt(np.maximum(variance, 0.0)))
+    reach = 2 * scene.table.ball_radius, estimate_reach_sigma(scene.table, scene.camera)
+    refined = (
+        (k, _refine_contact_time(shot, k, *reach)) for k, c in enumerate(solution.graph.contacts) if c.kind == "ball"
+    )
+    return {k: result for k, result in refined if result is not None}
+
+
+def _refine_contact_time(shot: _FittedShot, number: int, reach: float, reach_sigma: float) -> ContactTestResult | None:
+    """Refine the time of a contact by exact physics; None where that does not hold."""
+    t = shot.solution.graph.contacts[number].t
+    try:
+        windows = tuple(_cut_ball_window(shot, number, ball) for ball in (0, 1))
+        if any(min(np.sum(ball.t < t), np.sum(ball.t > t)) < MIN_SAMPLES for ball in windows):
+            return None
+        result = estimate_contact_time(PossibleContact(windows, reach, reach_sigma), t)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    is_near = abs(result.t - t) < min(MAX_MOVE_SIGMAS * float(shot.time_sigma[number]), MAX_MOVE)
+    holds = result.closing > 0 and result.chi2 < MAX_CHI2 and is_near
+    excess = float(np.sqrt(max(result.chi2, 1.0)))
+    inflated = replace(result, t_sigma=excess * result.t_sigma, gap_sigma=excess * result.gap_sigma)
+    return inflated if holds else None
+
+
+def _cut_ball_window(shot: _FittedShot, number: int, which: int) -> BallWindow:
+    """Cut the samples of a ball of a contact, from its contact before to its next one after."""
+    graph, observations = shot.solution.graph, shot.observations
+    contact = graph.contacts[number]
+    before, after = contact.before[which], contact.after[which]
+    begin = max(contact.t - WINDOW_TIME, float(observations.t.min()), _guard(shot, graph.segments[before].start, 1))
+    begin = min(begin, contact.t)
+    end = min(contact.t + WINDOW_TIME, _guard(shot, graph.segments[after].end, -1))
+    is_inside = (observations.t >= begin) & (observations.t <= max(end, contact.t))
+    rows = (observations.ball == graph.segments[before].ball) & is_inside
+    samples = BallSamples(observations.t[rows], observations.xy[rows], shot.sigma[rows])
+    return make_ball_window(samples, contact.t, begin, evaluate_state(graph, shot.solution.friction, before, begin))
+
+
+def _guard(shot: _FittedShot, number: int | None, sign: int) -> float:
+    """Return the time, s, that samples keep from another contact: after it (sign 1) or before it (-1)."""
+    if number is None:
+        return -sign * np.inf
+    return shot.solution.graph.contacts[number].t + sign * GUARD_SIGMAS * float(shot.time_sigma[number])
+
+
+MAX_BREAK_CHI2 = 20.0
+"""Per degree of freedom, robust: a simulation with a larger misfit explains nothing."""
+CERTAIN_GAIN = 1e6
+"""chi2: gain of contacts from a simulation, which the structure search does not question."""
+TIME_EPSILON = 1e-9
+"""s: a moment later."""
+VARIANCE_FACTOR = 2.0
+"""Factor on the variances of the simulation, since it already used the samples after the break."""
+_SEED = 1987
+"""Of the random racks: the same clip gives the same simulation."""
+
+
+def reconstruct_breaks(
+    solution: JointSolution, observations: Observations, table: Table
+) -> tuple[JointSolution, Observations, tuple[SimulatedBreak, ...]]:
+    """Replace break shots by simulations where these explain the samples.
+
+    Returns the solution, the observations that the rest of the graph has to explain, and the break shots.
+    """
+    generator = np.random.default_rng(_SEED)
+    breaks = []
+    for break_shot in find_break_shots(solution, observations, table):
+        ensemble = search_break(break_shot, generator)
+        if ensemble is None or ensemble.chi2_per_dof > MAX_BREAK_CHI2:
+            continue
+        posterior = summarize_break(ensemble)
+        if posterior.contacts:
+            breaks.append(posterior)
+    if not breaks:
+        return solution, observations, ()
+    graph = solution.graph
+    for posterior in breaks:
+        graph = _insert_break(graph, posterior)
+    remaining = _add_arrival_observations(select_outside_breaks(observations, tuple(breaks)), tuple(breaks))
+    return refine_graph(graph, remaining, table, initial=solution), remaining, tuple(breaks)
+
+
+def _insert_break(graph: ContactGraph, posterior: SimulatedBreak) -> ContactGraph:
+    """Let balls leave a break as simulated."""
+    end = max(ball_exit.end for ball_exit in posterior.exits) + posterior.interval
+    starts = {ball_exit.ball: _last_reliable_time(graph, posterior, ball_exit.ball) for ball_exit in posterior.exits}
+    while removed := [
+        k for k, c in enumerate(graph.contacts)
+        if c.kind != "break" and (c.t <= posterior.hit or c.kind != "cushion")
+        and any(starts[ball] < c.t <= end for ball in starts.keys() & graph.balls_at(c))
+    ]:  # fmt: skip
+        graph = graph.remove_contact(removed[-1])
+    for ball_exit in posterior.exits:
+        k = find_segment_at(graph, ball_exit.ball, ball_exit.end)
+        whiten = np.linalg.inv(np.linalg.cholesky(VARIANCE_FACTOR * ball_exit.covariance))
+        contact = Contact(
+            "break",
+            ball_exit.end,
+            (k,),
+            (),
+            gain=CERTAIN_GAIN,
+            break_start=ball_exit.start,
+            exit_state=ball_exit.state,
+            exit_whitening=whiten,
+        )
+        graph = graph.insert_contact(contact, (np.concatenate([ball_exit.state, np.zeros(2)]),))
+    return graph.mark_pushed_strikes()
+
+
+def _add_arrival_observations(observations: Observations, breaks: tuple[SimulatedBreak, ...]) -> Observations:
+    """Add the place of each ball at its first contact in a break as an observation."""
+    exits = [one for posterior in breaks for one in posterior.exits]
+    ball = np.concatenate([observations.ball, np.array([one.ball for one in exits], dtype=np.int64)])
+    t = np.concatenate([observations.t, [one.start - TIME_EPSILON for one in exits]])
+    xy = np.concatenate([observations.xy, [one.arrival for one in exits]])
+    whitening = [np.linalg.inv(np.linalg.cholesky(VARIANCE_FACTOR * one.arrival_covariance)) for one in exits]
+    order = np.lexsort((t, ball))
+    return Observations(ball[order], t[order], xy[order], np.concatenate([observations.whiten, whitening])[order])
+
+
+def _last_reliable_time(graph: ContactGraph, one: SimulatedBreak, ball: int) -> float:
+    """Return the time, s, until which the graph of a ball holds: as it comes in, or starts to rest."""
+    if ball == one.balls[0]:
+        return graph.start_time(find_segment_at(graph, ball, one.start + TIME_EPSILON))
+    return rest_start_time(graph, ball, one.hit)

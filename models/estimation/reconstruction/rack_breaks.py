@@ -14,7 +14,7 @@ from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.reconstruction.event_list import NUDGE_RADII
 from models.estimation.reconstruction.trajectory_assembly import state_covariance
-from models.estimation.shot_hypotheses.event_row import EventRow
+from models.estimation.shot_hypotheses.event_probability import EventRow
 from models.estimation.structure_search.rack_detection import SIMULTANEOUS_INTERVALS, find_break_shots
 
 MIN_CLUSTER_BALLS = 6

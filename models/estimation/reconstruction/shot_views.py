@@ -42,8 +42,7 @@ from models.estimation.reconstruction.trajectory_assembly import (
     shift_polynomial,
 )
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
-from models.estimation.shot_hypotheses.event_probability import weigh_close_pass
-from models.estimation.shot_hypotheses.event_row import EventRow
+from models.estimation.shot_hypotheses.event_probability import EventRow, weigh_close_pass
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.ball_classes import find_missing_colours

@@ -9,8 +9,7 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
 from models.estimation.structure_search.contact_partners import find_partners, join_by_ball_contact
-from models.estimation.structure_search.contact_removal import separate_balls
-from models.estimation.structure_search.local_costs import refine_differences
+from models.estimation.structure_search.contact_removal import refine_differences, separate_balls
 
 
 def collect_hypotheses(solution: JointSolution, observations: Observations, table: Table) -> tuple[ContactRivals, ...]:

@@ -24,17 +24,17 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
-from models.estimation.shot_hypotheses.event_evidence import (
+from models.estimation.shot_hypotheses.event_probability import (
     EDGE_FRAMES,
     GRAZE_GAP,
     SLOW_SPEED,
     EventEvidence,
+    EventRow,
     compress_gain,
     compress_rival,
     count_missed_frames,
+    estimate_event_probability,
 )
-from models.estimation.shot_hypotheses.event_probability import estimate_event_probability
-from models.estimation.shot_hypotheses.event_row import EventRow
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 MAX_TIME_FRAMES = 2.0

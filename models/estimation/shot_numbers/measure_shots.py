@@ -31,9 +31,9 @@ from models.estimation.shot_numbers.strike_numbers import (
     measure_strike,
     measure_strike_of_samples,
     replace_strike,
+    rewind_samples,
     rolling_share,
 )
-from models.estimation.shot_numbers.struck_samples import rewind_samples
 from models.physics.billiards.cloth.closed_form_motion import (
     GRAVITY,
     duration_until_rest,

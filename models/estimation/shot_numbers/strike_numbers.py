@@ -1,12 +1,16 @@
-"""Speed and spin of the struck ball just after the strike."""
+"""Speed and spin of the struck ball just after the strike.
+
+A whole shot is fitted from the first frame after the strike; its posterior samples are taken back to the strike.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.fit_result import WholeShotSolution
 from models.core.shot_numbers import ShotNumber
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.segment_prior_residuals import LEAST_SLIP, STRUCK_SLIP
@@ -14,8 +18,9 @@ from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import ShotCourse
 from models.estimation.shot_numbers.slip_profile import SlipProfile
-from models.estimation.shot_numbers.struck_samples import StruckSample
-from models.physics.billiards.simulation.parametrised_shot import RADIUS_FACTOR, SIDE_SPIN
+from models.physics.billiards.cloth.closed_form_motion import GRAVITY
+from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
+from models.physics.billiards.simulation.parametrised_shot import RADIUS_FACTOR, SIDE_SPIN, unpack_start
 
 SIDE_SPIN_SHARE = 0.5
 """Standard deviation of the side spin of all players, as R omega / v: a cue that does not miscue reaches 5/4 (Alciatore
@@ -58,7 +63,7 @@ def measure_strike(view: PosteriorView, course: ShotCourse, ball: str) -> list[S
     )
 
 
-def measure_strike_of_samples(samples: Sequence[StruckSample], row: int, radius: float, ball: str) -> list[ShotNumber]:
+def measure_strike_of_samples(samples: Sequence[_StruckSample], row: int, radius: float, ball: str) -> list[ShotNumber]:
     """Measure speed and spin after the strike from posterior samples of a fit of the whole shot.
 
     Args:
@@ -145,3 +150,66 @@ def list_numbers(
             names, values, sigmas, is_observable, balls, strict=True
         )
     ]
+
+
+_SEED = 1
+"""Random seed of the time of the strike."""
+
+
+@dataclass(frozen=True, slots=True)
+class _StruckSample:
+    """One sample of N balls and all parameters."""
+
+    states: FloatArray
+    """(N, 7) place, velocity, slip, and surface speed of side spin, m and m/s, as in `parametrised_shot`."""
+    values: FloatArray
+    """(Q,) values of `parametrised_shot.SHOT_PARAMETERS`."""
+    ball_model: str
+    """Contact model of two balls."""
+
+
+def rewind_samples(
+    whole: WholeShotSolution, ball: str, strike: float, strike_sigma: float, radius: float
+) -> tuple[_StruckSample, ...]:
+    """Take the posterior samples of a whole shot back to its strike.
+
+    Args:
+        whole: The fit of the whole shot.
+        ball: Id of the struck ball.
+        strike: s, presentation time of the strike.
+        strike_sigma: s, its standard deviation.
+        radius: m, nominal radius of a ball.
+
+    Returns:
+        The samples.
+    """
+    rng, samples, row = np.random.default_rng(_SEED), [], whole.ids.index(ball)
+    for start, values, ball_model in zip(
+        whole.start_samples, whole.parameter_samples, whole.sample_ball_models, strict=True
+    ):
+        states = unpack_start(start, whole.moving)
+        elapsed = max(whole.t - strike + strike_sigma * float(rng.standard_normal()), 0.0)
+        states[row] = _rewind_state(
+            states[row], elapsed, values, radius * float(values[RADIUS_FACTOR]), float(rng.uniform(-1, 1))
+        )
+        samples.append(_StruckSample(states, values, ball_model))
+    return tuple(samples)
+
+
+def _rewind_state(
+    state: FloatArray, elapsed: float, values: FloatArray, radius: float, chance: float
+) -> FloatArray:  # fmt: skip
+    """Return a state (7,) some time (s) earlier, while the ball slid.
+
+    A ball that rolls in the end may have slid before, forwards or backwards: `chance` from -1 to 1 decides.
+    """
+    before, slip, lost = state.copy(), float(np.hypot(*state[4:6])), float(values[SLIDING_MU]) * GRAVITY * elapsed
+    if slip > 0:
+        friction = lost * state[4:6] / slip
+    else:
+        friction = chance * lost * state[2:4] / max(float(np.hypot(*state[2:4])), 1e-9)
+    before[2:4] += friction
+    before[4:6] += 3.5 * friction
+    before[:2] -= elapsed * (before[2:4] - friction / 2)
+    before[SIDE_SPIN] += np.sign(state[SIDE_SPIN]) * radius * float(values[SPIN_DECAY]) * elapsed
+    return before

@@ -25,8 +25,8 @@ from models.estimation.structure_search.ball_encounters import (
     is_doubtful,
     total_cost,
 )
-from models.estimation.structure_search.causeless_changes import explain_causeless_changes
 from models.estimation.structure_search.contact_chains import complete_chains
+from models.estimation.structure_search.contact_partners import explain_causeless_changes
 from models.estimation.structure_search.contact_removal import remove_false_contacts
 from models.estimation.structure_search.corner_cushions import insert_corner_cushions
 from models.estimation.structure_search.initial_rests import MAX_REST_SAMPLES

@@ -8,6 +8,11 @@ Visible samples offer two kinds of training pairs. Midpoints of the samples befo
 over twice the interval, used as it is and reduced to a quarter, the error of a line over one interval; or samples get
 noise of that size. The protocol is meant to be fair to the method: short trainings with both kinds are compared on
 held-out samples, and the better kind is trained longer on all samples. The connectivity of the points is not needed.
+
+`PretrainedConstraintNet` is trained as in its paper, on minibatches of many poses of simulated scenes of the same kind:
+the visible samples of one motion are too few for a network of all coordinates, and Yang, He and Zhu simulate thousands
+of poses. Here the poses come from other motions of the same kind of scene. The perturbed position is the midpoint of
+the line between two poses, the correct one the pose at that time; the interval is that of the visible samples.
 """
 
 from __future__ import annotations
@@ -205,3 +210,57 @@ def add_noise(middles: TrainingPairs, seed: int) -> TrainingPairs:
 
 PAIR_GENERATORS = (add_shrunk_errors, add_noise)
 CONSTRAINT_NET = ConstraintNet()
+
+
+PoseSampler = Callable[[float, int], FloatArray]
+"""Maps (seconds, seed) to coordinates (B, 3, N, D): begin, middle and end of B intervals of that duration."""
+PRETRAINING_SCHEDULE = TrainingSchedule(
+    adam_steps=7500,
+    learning_rate=2e-3,
+    final_learning_rate=1e-6,
+    patience=7500,
+    gradient_clip=1.0,
+    uses_minibatches=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PretrainedConstraintNet:
+    """Method with a constraint that is learned from simulated poses.
+
+    Of the motion itself, only the lines between its samples are projected.
+    """
+
+    sample_poses: PoseSampler
+    name: str = "ConstraintNet, taught"
+    net: ConstraintNet = CONSTRAINT_NET
+    schedule: TrainingSchedule = PRETRAINING_SCHEDULE
+    batch: int = 32
+    """Poses per training step."""
+
+    def fit(
+        self, times: FloatArray, states: FloatArray, seed: int = 0, budget: TrainingBudget | None = None
+    ) -> FittedMotion:
+        """Train on simulated poses, then project the lines between samples; arguments as in `MotionMethod.fit`.
+
+        Of the visible samples, the training uses only their median interval.
+        """
+        began = time.process_time()
+        t, x = validate_samples(times, states)
+        poses = self.sample_poses(float(np.median(np.diff(t))), seed)
+        scale = estimate_scaling(np.arange(len(poses), dtype=np.float64), poses[:, 1])
+        right, ends = (torch.as_tensor(scale.scale_states(part), dtype=self.net.dtype) for part in (
+            poses[:, 1], (poses[:, 0] + poses[:, 2]) / 2
+        ))  # fmt: skip
+        pairs = TrainingPairs(ends, right)
+        network = self.net.build_network(right, seed)
+        generator = make_generator(seed)
+
+        def loss() -> Tensor:
+            return projection_loss(network, pairs.select(torch.randint(len(right), (self.batch,), generator=generator)))
+
+        result = train_network(network, loss, self.schedule, budget or TrainingBudget())
+        motion, seconds = self.net.build_motion(network, fit_spline(t, x, 1), scale), time.process_time() - began
+        return FittedMotion(
+            motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
+        )

@@ -210,7 +210,7 @@ def build_methods(scene: str, variant: str = "", run: Path | None = None) -> lis
     """
     from models.neural.method_catalogue import METHODS  # torch takes seconds to import
     from models.neural.networks.constraint_net import CONSTRAINT_NET as NARROW
-    from models.neural.networks.pretrained_constraint_net import PretrainedConstraintNet
+    from models.neural.networks.constraint_net import PretrainedConstraintNet
 
     # four layers of 512 and ten projections where bodies collide: Yang, He, Zhu 2020
     net = replace(NARROW, widths=(512, 512, 512, 512), iterations=10) if scene == "boxes" else NARROW

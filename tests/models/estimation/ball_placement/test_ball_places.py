@@ -11,10 +11,10 @@ from support import synthetic_run as shot
 from models.core.scene import Table
 from models.estimation.ball_placement.ball_places import (
     locate_balls,
+    match_places,
     measure_cushion_distances,
     select_moment_before_strike,
 )
-from models.estimation.ball_placement.place_matching import match_places
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 
 NO_COLOUR = np.full((3, 3), np.nan)

@@ -12,9 +12,8 @@ from models.core.errors import TrackError
 from models.core.fit_result import Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
-from models.estimation.forecast.forecast_check import check_prediction
+from models.estimation.forecast.forecast_check import check_prediction, estimate_state
 from models.estimation.forecast.state_estimate import (
     PARAMETERS_PER_BALL,
     SHARED_COUNT,

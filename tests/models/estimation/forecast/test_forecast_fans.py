@@ -10,8 +10,14 @@ import pytest
 from models.core.events import Events
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-from models.estimation.forecast.forecast_check import OBSERVED_SHARE, compare_rest_of_shot
-from models.estimation.forecast.forecast_fans import MAX_FANS, MIN_FAN_SPACING, predict_fans, select_fan_times
+from models.estimation.forecast.forecast_check import (
+    MAX_FANS,
+    MIN_FAN_SPACING,
+    OBSERVED_SHARE,
+    compare_rest_of_shot,
+    predict_fans,
+    select_fan_times,
+)
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
 from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU, neutral_parameters
 
@@ -93,7 +99,7 @@ def test_a_state_that_cannot_be_simulated_has_no_fan_and_stops_no_run(
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("models.estimation.forecast.forecast_fans.sample_trajectories", refuse)
+    monkeypatch.setattr("models.estimation.forecast.forecast_check.sample_trajectories", refuse)
     assert predict_fans(*rolling(), events_at(("strike", 0.5, 1.0))).fans == ()
 
 

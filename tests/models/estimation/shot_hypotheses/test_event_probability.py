@@ -10,19 +10,17 @@ import pytest
 from models.core.contact_graph import Contact
 from models.core.shot_explanation import SURE_PROBABILITY
 from models.estimation.shot_hypotheses import weigh_hypotheses
-from models.estimation.shot_hypotheses.event_evidence import (
+from models.estimation.shot_hypotheses.event_probability import (
+    CATEGORIES,
     EVIDENCE_NAMES,
     EventEvidence,
+    EventRow,
     compress_gain,
     compress_rival,
     count_missed_frames,
-)
-from models.estimation.shot_hypotheses.event_probability import (
-    CATEGORIES,
     estimate_event_probability,
     read_event_model,
 )
-from models.estimation.shot_hypotheses.event_row import EventRow
 
 
 def test_the_coefficients_cover_all_evidence_and_categories() -> None:

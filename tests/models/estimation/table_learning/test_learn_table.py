@@ -10,8 +10,8 @@ from models.core.errors import TrackError
 from models.core.joint_solution import ClothFriction, JointSolution
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
-from models.estimation.forecast.current_state import estimate_state
 from models.estimation.forecast.ensemble_prediction import forecast_shot
+from models.estimation.forecast.forecast_check import estimate_state
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.table_learning.learn_table import combine_noses, learn_table
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate

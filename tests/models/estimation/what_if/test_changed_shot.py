@@ -7,10 +7,16 @@ import pytest
 from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
 from models.estimation.forecast.ensemble_prediction import EventKey
-from models.estimation.what_if.changed_shot import ChangedShot, play_changed_shot
+from models.estimation.what_if.changed_shot import (
+    ChangedShot,
+    PlayerSpread,
+    StrokeChange,
+    StruckEnsemble,
+    StruckMember,
+    change_stroke,
+    play_changed_shot,
+)
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
-from models.estimation.what_if.stroke_change import PlayerSpread, StrokeChange, change_stroke
-from models.estimation.what_if.struck_ensemble import StruckEnsemble, StruckMember
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 
 R = 0.028575

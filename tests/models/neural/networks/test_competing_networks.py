@@ -15,7 +15,7 @@ from models.core.typing import FloatArray
 from models.neural.common.method_interface import TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
 from models.neural.common.spline_methods import CUBIC, LINEAR
-from models.neural.networks.constraint_net import CONSTRAINT_NET
+from models.neural.networks.constraint_net import CONSTRAINT_NET, PRETRAINING_SCHEDULE, PretrainedConstraintNet
 from models.neural.networks.hamiltonian_network import (
     HAMILTONIAN,
     SEPARABLE,
@@ -24,7 +24,6 @@ from models.neural.networks.hamiltonian_network import (
 )
 from models.neural.networks.interaction_network import INTERACTION, build_interaction_flow, find_nearest
 from models.neural.networks.neural_flow import PLAIN_FLOW, SECOND_ORDER, NeuralFlowMethod, build_first_order_flow
-from models.neural.networks.pretrained_constraint_net import PRETRAINING_SCHEDULE, PretrainedConstraintNet
 
 SHORT = TrainingSchedule(adam_steps=200, learning_rate=5e-3)
 FLOWS = (SECOND_ORDER, PLAIN_FLOW, HAMILTONIAN, SEPARABLE, INTERACTION)
