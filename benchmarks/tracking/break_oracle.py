@@ -27,7 +27,7 @@ from models.estimation.joint_fit.joint_refinement import add_covariance, conditi
 from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.explain_shot import list_gaps, refine_contact_times, whiten_observed
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
+from models.estimation.structure_search.contact_partners import collect_hypotheses
 
 SLOWEST_CLOSING = 0.005
 """Slower contacts change nothing visible, m/s of closing speed."""

@@ -24,7 +24,7 @@ from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.estimation.forecast.solution_state import MIN_NOISE_SPEED
 from models.estimation.table_learning.learn_table import TableLesson, learn_table
-from models.estimation.table_learning.rebound_summary import fit_restitution_formula
+from models.estimation.table_learning.learned_table import fit_restitution_formula
 from models.numerics.executor import Executor
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.effects.catalogue import find_prior

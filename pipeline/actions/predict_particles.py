@@ -10,8 +10,7 @@ from models.core.answer import Answer
 from models.core.errors import OptionError
 from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import MIN_SAMPLES
-from models.estimation.particles.particle_prediction import ParticlePrediction, forecast_particles
+from models.estimation.particles.particle_fit import MIN_SAMPLES, ParticlePrediction, forecast_particles
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
     format_physics_lines,

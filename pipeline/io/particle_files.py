@@ -16,8 +16,7 @@ from pipeline.io.run_folder import Columns, read_csv_columns
 from pipeline.io.strict_json import read_json
 
 if TYPE_CHECKING:
-    from models.estimation.particles.particle_fit import ParticleMotion
-    from models.estimation.particles.particle_prediction import ParticlePrediction
+    from models.estimation.particles.particle_fit import ParticleMotion, ParticlePrediction
 
 AXES = ("x", "y", "z")
 NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")

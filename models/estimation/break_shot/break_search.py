@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from models.core.shot import BreakContact, BreakExit, SimulatedBreak
 from models.core.typing import FloatArray
-from models.estimation.break_shot.break_data import BreakShot
-from models.estimation.break_shot.break_simulation import BreakModel
+from models.estimation.break_shot.break_simulation import BreakModel, BreakShot
 from models.numerics.least_squares import (
     MIN_INFORMATION,
     NormalEquations,

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.shared_parameters import prior_cost, value_derivatives
 from models.estimation.multiple_shooting.shooting_problem import (
     NOT_SIMULATED,
     ChainIterate,
@@ -16,7 +15,9 @@ from models.estimation.multiple_shooting.shooting_problem import (
     embed_chain,
     extract_chain,
     map_chains,
+    prior_cost,
     replace_chains,
+    value_derivatives,
 )
 from models.estimation.multiple_shooting.shooting_windows import (
     LinearizedWindow,

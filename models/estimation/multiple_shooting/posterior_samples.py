@@ -8,12 +8,13 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
-from models.estimation.multiple_shooting.shared_parameters import (
+from models.estimation.multiple_shooting.shooting_problem import (
+    Iterate,
+    ShootingProblem,
     coordinate_bounds,
     prior_terms,
     values_from_coordinates,
 )
-from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.numerics.least_squares import MIN_INFORMATION
 

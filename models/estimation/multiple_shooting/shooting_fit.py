@@ -25,21 +25,19 @@ from models.estimation.multiple_shooting.normal_equations import (
     require_linearized,
     simulate_chains,
 )
-from models.estimation.multiple_shooting.shared_parameters import (
-    coordinate_bounds,
-    prior_terms,
-    value_derivatives,
-    values_from_coordinates,
-)
 from models.estimation.multiple_shooting.shooting_problem import (
     ChainIterate,
     Iterate,
     ShootingProblem,
     build_problem,
+    coordinate_bounds,
     embed_chain,
     extract_chain,
     map_chains,
+    prior_terms,
     replace_chains,
+    value_derivatives,
+    values_from_coordinates,
 )
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant

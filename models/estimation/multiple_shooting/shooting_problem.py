@@ -2,6 +2,8 @@
 
 A chain is a window with those that are linked to it by continuity. Chains share nothing but the shared parameters, so
 that the cost of a fit grows linearly with their number, however many of them belong to one shot.
+
+Shared parameters are searched by their logarithms where their prior is relative.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     drop_shared_jacobian,
 )
 from models.numerics.executor import SERIAL, Executor
+from models.physics.effect import Prior
 
 NOT_SIMULATED = SimulatedWindow(np.empty((0, 1)), np.empty(0))
 """Stands for a window that was not simulated."""
@@ -144,3 +147,43 @@ def embed_chain(problem: ShootingProblem, part: ChainIterate, shared: FloatArray
     costs = np.zeros(len(problem.chains) + 1)
     point = Iterate(tuple(starts), shared, (NOT_SIMULATED,) * len(starts), costs)
     return replace_chains(problem, point, {chain: part})
+
+
+def _search_coordinate(prior: Prior, value: float) -> float:
+    """Convert a value of one parameter into its search coordinate."""
+    return float(np.log(value)) if prior.relative else value
+
+
+def _search_coordinates(unknowns: tuple[Prior, ...], shared: FloatArray) -> FloatArray:
+    """Convert parameter values (P,) into search coordinates (P,)."""
+    return np.array([_search_coordinate(prior, value) for prior, value in zip(unknowns, shared, strict=True)])
+
+
+def values_from_coordinates(unknowns: tuple[Prior, ...], coordinates: FloatArray) -> FloatArray:
+    """Convert search coordinates (P,) into parameter values (P,)."""
+    return np.array([np.exp(q) if prior.relative else q for q, prior in zip(coordinates, unknowns, strict=True)])
+
+
+def value_derivatives(unknowns: tuple[Prior, ...], shared: FloatArray) -> FloatArray:
+    """Compute d value / d coordinate (P,) at the values `shared` (P,)."""
+    return np.array([value if prior.relative else 1.0 for value, prior in zip(shared, unknowns, strict=True)])
+
+
+def coordinate_bounds(unknowns: tuple[Prior, ...], shared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute the coordinates (P,) of `shared` and of the lower and upper bounds."""
+    low = np.array([_search_coordinate(prior, prior.bounds[0]) for prior in unknowns])
+    high = np.array([_search_coordinate(prior, prior.bounds[1]) for prior in unknowns])
+    return _search_coordinates(unknowns, shared), low, high
+
+
+def prior_terms(unknowns: tuple[Prior, ...], shared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute 1/sigma, information and gradient (P,) of the priors, in search coordinates."""
+    scale = np.array([1 / prior.sigma for prior in unknowns])
+    middle = np.array([_search_coordinate(prior, prior.value) for prior in unknowns])
+    return scale, scale**2, scale**2 * (_search_coordinates(unknowns, shared) - middle)
+
+
+def prior_cost(unknowns: tuple[Prior, ...], shared: FloatArray) -> float:
+    """Compute chi2 of the values (P,) with respect to their priors."""
+    scale, _, gradient = prior_terms(unknowns, shared)
+    return float(np.square(gradient / scale).sum())

@@ -47,7 +47,7 @@ from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
-from models.estimation.shot_hypotheses.rival_causes import collect_hypotheses
+from models.estimation.structure_search.contact_partners import collect_hypotheses
 from models.estimation.structure_search.initial_rests import insert_initial_rests, refit_strikes
 from models.estimation.structure_search.missed_cushions import refit_rebounds
 from models.estimation.structure_search.pass_log import log_pass

@@ -10,7 +10,7 @@ from models.core.contact_graph import CAUSELESS_KINDS
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.shot import Shot
 from models.core.shot_explanation import RackBreak
-from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.break_shot.break_simulation import BreakShot
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.reconstruction.event_list import NUDGE_RADII
 from models.estimation.reconstruction.trajectory_assembly import state_covariance

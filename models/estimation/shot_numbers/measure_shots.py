@@ -25,11 +25,11 @@ from models.estimation.joint_fit.segment_prior_residuals import STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import LinearState, PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import FirstMeeting, ShotCourse, list_shot_courses
-from models.estimation.shot_numbers.slip_profile import profile_slip
 from models.estimation.shot_numbers.strike_numbers import (
     list_numbers,
     measure_strike,
     measure_strike_of_samples,
+    profile_slip,
     replace_strike,
     rewind_samples,
     rolling_share,

@@ -32,8 +32,7 @@ from models.estimation.springs.coordinate_series import (
     measure_scales,
 )
 from models.estimation.springs.dense_shooting import build_normal_equations, state_covariance
-from models.estimation.springs.fit_quality import compute_stiffness_bound, find_rejections
-from models.estimation.springs.graph_search import fit_noise, search_graphs
+from models.estimation.springs.graph_search import compute_stiffness_bound, find_rejections, fit_noise, search_graphs
 from models.estimation.springs.parameter_layout import find_reference_particles
 from models.estimation.springs.spring_fit import (
     SearchEffort,

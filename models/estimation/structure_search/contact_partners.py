@@ -4,6 +4,7 @@ A ball at rest starts only when something touches it. Where a ball starts or tur
 may have been there between two frames, or while it was not detected. Every ball whose path, before or after a turn of
 its own, comes near enough in that time is a candidate; the refit of the contact decides.
 Velocity changes without a cause take the partner that explains them best.
+Rivals of a contact are other partners, and separate changes instead of it.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ import numpy as np
 from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
+from models.core.shot import ContactRivals, RivalContact
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.structure_search.ball_encounters import LOCAL_ITERATIONS, SearchCache, total_cost
-from models.estimation.structure_search.contact_removal import refine_differences
+from models.estimation.structure_search.contact_removal import refine_differences, separate_balls
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
@@ -267,3 +269,83 @@ def _continue_to_cushion(
     if extended is joined.graph and contact.gain > LOCAL_SLACK * prices[1]:
         return None
     return refine_graph(extended, observations, table, initial=joined)
+
+
+def collect_hypotheses(solution: JointSolution, observations: Observations, table: Table) -> tuple[ContactRivals, ...]:
+    """Collect what may have happened instead of every contact of the graph.
+
+    Args:
+        solution: The best explanation, with C contacts.
+        observations: K observations.
+        table: The table.
+
+    Returns:
+        (C,) rivals of each contact.
+    """
+    collected = []
+    for number, contact in enumerate(solution.graph.contacts):
+        if contact.kind in ("jump", "break"):
+            collected.append(ContactRivals((), 0.0))
+            continue
+        apart = _cost_of_separate_changes(solution, observations, number, table) if contact.kind == "ball" else 0.0
+        rivals = _find_rival_contacts(solution, observations, number, table)
+        collected.append(ContactRivals(tuple(rivals), apart))
+    return tuple(collected)
+
+
+def _find_rival_contacts(
+    solution: JointSolution, observations: Observations, number: int, table: Table
+) -> list[RivalContact]:
+    """Find the other balls that may have caused a velocity change, the best first.
+
+    Args:
+        solution: The best explanation.
+        observations: K observations.
+        number: Contact whose rivals are wanted.
+        table: The table.
+
+    Returns:
+        The rivals, each refined by itself.
+    """
+    contact = solution.graph.contacts[number]
+    if contact.kind != "ball":
+        return _find_rivals_of_change(solution, observations, number, table, solution.graph)
+    partners = solution.graph.balls_at(contact)
+    apart = replace(solution, graph=separate_balls(solution.graph, number))
+    rivals = []
+    for slot in (number, len(apart.graph.contacts) - 1):
+        rivals += [
+            one for one in _find_rivals_of_change(apart, observations, slot, table, solution.graph)
+            if one.other not in partners
+        ]  # fmt: skip
+    return sorted(rivals, key=lambda one: one.cost)
+
+
+def _cost_of_separate_changes(solution: JointSolution, observations: Observations, number: int, table: Table) -> float:
+    """Return the chi2 by which two separate velocity changes differ from a contact of two balls, at most 0.
+
+    The law of the contact explains nothing where separate changes fit much better.
+    """
+    apart = separate_balls(solution.graph, number)
+    return min(_evaluate_cost(solution, solution.graph, apart, observations, table), 0.0)
+
+
+def _find_rivals_of_change(
+    solution: JointSolution, observations: Observations, number: int, table: Table, best: ContactGraph
+) -> list[RivalContact]:
+    rivals = []
+    for partner in find_partners(solution, observations, number, table):
+        joined = join_by_ball_contact(solution, observations, number, partner, table)
+        if joined is not None:
+            ball = solution.graph.segments[solution.graph.contacts[number].before[0]].ball
+            cost = _evaluate_cost(solution, best, joined, observations, table)
+            rivals.append(RivalContact(ball, solution.graph.segments[partner.segment].ball, cost))
+    return sorted(rivals, key=lambda one: one.cost)
+
+
+def _evaluate_cost(
+    solution: JointSolution, best: ContactGraph, other: ContactGraph, observations: Observations, table: Table
+) -> float:
+    """Return the chi2 of another graph minus that of the best one, on the segments that differ."""
+    parts = refine_differences(solution, best, other, observations, table)
+    return 0.0 if parts is None else parts[1].chi2 - parts[0].chi2

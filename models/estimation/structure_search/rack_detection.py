@@ -11,7 +11,7 @@ from models.core.contact_graph import ContactGraph
 from models.core.joint_solution import JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.break_shot.break_data import BreakShot
+from models.estimation.break_shot.break_simulation import BreakShot
 from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.track_noise import NOISE_FLOOR_RADII

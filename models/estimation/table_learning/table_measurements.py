@@ -12,11 +12,9 @@ from models.core.joint_solution import JointSolution
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.table_learning.cloth_learning import fit_cloth
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
-from models.estimation.table_learning.learn_table import TableLesson
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.rebound_summary import rebound_rolling_balls
+from models.estimation.table_learning.learn_table import TableLesson, fit_cloth
+from models.estimation.table_learning.learned_table import LearnedTable, rebound_rolling_balls
 from models.estimation.table_learning.side_spin import filter_side_spin, predict_rebounds
 from models.physics.billiards.parameter_vector import GRAVITY, SPIN_DECAY
 

@@ -12,8 +12,7 @@ from plotly.subplots import make_subplots
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.table_learning.rebound_summary import rebound_rolling_balls
+from models.estimation.table_learning.learned_table import LearnedTable, rebound_rolling_balls
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from pipeline.engine.atomic_write import write_text

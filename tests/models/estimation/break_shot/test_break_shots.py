@@ -11,9 +11,8 @@ from support.filmed_shots import RADIUS, Filmed, film, scene
 
 from models.core.fit_result import Fit
 from models.core.typing import FloatArray
-from models.estimation.break_shot.break_data import BreakShot
 from models.estimation.break_shot.break_search import search_break, summarize_break
-from models.estimation.break_shot.break_simulation import OVERLAP_SIGMA, BreakModel
+from models.estimation.break_shot.break_simulation import OVERLAP_SIGMA, BreakModel, BreakShot
 from models.estimation.contact_test.call_answers import answer_contact, answer_first_contact
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.reconstruction import explain_shot

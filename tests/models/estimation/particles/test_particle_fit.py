@@ -11,16 +11,14 @@ from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
 from models.estimation.particles.particle_fit import (
     MIN_SAMPLES,
+    build_extrapolation,
     build_spline_fit,
     estimate_holdout_errors,
+    fit_error_growth,
     fit_particles,
+    forecast_particles,
     group_by_name,
     list_candidate_fits,
-)
-from models.estimation.particles.particle_prediction import (
-    build_extrapolation,
-    fit_error_growth,
-    forecast_particles,
     measure_backtest_errors,
 )
 

@@ -10,7 +10,7 @@ from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.posterior_view import PosteriorView
 from models.estimation.shot_numbers.shot_course import list_shot_courses
-from models.estimation.shot_numbers.slip_profile import SlipProfile, profile_slip
+from models.estimation.shot_numbers.strike_numbers import SlipProfile, profile_slip
 
 
 def profile_of(seed: int) -> SlipProfile:

@@ -9,7 +9,7 @@ from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
 from models.core.tracks import Tracks
 from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR
-from models.estimation.table_learning.cloth_learning import CONTACT_MARGIN, extract_free_segments
+from models.estimation.table_learning.learn_table import CONTACT_MARGIN, extract_free_segments
 
 
 def make_straight_path(segments: tuple[Segment, ...], contact: Contact, sigma: float) -> tuple[JointSolution, Tracks]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
-from models.estimation.table_learning.rebound_summary import fit_restitution_formula, rebound_rolling_balls
+from models.estimation.table_learning.learned_table import (
+    DEFAULT_SCATTER,
+    LearnedTable,
+    fit_restitution_formula,
+    rebound_rolling_balls,
+)
 from models.physics.billiards.ball_cushion.rebound_correction import HIDDEN, INPUTS, NO_CORRECTION, WEIGHT_COUNT
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_E_POWER, neutral_parameters
 
