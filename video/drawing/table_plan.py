@@ -103,9 +103,7 @@ def draw_table_plan(
     return append_footer(image, title)
 
 
-def name_rails(
-    image: ImageArray, inset: TableInset, table: Table, naming: Naming, size: int = NAME_PX
-) -> None:
+def name_rails(image: ImageArray, inset: TableInset, table: Table, naming: Naming, size: int = NAME_PX) -> None:
     """Write on each rail of a plan (h, w, 3) what a viewer of the clip calls it."""
     rail, length, width = RAIL_SHARE * table.length / 2, table.length, table.width
     aside = 5 / 16  # between two diamonds, away from pockets
