@@ -48,7 +48,6 @@ from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.explain_stage import explain_stage
 from pipeline.stages.export_stage import ExportOptions, export_stage
-from pipeline.stages.forecast_stage import forecast_stage
 from pipeline.stages.laws_stage import laws_stage
 from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import open_frame_memory, read_stage
@@ -180,7 +179,6 @@ def _build_graph(
         export_stage(options.detect, options.fit),
         background_stage(),
         poster_stage(options.render),
-        forecast_stage(options.forecast),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.fit)),
         record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
     )

@@ -12,11 +12,11 @@ from typing import Any, Literal, TypedDict, get_args, get_type_hints
 from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
-from models.core.options import FitOptions, ForecastOptions, OptionSpec, TrackOptions, list_option_specs
+from models.core.options import FitOptions, OptionSpec, TrackOptions, list_option_specs
 from pipeline.stages.read_stage import ReadOptions
 from video.io.video_options import CalibrateOptions, RenderOptions
 
-OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render", "forecast")
+OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render")
 """Stages with options, in the order of the help."""
 CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
 """Settings that a person can correct; fields of `Corrections` have the same names."""
@@ -34,7 +34,6 @@ class RunOptions:
     track: TrackOptions = field(default_factory=TrackOptions)
     fit: FitOptions = field(default_factory=FitOptions)
     render: RenderOptions = field(default_factory=RenderOptions)
-    forecast: ForecastOptions = field(default_factory=ForecastOptions)
     corrections: Corrections = NO_CORRECTIONS
     """What a person corrected in this clip; not an option of the command line."""
 
@@ -62,7 +61,6 @@ class RunSettings(TypedDict, total=False):
     no_video: bool
     trim_still: bool
     style: Literal["clean", "coach", "umpire"]
-    fans: bool
 
 
 @dataclass(frozen=True, slots=True)

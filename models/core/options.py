@@ -1,4 +1,4 @@
-"""Options of tracking, fitting and forecasting, and how options describe themselves; fast to import.
+"""Options of tracking and fitting, and how options describe themselves; fast to import.
 
 The command line, its help and its checks are derived from the option dataclasses of all packages.
 """
@@ -137,15 +137,3 @@ class FitOptions:
 
 REQUIRED_GAIN = FitOptions().break_price
 """chi2: least gain of a contact that the whole clip needs, the usual price of a contact."""
-
-
-@dataclass(frozen=True, slots=True)
-class ForecastOptions:
-    """Options of the forecasts that the recording shows."""
-
-    fans: bool = option(
-        False,
-        help="Show forecasts from a few moments of the shot in the recording: where each ball could have gone. It takes"
-        " a minute to compile the first time on a machine.",
-    )
-    profile: str = option("", help="The predicted paths of --fans follow it too.")

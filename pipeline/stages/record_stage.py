@@ -38,7 +38,7 @@ def record_stage(options: RecordOptions) -> Stage:
     return Stage(
         "record",
         __name__,
-        ("read", options.detections, *list_view_inputs(options.fit), "forecast"),
+        ("read", options.detections, *list_view_inputs(options.fit)),
         None,
         _record_layers,
         options,
@@ -54,6 +54,6 @@ def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progres
     shown = inputs[options.detections]
     detections = shown.detections if isinstance(shown, MarkedDetections) else shown
     write_recording(
-        inputs["read"], shot.scene, detections, shot.tracks, view_inputs(inputs, options.fit), inputs["forecast"],
+        inputs["read"], shot.scene, detections, shot.tracks, view_inputs(inputs, options.fit),
         folder / "recording.rrd", options.title,
     )  # fmt: skip

@@ -8,9 +8,11 @@ from pathlib import Path
 
 from detectors.detect_options import DetectOptions
 from detectors.select_detector import note_selection
+from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.shot import Shot
+from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
@@ -42,7 +44,7 @@ def report_stage(options: ReportOptions) -> Stage:
     Returns:
         The stage `report`, whose output is a folder with report.html.
     """
-    needs = ("read", *list_view_inputs(options.fit), "poster", "forecast")
+    needs = ("read", *list_view_inputs(options.fit), "poster")
     return Stage("report", __name__, needs, None, _write_report, options)
 
 
@@ -58,5 +60,15 @@ def _write_report(inputs: Inputs, options: ReportOptions, folder: Path, progress
     fit = view_inputs(inputs, options.fit)
     write_report(
         inputs["read"], scene, shot.tracks, fit, files, options.title, options.settings, folder / "report.html",
-        inputs["forecast"].errors,
+        _compare_with_profile(shot, fit, options.fit.profile),
     )  # fmt: skip
+
+
+def _compare_with_profile(shot: Shot, fit: Fit, profile: str) -> ForecastErrors | None:
+    """Compare the rest of a shot with what a table profile predicts; None without a profile that fits the clip."""
+    if not profile or fit.profile_misfits:
+        return None
+    from models.estimation.forecast.forecast_check import compare_rest_of_shot  # slow to import
+    from pipeline.io.table_profile import parse_learned_table
+
+    return compare_rest_of_shot(shot.tracks, shot.scene, fit.events, parse_learned_table(profile))

@@ -10,7 +10,7 @@ import typer
 
 from pipeline.run_options import build_options, list_settings
 
-EXPERT_STAGES = ("track", "fit", "forecast")
+EXPERT_STAGES = ("track", "fit")
 """Stages whose options are for researchers: the help shows them in a separate panel."""
 
 

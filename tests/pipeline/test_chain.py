@@ -151,9 +151,7 @@ def test_another_speed_of_playing_makes_only_what_is_played_again(home: Home) ->
 def test_a_full_run_after_a_quick_one_repeats_only_what_differs(home: Home) -> None:
     done = home.trueroll("graph", home.clip, "--slow", SLOW, "--json")
     views = {view["stage"]: view["state"] for view in json.loads(done.out)}
-    shared = (
-        "read", "calibrate", "detect", "track", "explain", "export", "background", "poster", "forecast", "record",
-    )  # fmt: skip
+    shared = ("read", "calibrate", "detect", "track", "explain", "export", "background", "poster", "record")
     assert [name for name, state in views.items() if state == "cached"] == list(shared)
 
 

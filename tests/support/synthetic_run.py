@@ -19,7 +19,6 @@ from models.core.shot import Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from models.estimation.forecast.forecast_values import ForecastFan, ForecastFans
 from pipeline.io.shot_folder import publish_shot, write_shot
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
@@ -140,14 +139,3 @@ def make_detections(tracks: Tracks) -> Detections:
         white_rim=0 * one, value=0.5 * one,
         score=one, sigma=0.2 * one, sigma_along=0.2 * one,
     )  # fmt: skip
-
-
-def make_fans() -> ForecastFans:
-    """Make one fan at 0.2 s: white continues in five directions, red stays."""
-    times = 0.2 + 0.1 * np.arange(5)
-    white = np.array([[0.4, 0.5]]) + np.linspace(0, 0.4, 5)[:, None] * [1.0, 0.0]
-    turns = np.linspace(-0.1, 0.1, 5)[:, None] * (times - 0.2)
-    members = np.full((5, 5, 2, 2), [1.5, 0.3])
-    members[:, :, 0] = white
-    members[:, :, 0, 1] += turns
-    return ForecastFans((ForecastFan(0.2, ("white", "red"), times, members),))

@@ -134,7 +134,10 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
     central = state.simulate_ahead(
         state.simulation_inputs(state.mean, state.most_probable_law), state.most_probable_law, seconds
     )
-    runs = _simulate_members(state, seconds, np.random.default_rng(seed), draws)
+    runs = [
+        state.simulate_ahead(inputs, law, seconds, deviations)
+        for inputs, law, deviations in draw_members(state, np.random.default_rng(seed), draws)
+    ]
     states = np.stack([run.states_at(after) for run in runs])
     places, covariance, sensitive = _propagate_linearly(state, central, after, seconds)
     order = [list_contacts(run) for run in runs]
@@ -156,23 +159,6 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
         summarize_events(state.ids, state.t, order, _find_rest_times(state, after, states)),
         tuple(_rank_first_contacts(order, ball) for ball in range(len(state.ids))),
     )
-
-
-def sample_trajectories(state: StateEstimate, t: FloatArray, seed: int, draws: int) -> FloatArray:
-    """Sample trajectories (M, T, N, 2) m from all uncertainties, NaN once a ball is potted, without derivatives."""
-    after = np.maximum(t - state.t, 0.0)
-    runs = _simulate_members(state, float(max(after[-1], 1e-3)) + 1e-6, np.random.default_rng(seed), draws)
-    return np.stack([run.states_at(after)[..., :2] for run in runs])
-
-
-def _simulate_members(
-    state: StateEstimate, seconds: float, rng: np.random.Generator, draws: int
-) -> list[SimulatedShot]:
-    """Simulate draws from all uncertainties, including the cushion law."""
-    return [
-        state.simulate_ahead(inputs, law, seconds, deviations)
-        for inputs, law, deviations in draw_members(state, rng, draws)
-    ]
 
 
 def draw_members(

@@ -11,8 +11,7 @@ import rerun as rr
 from models.core.progress import Progress
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
-from pipeline.reporting.recording.forecast_layer import log_forecast_fans
-from pipeline.reporting.recording.recorded_shot import RecordedShot, build_recorded_shot, open_stream
+from pipeline.reporting.recording.recorded_shot import build_recorded_shot, open_stream
 from pipeline.reporting.recording.stage_layers import (
     log_calibrate_stage,
     log_detect_stage,
@@ -34,7 +33,6 @@ class LiveRecording:
         self._address, self._title = address, title
         self._stream: rr.RecordingStream | None = None
         self._values: dict[str, Any] = {}
-        self._shot: RecordedShot | None = None
 
     def record_value(self, stage: str, value: Any) -> None:
         """Send the value of a finished stage."""
@@ -56,10 +54,7 @@ class LiveRecording:
         elif stage == "track":
             log_track_stage(stream, clip, value)
         elif stage == "explain":
-            self._shot = build_recorded_shot(clip, value.scene, value.tracks, view_run(value))
-            log_fit_stage(stream, self._shot)
-        elif stage == "forecast" and self._shot is not None:
-            log_forecast_fans(stream, self._shot, value)
+            log_fit_stage(stream, build_recorded_shot(clip, value.scene, value.tracks, view_run(value)))
 
     def log_progress(self, stage: str, sentence: str) -> None:
         """Log a line of progress of a stage."""

@@ -14,10 +14,8 @@ from models.core.scene import Scene, Table
 from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.forecast_values import ForecastFans
 from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.figures.motion_samples import kinetic_energy
-from pipeline.reporting.recording.forecast_layer import log_forecast_fans
 from pipeline.reporting.recording.frame_layer import log_detections, log_path_so_far, log_paths, log_tracks, log_video
 from pipeline.reporting.recording.recorded_shot import (
     FRAME,
@@ -262,7 +260,7 @@ def format_about(shot: RecordedShot) -> str:
         "## Legend of the plan",
         f"- pink arrows: measured minus fitted, {residual_magnification(shot):g} times as long",
     ]
-    lines += ["- faint line: whole path; bright line: path up to the current time; thin bundle: forecast"]
+    lines += ["- faint line: whole path; bright line: path up to the current time"]
     return "\n".join([*lines, "", "## Table", *(f"- {note}" for note in shot.scene.notes)])
 
 
@@ -355,7 +353,6 @@ def write_recording(
     detections: Detections,
     tracks: Tracks,
     fit: Fit,
-    forecasts: ForecastFans,
     path: Path,
     title: str,
 ) -> None:
@@ -370,7 +367,6 @@ def write_recording(
         detections: K detections.
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
-        forecasts: Fans of predicted paths.
         path: File to write (.rrd).
         title: Name of the recording in the viewer.
     """
@@ -381,6 +377,5 @@ def write_recording(
         log_calibrate_stage(stream, clip, scene)
         log_detect_stage(stream, clip, detections)
         log_track_stage(stream, clip, tracks)
-        log_fit_stage(stream, shot := build_recorded_shot(clip, scene, tracks, fit))
-        log_forecast_fans(stream, shot, forecasts)
+        log_fit_stage(stream, build_recorded_shot(clip, scene, tracks, fit))
         finish_stream(stream, path)

@@ -27,7 +27,7 @@ def record_shot(folder: Path, motion: np.ndarray | None = None) -> dict[str, lis
     tracks = shot.make_tracks(clip, scene)
     fit = shot.make_fit(tracks.t)
     detections = shot.make_detections(tracks)
-    write_recording(clip, scene, detections, tracks, fit, shot.make_fans(), folder / "recording.rrd", "made up")
+    write_recording(clip, scene, detections, tracks, fit, folder / "recording.rrd", "made up")
     assert not list(folder.glob("*.part*")), "nothing half-written is left"
     by_entity: dict[str, list[Chunk]] = {}
     for chunk in RrdReader(folder / "recording.rrd").stream():
@@ -155,11 +155,6 @@ def test_parameters_are_logged_with_their_errors(chunks: dict[str, list[Chunk]])
     ]
 
 
-def test_a_fan_is_shown_from_its_moment_and_of_balls_that_go_somewhere(chunks: dict[str, list[Chunk]]) -> None:
-    assert times(chunks["/plan/fan/white"]).min() == pytest.approx(0.2)
-    assert "/plan/fan/red" not in chunks
-
-
 def test_the_log_has_lines_of_every_stage(chunks: dict[str, list[Chunk]]) -> None:
     assert {f"/log/chain/{stage}" for stage in ("read", "calibrate", "detect", "track", "fit")} <= set(chunks)
 
@@ -223,7 +218,6 @@ def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
         ("detect", shot.make_detections(tracks)),
         ("track", tracks),
         ("explain", shot.make_unexplained_shot(tracks, scene)),
-        ("forecast", shot.make_fans()),
     ):
         progress = watcher.start_stage(stage)
         for share in (0.05, 0.5, float("nan"), 0.55, 1.0):
@@ -234,7 +228,7 @@ def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
     shown = {chunk.entity_path: chunk for chunk in RrdReader(sent).stream()}
     assert {entity for entity in chunks if not entity.startswith("/__")} <= set(shown)
     assert "/log/chain/progress/explain" in shown
-    assert len(shares) == 6 * 5, "the other watcher still receives everything"
+    assert len(shares) == 5 * 5, "the other watcher still receives everything"
 
 
 class ProgressRecorder:

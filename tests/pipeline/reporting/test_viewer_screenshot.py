@@ -52,12 +52,12 @@ def wait_for_screenshot(client: object, image: Path, is_expected: Callable[[np.n
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """A recording of the synthetic shot with forecast fans."""
+    """A recording of the synthetic shot."""
     clip = shot.write_clip(tmp_path / "clip.mp4")
     scene, tracks = shot.make_scene(), shot.make_tracks(clip, shot.make_scene())
     detections, fit = shot.make_detections(tracks), shot.make_fit(tracks.t)
     path = tmp_path / "recording.rrd"
-    write_recording(clip, scene, detections, tracks, fit, shot.make_fans(), path, "made up")
+    write_recording(clip, scene, detections, tracks, fit, path, "made up")
     return path
 
 

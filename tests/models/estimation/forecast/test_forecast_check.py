@@ -1,4 +1,4 @@
-"""Fans: their start times, and that the true path is within the fan."""
+"""The state at a moment of a clip, and how the rest of the shot is compared with its prediction."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from models.core.events import Events
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.forecast_check import (
-    MAX_FANS,
-    MIN_FAN_SPACING,
     OBSERVED_SHARE,
     compare_rest_of_shot,
-    predict_fans,
-    select_fan_times,
+    estimate_state,
 )
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
 from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU, neutral_parameters
@@ -35,30 +32,6 @@ def events_at(*rows: tuple[str, float, float]) -> Events:
         tuple("" if kind in ("strike", "rest") else "red" for kind in kinds), np.zeros((len(t), 2)),
         np.array(probability), one, one, one,
     )  # fmt: skip
-
-
-def test_fans_start_a_little_after_strikes_and_contacts_of_balls() -> None:
-    times = select_fan_times(events_at(("strike", 0.5, 1.0), ("cushion", 1.2, 1.0), ("ball", 2.0, 1.0)), SHOWN)
-    assert times == pytest.approx([0.7, 2.2], abs=1 / 60)
-
-
-def test_fans_start_before_the_next_event() -> None:
-    times = select_fan_times(events_at(("strike", 0.5, 1.0), ("ball", 0.6, 1.0)), SHOWN)
-    assert 0.5 < times[0] < 0.6
-
-
-def test_a_contact_without_frames_or_with_a_low_probability_gives_no_fan() -> None:
-    assert select_fan_times(events_at(("strike", 0.5, 1.0), ("ball", 0.51, 0.3)), SHOWN) == pytest.approx(
-        [0.7], abs=1 / 60
-    )
-    rapid_contacts = [("ball", 1.0 + 0.01 * k, 1.0) for k in range(12)]
-    assert select_fan_times(events_at(*rapid_contacts), SHOWN) == []
-
-
-def test_fans_are_few_and_apart() -> None:
-    times = select_fan_times(events_at(*[("ball", 0.3 * k + 0.05, 1.0) for k in range(1, 9)]), SHOWN)
-    assert 0 < len(times) <= MAX_FANS
-    assert np.diff(times).min() >= MIN_FAN_SPACING - 1e-9
 
 
 def rolling() -> tuple[Tracks, Scene]:
@@ -81,26 +54,23 @@ def rolling_distance(t: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(t < 0, 0.0, t - 0.5 * 0.01 * 9.81 * t**2))
 
 
-def test_the_true_path_is_within_the_fan_and_no_later_frame_is_used() -> None:
-    tracks, scene = rolling()
-    fan = predict_fans(tracks, scene, events_at(("strike", 0.5, 1.0))).fans[0]
-    ends = fan.members[:, -1, 0]
-    truth = 0.3 + float(rolling_distance(fan.times[-1:] - 0.5)[0])
-    assert abs(np.median(ends[:, 0]) - truth) < 3 * ends[:, 0].std() + 0.01
-    assert ends[:, 0].std() < 0.1
-    again = predict_fans(tracks.truncate_after(fan.t), scene, events_at(("strike", 0.5, 1.0))).fans[0]
-    np.testing.assert_array_equal(again.members, fan.members)
+def make_learned_table() -> LearnedTable:
+    """Make the table that the ball rolls on."""
+    physics = neutral_parameters()
+    physics[[SLIDING_MU, ROLLING_MU]] = 0.2, 0.01
+    return LearnedTable("mirror", physics, DEFAULT_SCATTER, np.zeros(4), 1e-6 * np.eye(4))
 
 
 @pytest.mark.parametrize("error", [ArithmeticError("too many contacts"), np.linalg.LinAlgError("singular")])
-def test_a_state_that_cannot_be_simulated_has_no_fan_and_stops_no_run(
+def test_a_state_that_cannot_be_simulated_is_not_compared_and_stops_no_run(
     error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("models.estimation.forecast.forecast_check.sample_trajectories", refuse)
-    assert predict_fans(*rolling(), events_at(("strike", 0.5, 1.0))).fans == ()
+    monkeypatch.setattr("models.estimation.forecast.forecast_check.forecast_shot", refuse)
+    events = events_at(("strike", 0.5, 1.0), ("rest", 1.55, 1.0))
+    assert compare_rest_of_shot(*rolling(), events, make_learned_table()) is None
 
 
 def test_a_ball_that_appears_just_then_causes_no_error() -> None:
@@ -113,14 +83,12 @@ def test_a_ball_that_appears_just_then_causes_no_error() -> None:
         tracks.frame, tracks.t, ("cue", "red"), ("cue", "red"), both, 350 * both + 30, there, there,
         np.where(np.isfinite(both), 0.0, np.nan), np.where(np.isfinite(there), 10.0, np.nan), np.zeros((2, 3)),
     )  # fmt: skip
-    assert len(predict_fans(more, scene, events_at(("strike", 0.5, 1.0))).fans) == 1
+    assert "cue" in estimate_state(more, scene, 0.7).ids
 
 
 def test_the_rest_of_a_shot_is_compared_with_a_prediction_from_its_first_part() -> None:
     tracks, scene = rolling()
-    physics = neutral_parameters()
-    physics[[SLIDING_MU, ROLLING_MU]] = 0.2, 0.01
-    learned = LearnedTable("mirror", physics, DEFAULT_SCATTER, np.zeros(4), 1e-6 * np.eye(4))
+    learned = make_learned_table()
     events = events_at(("strike", 0.5, 1.0), ("cushion", 1.3, 1.0), ("rest", 1.55, 1.0))
     errors = compare_rest_of_shot(tracks, scene, events, learned)
     assert errors is not None
