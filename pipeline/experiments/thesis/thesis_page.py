@@ -18,6 +18,7 @@ from pipeline.engine.atomic_write import write_text
 from pipeline.experiments.thesis.compared_methods import (
     CONSTRAINT_NET,
     PHYSICS_NAME,
+    PRETRAINED_NET,
     SPLINES,
     THESIS_NET,
     THESIS_NETS,
@@ -34,6 +35,7 @@ from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
 from pipeline.experiments.thesis.scenes.withheld_series import WithheldSeries
 from pipeline.experiments.thesis.thesis_sentences import (
     SettingResult,
+    compute_gains,
     describe_scene_results,
     find_best_method,
     format_times,
@@ -51,6 +53,16 @@ TITLES = {
 }
 UNITS = {"double-pendulum": "{} springs", "real": "From {} on", "boxes": "A ball of {} px/s", "pool": "{}"}
 """Name of a variant of a scene."""
+COMPARISONS = (
+    (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), "linear"),
+    (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), CONSTRAINT_NET),
+    ("best spline", SPLINES, "linear"),
+    (CONSTRAINT_NET, (CONSTRAINT_NET,), "linear"),
+    (PRETRAINED_NET, (PRETRAINED_NET,), "linear"),
+    ("fit of the physics", (PHYSICS_NAME,), "cubic"),
+)
+"""Compared methods, the best of which counts, with their rivals."""
+COMPARISON_HEADS = ["median", "lowest", "highest", "lower in"]
 MAX_PANELS = 9
 """Largest number of panels of a figure."""
 
@@ -107,10 +119,23 @@ def format_csv(trials: Sequence[Trial]) -> str:
 
 
 def build_tables(scene: str, results: list[SettingResult]) -> list[ResultTable]:
-    """Build a table for each variant of a scene."""
+    """Build the comparison of the methods over all settings of a scene, and a table for each variant."""
     here = [cell for cell in results if cell.scene == scene]
     variants = dict.fromkeys(cell.variant for cell in here)
-    return [_build_table(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
+    tables = [_build_table(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
+    return [_compare_methods(here), *tables]
+
+
+def _compare_methods(here: list[SettingResult]) -> ResultTable:
+    """Compare methods with their rivals over all settings of a scene."""
+    rows = []
+    for name, methods, rival in COMPARISONS:
+        gains = [gain for _, gain in compute_gains(here, methods, rival)]
+        if gains:
+            better = sum(gain > 1 for gain in gains)
+            texts = [*map(format_times, (median(gains), min(gains), max(gains))), f"{better} of {len(gains)}"]
+            rows.append(MethodRow(f"{name}, than {rival}", [TableCell(text, "") for text in texts]))
+    return ResultTable("How many times lower the error is, over all settings", COMPARISON_HEADS, rows)
 
 
 def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
@@ -178,17 +203,7 @@ def _plot_scene(
         *_plot_series(here[0], plan),
         plot_errors_by_method(settings, here, name, title),
         plot_error_over_time(here, middle, f"{scene}-error-over-time", "Error over time"),
-        *_plot_losses(scene, here),
     ]
-
-
-def _plot_losses(scene: str, here: Sequence[Trial]) -> list[ThesisFigure]:
-    case = here[0].case
-    trained = [trial for trial in here if trial.case == case and len(trial.loss) > 1]
-    title = (
-        f"Loss of every network while it learns, the first seed ({case.variant}, {case.fps:.3g} Hz, {case.noise:g} px)"
-    )
-    return [plot_loss_curves(trained, f"{scene}-loss", title)] if trained else []
 
 
 def _plot_series(trial: Trial, plan: ExperimentPlan) -> list[ThesisFigure]:
@@ -414,32 +429,6 @@ def plot_error_over_time(trials: Sequence[Trial], cell: SettingResult, name: str
     figure.update_xaxes(title="time (s)")
     figure.update_yaxes(title="error at the midpoint (px)", type="log", dtick=1, exponentformat="power")
     return _finish_figure(figure, 430, name, f"{title} ({cell.setting})")
-
-
-def plot_loss_curves(trials: Sequence[Trial], name: str, title: str) -> ThesisFigure:
-    """Plot the least loss so far relative to the first: losses of networks are not comparable."""
-    columns = min(len(trials), 4)
-    rows = -(-len(trials) // columns)
-    height = 200 * rows + sum(MARGINS.values())
-    figure = make_subplots(
-        rows, columns, horizontal_spacing=0.06, vertical_spacing=_space_rows(rows, height),
-        subplot_titles=[trial.method for trial in trials],
-    )  # fmt: skip
-    for k, trial in enumerate(trials):
-        here = {"row": k // columns + 1, "col": k % columns + 1}
-        share = trial.loss / trial.loss[0]
-        least = {"color": method_colour(trial.method), "width": 2}
-        figure.add_scatter(
-            y=share, mode="lines", line={"color": LINE, "width": 1}, name="loss of the step", showlegend=k == 0, **here
-        )
-        figure.add_scatter(
-            y=np.fmin.accumulate(share), mode="lines", line=least, name="least so far", showlegend=k == 0, **here
-        )
-        figure.update_xaxes(title="step" if k + columns >= len(trials) else None, **here)
-        figure.update_yaxes(
-            type="log", dtick=2, exponentformat="power", title="loss, first = 1" if k % columns == 0 else None, **here
-        )
-    return _finish_figure(figure, height, name, title)
 
 
 def _select_curves(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
