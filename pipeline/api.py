@@ -15,7 +15,7 @@ import atexit
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
+from typing import TYPE_CHECKING, Literal, Unpack, get_args
 
 import pyarrow as pa
 from pyarrow import csv
@@ -187,10 +187,9 @@ def run(
     options = build_options({name: settings.get(name, setting.default) for name, setting in defaults.items()})
     path = Path(clip)
     folder = parse_output_path(out) if out is not None else default_run_folder(path)
-    values: dict[str, Any] = {}
     store = ResultCache(Path(cache) if cache is not None else default_cache_root())
-    run_clip(path, folder, options, store, _CallbackWatcher(progress), values.__setitem__)
-    return Run(folder, values["explain"], values.get("laws"))
+    finished = run_clip(path, folder, options, store, _CallbackWatcher(progress))
+    return Run(folder, finished.shot, finished.fit.laws)
 
 
 def load(folder: str | Path) -> Run:

@@ -8,20 +8,17 @@ import json
 import shutil
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from models.core.corrections import Corrections
 from models.core.errors import ClipError, OptionError
-from models.core.events import Events
-from models.core.fit_result import Fit, Trust
+from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot import Shot
-from models.core.shot_explanation import ShotExplanation
-from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
@@ -35,7 +32,6 @@ from pipeline.io.shot_folder import publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import (
     RunOptions,
     apply_corrections,
@@ -74,21 +70,14 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class FinishedRun:
-    """Summary of a finished run."""
+    """A finished run."""
 
     folder: Path
-    trust: Trust
-    events: Events
-    whole_shot: str = ""
-    """Sentences on what explains the whole shot."""
+    shot: Shot
+    fit: Fit
+    """Views of the shot."""
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip, and on corrections by hand."""
-    numbers: tuple[ShotNumbers, ...] = ()
-    """Numbers of each shot."""
-    naming: Naming = field(default_factory=Naming)
-    """What balls, rails and pockets are called."""
-    explanation: ShotExplanation = field(default_factory=ShotExplanation)
-    """What may have happened instead of each event."""
 
 
 def build_run_graph(
@@ -276,7 +265,6 @@ def run_clip(
     options: RunOptions,
     cache: ResultCache,
     watcher: RunWatcher,
-    value_listener: Callable[[str, Any], None] | None = None,
     snapshot: SourceSnapshot | None = None,
     shot: ClipShot | None = None,
     answer_listener: Callable[[FinishedRun], None] | None = None,
@@ -294,8 +282,6 @@ def run_clip(
         options: Options of all stages.
         cache: The cache.
         watcher: Follows the run.
-        value_listener: Called with the name and the output value of each stage: as soon as another stage needs it,
-            else at the end.
         snapshot: The project's code when this process started; see `StageGraph.run`.
         shot: The shot of the clip to run; None for the whole clip.
         answer_listener: Called with the summary of the run when the report is published, unless everything was cached.
@@ -304,7 +290,7 @@ def run_clip(
         memory: Keeps the decoded frames of the clip until the run ends; None opens one.
 
     Returns:
-        Summary of the run.
+        The run.
 
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
@@ -318,14 +304,6 @@ def run_clip(
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
-    shown: set[str] = set()
-    adapters: dict[str, Callable[[Any], Any]] = {}
-    if value_listener is not None:
-        adapters = {
-            name: partial(_forward_value, value_listener, shown, name)
-            for name in stages
-            if stages[name].output is not None
-        }
     by_hand = len(format_corrections(corrected.corrections, Naming()))
     notes: tuple[str, ...] = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     if overridden := list_overridden_flags(options, corrections):
@@ -346,15 +324,12 @@ def run_clip(
         is_answered = True
 
     with memory:
-        entries = graph.run(cache, watcher, adapters, partial(require_unchanged, digest), snapshot, publish_answer)
+        entries = graph.run(cache, watcher, partial(require_unchanged, digest), snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
     if "laws" in entries and not corrected.fit.profile:  # a profile is a prior that other questions do not share
         explained, laws = (load_stage_output(stages[name], entries[name]) for name in ("explain", "laws"))
         keep_laws(folder, explained, laws, cache)
-    if value_listener is not None:
-        for name in [name for name in stages if name in adapters and name not in shown]:
-            adapters[name](load_stage_output(stages[name], entries[name]))
     return _summarize_run(folder, stages, entries, notes, memory)
 
 
@@ -373,17 +348,7 @@ def _summarize_run(
     fit = view_inputs(values, options.fit)
     of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
     all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_profile))
-    whole_shot = "" if fit.laws is None else format_whole_shot(fit)
-    return FinishedRun(
-        folder, fit.trust, fit.events, whole_shot, all_notes, fit.shot_numbers, fit.naming, fit.explanation
-    )
-
-
-def _forward_value(listener: Callable[[str, Any], None], shown: set[str], name: str, value: Any) -> Any:
-    """Call the listener with the output of a stage, and return it."""
-    listener(name, value)
-    shown.add(name)
-    return value
+    return FinishedRun(folder, shot, fit, all_notes)
 
 
 def make_change_check(clip: Path) -> Callable[[str], None]:

@@ -20,14 +20,12 @@ from models.core.typing import FloatArray, ImageArray
 from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
-from video.flow.optical_flow import CrossFade, Interpolator, OpticalFlowInterpolator
 from video.io.audio import add_audio
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline, build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.plain_interpolation import (
-    SynthesisOptions,
     regular_frame_rate,
     regular_frame_times,
     subdivide_frame_times,
@@ -60,8 +58,6 @@ class InterpolateOptions:
     """Shutter angle, degrees of the step between output frames; None: the motion blur of the clip."""
     upright: bool = False
     """Whether to crop to a 9:16 window that follows the action."""
-    elsewhere: str = "flow"
-    """Interpolator of the background: flow, blend, or the path of an ONNX network."""
 
     def __post_init__(self) -> None:
         if (self.factor is None) == (self.rate is None):
@@ -122,14 +118,13 @@ def interpolate_clip(
         raise OptionError(f"The video would overwrite the clip {clip} itself; choose another output with -o")
     if frames is not None and frames.is_dir() and any(frames.iterdir()):
         raise OptionError(f"--frames needs a new or empty folder; {frames} contains files")
-    elsewhere = _load_interpolator(wanted.elsewhere)
     source, shot = explain_clip()
     fit = view_run(shot)
     progress, start = watcher.start_stage("interpolate"), time.perf_counter()
     times, rate, even = _schedule_frames(source, wanted)
     background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), source)
     scenery = estimate_clip_appearance(background, source)
-    making = SynthesisOptions(elsewhere, _exposure_time(wanted, times))
+    exposure = _exposure_time(wanted, times)
     window = _CropWindow.follow_action(scenery.timeline, times, source, wanted.upright)
     video.parent.mkdir(parents=True, exist_ok=True)
     base = None if even else TIME_BASE
@@ -137,7 +132,7 @@ def interpolate_clip(
         silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
             with VideoWriter(silent, window.width, source.height, rate, crf=18, time_base=base, direct=True) as writer:
-                for k, image in enumerate(synthesize_frames(source, scenery, times, making)):
+                for k, image in enumerate(synthesize_frames(source, scenery, times, exposure)):
                     shown = window.crop_frame(image, k)
                     writer.write(shown, None if even else float(wanted.slow * (times[k] - times[0])))
                     if folder is not None:
@@ -171,16 +166,6 @@ def _exposure_time(wanted: InterpolateOptions, times: FloatArray) -> float | Non
     if wanted.shutter is None:
         return None
     return float(wanted.shutter / MAX_SHUTTER * np.median(np.diff(times)))
-
-
-def _load_interpolator(name: str) -> Interpolator:
-    if name in ("flow", "blend"):
-        return OpticalFlowInterpolator() if name == "flow" else CrossFade()
-    from video.flow.onnx_interpolation import OnnxInterpolator  # slow to import
-
-    if not Path(name).is_file():
-        raise OptionError(f"--elsewhere is flow, blend or the path of an ONNX network; got {name}")
-    return OnnxInterpolator.load(Path(name))
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,9 +91,9 @@ def _summarize_runs(
     job: ClipJob, runs: list[tuple[float, FinishedRun]], sentence: str, cached: bool, *, in_shots: bool = False
 ) -> ClipResult:
     """Summarize runs, each with the time (s) at which it begins in the clip."""
-    light = max((run.trust.level for _, run in runs), key=TRUST_LEVELS.index)
-    contacts = sum(kind in ("ball", "cushion") for _, run in runs for kind in run.events.kind)
-    last = max(begins + float(np.max(run.events.t, initial=-begins)) for begins, run in runs)
+    light = max((run.fit.trust.level for _, run in runs), key=TRUST_LEVELS.index)
+    contacts = sum(kind in ("ball", "cushion") for _, run in runs for kind in run.fit.events.kind)
+    last = max(begins + float(np.max(run.fit.events.t, initial=-begins)) for begins, run in runs)
     return ClipResult(
         job.name, "done", light, contacts, round(last, 3), job.folder, sentence, shots=len(runs), cached=cached,
         in_shots=in_shots,

@@ -112,7 +112,7 @@ def _run_stage(
     snapshot: SourceSnapshot | None,
 ) -> Any:
     """Run a graph and load the output of one stage."""
-    entry = graph.run(cache, watcher, None, check, snapshot)[name]
+    entry = graph.run(cache, watcher, check, snapshot)[name]
     return load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
 
 
@@ -170,7 +170,7 @@ def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path, options:
     scene["shots"] = [
         {
             "shot": one.shot.number, "folder": one.shot.name, "first": one.shot.first, "stop": one.shot.stop,
-            "begins": one.shot.clip.start_time, "trust": one.run.trust.level if one.run else "",
+            "begins": one.shot.clip.start_time, "trust": one.run.fit.trust.level if one.run else "",
         }
         for one in ran
     ]  # fmt: skip

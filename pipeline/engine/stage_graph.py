@@ -124,7 +124,6 @@ class StageGraph:
         self,
         cache: ResultCache,
         watcher: RunWatcher,
-        adapters: Mapping[str, Callable[[Any], Any]] | None = None,
         check: Callable[[], None] = accept_result,
         snapshot: SourceSnapshot | None = None,
         listener: Callable[[Mapping[str, CacheEntry]], None] | None = None,
@@ -134,7 +133,6 @@ class StageGraph:
         Args:
             cache: Where results are looked up and stored.
             watcher: Follows the run.
-            adapters: By stage name, a function that converts the output of the stage before other stages get it.
             check: Called after every stage that ran; raises if its result must not be stored.
             snapshot: The project's code when this process started, which is the code that it runs; None reads it now.
             listener: Called before a stage runs, with the entries of the stages before it.
@@ -153,7 +151,7 @@ class StageGraph:
             if entry is None:
                 if listener is not None:
                     listener(entries)
-                inputs = {name: self._load_output(name, entries, values, adapters or {}) for name in stage.needs}
+                inputs = {name: self._load_output(name, entries, values) for name in stage.needs}
                 entry = cache.find_or_build(key, partial(_run_and_save, stage, inputs, progress, check))
             if cache.recall(stage.name, self.clip) != key.json_parts:
                 cache.remember(key, self.clip)
@@ -166,18 +164,11 @@ class StageGraph:
         snapshot = SourceSnapshot() if snapshot is None else snapshot
         return {stage.name: hash_sources(stage.module, snapshot=snapshot) for stage in self.stages}
 
-    def _load_output(
-        self,
-        name: str,
-        entries: Mapping[str, CacheEntry],
-        values: dict[str, Any],
-        adapters: Mapping[str, Callable[[Any], Any]],
-    ) -> Any:
-        """Load the output of a finished stage once, and adapt it."""
+    def _load_output(self, name: str, entries: Mapping[str, CacheEntry], values: dict[str, Any]) -> Any:
+        """Load the output of a finished stage once."""
         if name not in values:
             stage = next(stage for stage in self.stages if stage.name == name)
-            value = load_stage_output(stage, entries[name])
-            values[name] = adapters[name](value) if name in adapters else value
+            values[name] = load_stage_output(stage, entries[name])
         return values[name]
 
 

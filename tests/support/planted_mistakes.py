@@ -97,8 +97,7 @@ def make_clean_run(folder: Path) -> CleanRun:
         if cache == "detected":
             shutil.copytree(folder / "located", folder / "detected")
         graph = StageGraph.from_stages([stages[name] for name in names], build_shot_graph(clip, OPTIONS).clip)
-        at = {"read": lambda value: replace(value, path=clip)}
-        entries = graph.run(ResultCache(folder / cache), SilentWatcher(), at)
+        entries = graph.run(ResultCache(folder / cache), SilentWatcher())
     detections = load_stage_output(stages["detect"], entries["detect"])
     shutil.copytree(folder / "detected", folder / "cache")
     run = run_clip_tables(clip, folder / "out", folder / "cache")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
-from video.flow.optical_flow import FrameAtTime, Interpolator
+from video.flow.optical_flow import FrameAtTime, prepare_flow
 from video.io.pixel_kernels import CELL_PX, fill_cell_means
 
 Box = tuple[int, int, int, int]
@@ -24,7 +24,7 @@ MIN_CHANGE, NOISE_FACTOR = 7.0, 5.0
 EDGE_TOLERANCE_PX = 2
 """px, an even number: displacement of edges that is tolerated where the camera moves."""
 MARGIN_PX = 28
-"""px around the moving cells that the interpolator receives: a share of the longest displacements of cue and hands."""
+"""px around the moving cells that the optical flow receives: a share of the longest displacements of cue and hands."""
 FEATHER_PX = 10
 """px over which the interpolated region fades into its surroundings."""
 MAX_BOXES, MAX_CANDIDATE_BOXES = 6, 24
@@ -91,7 +91,6 @@ def _translation_matrix(x: float, y: float) -> FloatArray:
 def find_moving_regions(
     first: ImageArray,
     second: ImageArray,
-    interpolator: Interpolator,
     camera_is_still: bool = True,
     cell_means: tuple[ImageArray, ImageArray] | None = None,
 ) -> tuple[MovingRegion, ...]:
@@ -103,7 +102,6 @@ def find_moving_regions(
     Args:
         first: First frame (H, W, 3) without its moving balls.
         second: Second frame (H, W, 3) without its moving balls, in the pixels of the first.
-        interpolator: Interpolator of the regions.
         camera_is_still: False if the second frame was warped.
         cell_means: Results of `compute_cell_means` for both frames, where known; only used for a still camera.
 
@@ -115,7 +113,7 @@ def find_moving_regions(
     for box, cells in _find_boxes(moving_cells, first.shape):
         x0, y0, x1, y1 = box
         here = np.s_[y0:y1, x0:x1]
-        between = interpolator.prepare(np.ascontiguousarray(first[here]), np.ascontiguousarray(second[here]))
+        between = prepare_flow(np.ascontiguousarray(first[here]), np.ascontiguousarray(second[here]))
         regions.append(MovingRegion(box, between, _blend_weight(cells, box, first.shape)))
     return tuple(regions)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -38,50 +37,34 @@ CHANNEL_MEAN = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
 """Weights that average the differences of three channels."""
 
 
-class Interpolator(Protocol):
-    """Interpolates everything except balls between two frames.
+def prepare_flow(first: ImageArray, second: ImageArray) -> FrameAtTime:
+    """Prepare the interpolation of two images by dense inverse search both ways.
 
-    Moving balls are removed from the frames before, and composited at their fitted positions afterwards.
+    The flows (Kroeger et al. 2016, doi:10.1007/978-3-319-46493-0_29) are computed once for all times, at half or
+    quarter size because flow fields are smooth. Each pixel of the new image has two candidate displacements, from the
+    forward and from the backward flow. The candidate whose two ends agree better over a small window has more weight.
+    In wide boxes it is used alone, at half the cost. Where neither agrees, something is covered or uncovered, and the
+    nearer frame is used.
+
+    Args:
+        first: Image (h, w, 3), a whole frame or a box of any size above 32 px, without its moving balls.
+        second: Image of the same size.
+
+    Returns:
+        The image at a share of the time between them.
     """
-
-    def prepare(self, first: ImageArray, second: ImageArray) -> FrameAtTime:
-        """Prepare two images (h, w, 3) of the same size, whole frames or boxes of any size above 32 px."""
-
-
-@dataclass(frozen=True, slots=True)
-class CrossFade:
-    """Interpolates by cross-fading the two frames."""
-
-    def prepare(self, first: ImageArray, second: ImageArray) -> FrameAtTime:
-        """Return the weighted mean as a function of the time."""
-        return lambda share: np.asarray(cv2.addWeighted(first, 1 - share, second, share, 0), dtype=np.uint8)
-
-
-@dataclass(frozen=True, slots=True)
-class OpticalFlowInterpolator:
-    """Interpolates by dense inverse search (Kroeger et al. 2016, doi:10.1007/978-3-319-46493-0_29) both ways.
-
-    Each pixel of the new image has two candidate displacements, from the forward and from the backward flow. The
-    candidate whose two ends agree better over a small window has more weight. In wide boxes it is used alone, at half
-    the cost. Where neither agrees, something is covered or uncovered, and the nearer frame is used.
-    """
-
-    def prepare(self, first: ImageArray, second: ImageArray) -> FrameAtTime:
-        """Compute both flows once for all times, at half or quarter size because flow fields are smooth."""
-        height, width = first.shape[:2]
-        shrink = next((by for by, least in SHRINK_FROM_SIDE if min(height, width) >= least), 1)
-        size = (-(-width // shrink), -(-height // shrink))
-        small = tuple(_resize_image(image, size) for image in (first, second))
-        grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for image in small]
-        grids, finest = (pixel_grid(height, width), pixel_grid(*grey[0].shape)), max(2 - shrink, 0)
-        a, b = grey
-        shifts = find_ticker_shifts(a, b)
-        forward = apply_ticker_shifts(compute_flow(a, b, finest), a, b, shifts, grids[1])
-        backward = apply_ticker_shifts(compute_flow(b, a, finest), b, a, [-shift for shift in shifts], grids[1])
-        pair = _FlowPair(
-            (first, second), (small[0], small[1]), forward, backward, *grids, is_wide=shrink == QUARTER_SIZE
-        )
-        return pair.interpolate
+    height, width = first.shape[:2]
+    shrink = next((by for by, least in SHRINK_FROM_SIDE if min(height, width) >= least), 1)
+    size = (-(-width // shrink), -(-height // shrink))
+    small = tuple(_resize_image(image, size) for image in (first, second))
+    grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for image in small]
+    grids, finest = (pixel_grid(height, width), pixel_grid(*grey[0].shape)), max(2 - shrink, 0)
+    a, b = grey
+    shifts = find_ticker_shifts(a, b)
+    forward = apply_ticker_shifts(compute_flow(a, b, finest), a, b, shifts, grids[1])
+    backward = apply_ticker_shifts(compute_flow(b, a, finest), b, a, [-shift for shift in shifts], grids[1])
+    pair = _FlowPair((first, second), (small[0], small[1]), forward, backward, *grids, is_wide=shrink == QUARTER_SIZE)
+    return pair.interpolate
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray, IntArray
-from video.flow.optical_flow import Interpolator
 from video.io.clip import Clip, read_frames
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.slow_motion import balls_at_times
-from video.synthesis.frame_synthesis import DEFAULT_INTERPOLATOR, ClipAppearance, prepare_interval
+from video.synthesis.frame_synthesis import ClipAppearance, prepare_interval
 
 REGULAR_TOLERANCE_S = 1e-3
 """s of jitter within which timestamps count as regular: some containers count milliseconds."""
@@ -22,18 +20,8 @@ SNAP_SHARE = 0.02
 """Share of the frame interval within which a decoded frame replaces a synthesized one."""
 
 
-@dataclass(frozen=True, slots=True)
-class SynthesisOptions:
-    """Options of frame synthesis."""
-
-    interpolator: Interpolator = DEFAULT_INTERPOLATOR
-    """Interpolator of everything except balls."""
-    shutter_time: float | None = None
-    """s for which the shutter is open; None: as filmed."""
-
-
 def synthesize_frames(
-    clip: Clip, appearance: ClipAppearance, times: FloatArray, options: SynthesisOptions | None = None
+    clip: Clip, appearance: ClipAppearance, times: FloatArray, shutter_time: float | None = None
 ) -> Iterator[ImageArray]:
     """Yield the frames at ascending times within the clip; at most two decoded frames are held in memory.
 
@@ -41,19 +29,18 @@ def synthesize_frames(
         clip: The clip.
         appearance: Its estimated appearance.
         times: Times (K,), s.
-        options: Options of the synthesis.
+        shutter_time: s for which the shutter is open; None: as filmed.
 
     Yields:
         Image (H, W, 3); the decoded frame itself at its time.
     """
-    options = SynthesisOptions() if options is None else options
     t = appearance.timeline.t
     rows = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
     before: ImageArray | None = None
     for row, (_, after) in enumerate(read_frames(clip, indices=appearance.timeline.frame), start=-1):
         wanted = times[rows == row]
         if before is not None and len(wanted):
-            yield from _synthesize_gap(appearance, row, before, after, wanted, options)
+            yield from _synthesize_gap(appearance, row, before, after, wanted, shutter_time)
         before = after
 
 
@@ -63,7 +50,7 @@ def _synthesize_gap(
     first: ImageArray,
     second: ImageArray,
     times: FloatArray,
-    options: SynthesisOptions,
+    shutter_time: float | None,
 ) -> Iterator[ImageArray]:
     """Yield the frames at times from that of `row` to that of `row + 1`."""
     timeline = appearance.timeline
@@ -71,18 +58,10 @@ def _synthesize_gap(
     if all(float(t) in frames_by_time for t in times):
         yield from (frames_by_time[float(t)] for t in times)
         return
-    force_deblur = options.shutter_time is not None
     interval = prepare_interval(
-        timeline,
-        appearance.plate,
-        row,
-        first,
-        second,
-        options.interpolator,
-        appearance.sharp_balls,
-        force_deblur=force_deblur,
+        timeline, appearance.plate, row, first, second, appearance.sharp_balls, force_deblur=shutter_time is not None
     )
-    shutter_time = timeline.shutter_time if options.shutter_time is None else options.shutter_time
+    shutter_time = timeline.shutter_time if shutter_time is None else shutter_time
     state, streaks = timeline.state_at(times), timeline.streak_paths(times, shutter_time)
     for t, balls, streak in zip(times.tolist(), balls_at_times(timeline, state, times), streaks, strict=True):
         yield frames_by_time[t] if t in frames_by_time else interval.synthesize(t, balls.centre, streak)

@@ -11,7 +11,7 @@ import numpy as np
 from models.core.trajectory import State
 from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.moving_regions import MovingRegion, compute_cell_means, find_moving_regions
-from video.flow.optical_flow import Interpolator, OpticalFlowInterpolator, compute_flow, pixel_grid
+from video.flow.optical_flow import compute_flow, pixel_grid
 from video.io.clip import Clip
 from video.io.pixel_kernels import fill_blend, has_subsampled_chroma, subsample_chroma
 from video.matting.background_plate import BackgroundPlate
@@ -32,7 +32,7 @@ from video.matting.shutter_time import estimate_shutter_time
 from video.matting.visible_balls import find_visible_balls
 from video.synthesis.ball_rotation import BallRotation, compare_rotated_views, estimate_rotation, states_between_frames
 
-DEFAULT_INTERPOLATOR, NO_SHARP_BALLS = OpticalFlowInterpolator(), SharpBalls({})
+NO_SHARP_BALLS = SharpBalls({})
 MAX_ROTATION_STREAK_RADII = 1.5
 """Radii of motion during the shutter time up to which the markings of a ball are rotated."""
 MAX_ROTATION_ERROR_RATIO = 1.5
@@ -217,7 +217,6 @@ def prepare_interval(
     row: int,
     first: ImageArray,
     second: ImageArray,
-    interpolator: Interpolator = DEFAULT_INTERPOLATOR,
     sharp_balls: SharpBalls = NO_SHARP_BALLS,
     *,
     force_deblur: bool = False,
@@ -231,7 +230,6 @@ def prepare_interval(
         row: Row of the first frame.
         first: First frame (H, W, 3).
         second: Second frame (H, W, 3).
-        interpolator: Interpolator of everything except balls.
         sharp_balls: Sharp views of the balls.
         force_deblur: Whether to deblur all balls, for a shutter time other than that of the clip.
         previous: The interval before; its parts are reused where the same balls move.
@@ -259,7 +257,7 @@ def prepare_interval(
             compute_cell_means(first_matted.background) if previous_means is None else previous_means[1],
             compute_cell_means(second_background),
         )
-    regions = find_moving_regions(first_matted.background, second_background, interpolator, step is None, cell_means)
+    regions = find_moving_regions(first_matted.background, second_background, step is None, cell_means)
     has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
     resting = _resting_outlines(timeline, row, balls)
     return FrameInterval(

@@ -54,13 +54,6 @@ def interpolate(
         ),
     ] = None,
     upright: Annotated[bool, typer.Option("--upright", help="Write a 9:16 window that follows the action.")] = False,
-    elsewhere: Annotated[
-        str,
-        typer.Option(
-            "--elsewhere",
-            help="Method where there is no ball: flow, blend, or the file of an ONNX frame interpolation network.",
-        ),
-    ] = "flow",
     frames: Annotated[
         Path | None, typer.Option("--frames", help="New folder for all frames as 000000.png and so on.")
     ] = None,
@@ -84,7 +77,7 @@ def interpolate(
         return
     from pipeline.actions.interpolate_clip import InterpolateOptions
 
-    wanted = InterpolateOptions(factor, None if rate is None else _parse_rate(rate), slow, shutter, upright, elsewhere)
+    wanted = InterpolateOptions(factor, None if rate is None else _parse_rate(rate), slow, shutter, upright)
     _interpolate_clip(source, _choose_video_path(source, out, wanted), frames, wanted, options, cache, as_json)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from rich.table import Table as Grid
 from models.numerics.first_compilation import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder, run_clip
 from pipeline.engine.helper_executor import DeferredExecutor
-from pipeline.engine.result_cache import ResultCache, open_cache
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
@@ -24,6 +23,7 @@ from pipeline.reporting.text.text_formatting import (
     format_trust_line,
     summarize_trust,
 )
+from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
@@ -39,12 +39,6 @@ def run(
     clip: cli.ClipArgument,
     options: RunOptions,
     out: cli.OutOption = None,
-    live: Annotated[
-        bool,
-        typer.Option(
-            "--live", help="Show results as they come in the rerun viewer, or in the browser where there is no display."
-        ),
-    ] = False,
     update_profile: Annotated[
         Path | None,
         typer.Option(
@@ -62,15 +56,12 @@ def run(
     store = open_cache(cache)
     if update_profile is not None:
         options = use_growing_profile(options, update_profile)
-    if live:
-        _run_live(clip, folder, options, store, update_profile, as_json)
-        return
     answers: list[FinishedRun] = []
     with (
         DeferredExecutor(load_detectors) as executor,
         KernelPreparation() as kernels,
         StageDisplay(cli.console, str(clip)) as display,
-        _announce_compilation(),
+        notify_first_compilation(lambda: cli.console.print(COMPILING_NOTE, markup=False, soft_wrap=True)),
     ):
 
         def start_helpers(done: Collection[str]) -> None:
@@ -90,29 +81,6 @@ def run(
             start_helpers=start_helpers,
         )  # fmt: skip
     _print_run(finished, options, update_profile, as_json, is_answered=bool(answers))
-
-
-def _announce_compilation() -> AbstractContextManager[None]:
-    """Print a sentence when the physics is compiled, which the first run on a machine does."""
-    return notify_first_compilation(lambda: cli.console.print(COMPILING_NOTE, markup=False, soft_wrap=True))
-
-
-def _run_live(
-    clip: Path, folder: Path, options: RunOptions, cache: ResultCache, update_profile: Path | None, as_json: bool
-) -> None:
-    """Run while a viewer shows the results, and wait until it is closed."""
-    from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
-    from pipeline.reporting.recording.rerun_viewer import has_display, open_viewer
-
-    with open_viewer([], web=not has_display()) as viewer:
-        if viewer.page_url:
-            cli.console.print(f"Look at {viewer.page_url} (end with Ctrl-C)", markup=False, soft_wrap=True)
-        recording = LiveRecording(viewer.recording_url, clip.name)
-        with StageDisplay(cli.console, str(clip)) as display, _announce_compilation():
-            finished = run_clip(clip, folder, options, cache, LiveWatcher(display, recording), recording.record_value)
-        recording.close()
-        _print_run(finished, options, update_profile, as_json)
-        viewer.process.wait()
 
 
 def _print_run(
@@ -141,31 +109,32 @@ def _print_notes(notes: Iterable[str]) -> None:
 
 def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
     """Return folder, trust and events as JSON values."""
-    events = finished.events
+    fit, events = finished.fit, finished.fit.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
-    return {"folder": str(finished.folder), "trust": summarize_trust(finished.trust), "whole_shot": finished.whole_shot,
-            "events": rows, "shot_numbers": describe_shot_numbers(finished.numbers)}  # fmt: skip
+    return {"folder": str(finished.folder), "trust": summarize_trust(fit.trust),
+            "whole_shot": "" if fit.laws is None else format_whole_shot(fit),
+            "events": rows, "shot_numbers": describe_shot_numbers(fit.shot_numbers)}  # fmt: skip
 
 
 def _print_answer(finished: FinishedRun) -> None:
     """Print the notes, the events and the trust level."""
     _print_notes(finished.notes)
-    screen = cli.make_output_console()
-    if len(finished.events):
+    screen, fit = cli.make_output_console(), finished.fit
+    if len(fit.events):
         grid = Grid("time", "what", "probability", box=None, pad_edge=False)
-        for k in range(len(finished.events)):
+        for k in range(len(fit.events)):
             grid.add_row(
-                format_event_time(finished.events, k),
-                format_event(finished.events, k, finished.naming),
-                format_event_probability(finished.events, k, finished.explanation, finished.naming),
+                format_event_time(fit.events, k),
+                format_event(fit.events, k, fit.naming),
+                format_event_probability(fit.events, k, fit.explanation, fit.naming),
             )
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
-    for shot in finished.numbers:
-        screen.print(f"Shot: {format_shot_line(shot, finished.naming)}", markup=False)
-    screen.print(format_trust_line(finished.trust))
-    if finished.whole_shot:
-        screen.print(finished.whole_shot, markup=False)
+    for shot in fit.shot_numbers:
+        screen.print(f"Shot: {format_shot_line(shot, fit.naming)}", markup=False)
+    screen.print(format_trust_line(fit.trust))
+    if fit.laws is not None:
+        screen.print(format_whole_shot(fit), markup=False)
     print(f"Look at {finished.folder / 'poster.png'} and {finished.folder / 'report.html'}", flush=True)

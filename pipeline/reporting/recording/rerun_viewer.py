@@ -1,4 +1,4 @@
-"""The rerun viewer as a process, native or in the browser, with recordings or waiting for a live one."""
+"""The rerun viewer as a process, native or in the browser."""
 
 from __future__ import annotations
 
@@ -42,8 +42,6 @@ class Viewer:
     process: subprocess.Popen[bytes]
     page_url: str
     """URL of its page, with the dark theme that the colours of recordings suit; empty for a native viewer."""
-    recording_url: str
-    """URL to which recordings are sent."""
     page: ThreadingHTTPServer | None = None
     """Server of its page."""
 
@@ -107,7 +105,7 @@ def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
 
 
 def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
-    """Start a viewer on recordings; it also receives live recordings.
+    """Start a viewer on recordings.
 
     The `rerun` script starts the viewer as a child process that would outlive it, so both run in their own process
     group. Viewer and page reach this machine alone.
@@ -129,20 +127,20 @@ def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
     if not web and not has_display():
         raise TruerollError("The viewer needs a display and there is none; use --web")
     port = find_free_port(PORT)
-    listens = f"rerun+http://{HOST}:{port}/proxy"
     page, address = None, ""
     command = [str(program), *map(str, recordings), "--bind", HOST, "--port", str(port)]
     if web:
         inner, outer = find_free_port(0), find_free_port(WEB_PORT)
         command += ["--serve-web", "--web-viewer-port", str(inner)]
         page = serve_sealed_page(HOST, outer, f"http://{HOST}:{inner}", f"http://{HOST}:{port}")
-        address = f"http://{HOST}:{outer}/?theme=dark&url={quote(listens, safe='')}"
+        listens = quote(f"rerun+http://{HOST}:{port}/proxy", safe="")
+        address = f"http://{HOST}:{outer}/?theme=dark&url={listens}"
     process = subprocess.Popen(
         command,
         env=os.environ | NO_OUTSIDE | {name.lower(): value for name, value in NO_OUTSIDE.items()},
         start_new_session=True,
     )
-    return Viewer(process, address, listens, page)
+    return Viewer(process, address, page)
 
 
 def find_free_port(wanted: int) -> int:

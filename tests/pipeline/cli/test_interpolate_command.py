@@ -69,7 +69,6 @@ def test_either_a_factor_or_a_rate_sets_the_frames(capsys: pytest.CaptureFixture
         (["--rate", "12"], "--rate is 24 to 240"),
         (["--rate", "fast"], "--rate is a number"),
         (["--factor", "2", "--shutter", "400"], "--shutter is 0 to 360"),
-        (["--factor", "2", "--elsewhere", "nothing.onnx"], "--elsewhere is flow, blend"),
     ],
 )
 def test_what_cannot_be_made_is_one_sentence(

@@ -14,13 +14,15 @@ from pipeline.cli.commands.run_command import _print_answer
 
 
 def test_an_event_is_undecided_where_an_alternative_is_named(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     fit = shot.make_unsure_fit(np.linspace(0, 0.8, 25))
     still = fit.events.select_rows(np.array([0, 1, 1]))
     events = replace(still, kind=("strike", "cushion", "rest"), probability=np.array([0.97, 0.61, 0.85]))
-    _print_answer(FinishedRun(Path("out"), fit.trust, events, explanation=fit.explanation))
+    scene = shot.make_scene()
+    saved = shot.make_unexplained_shot(shot.make_tracks(shot.write_clip(tmp_path / "clip.mp4"), scene), scene)
+    _print_answer(FinishedRun(tmp_path, saved, replace(fit, events=events)))
     struck, cushion, rest = (line.rstrip() for line in capsys.readouterr().out.splitlines() if " ms " in line)
     assert struck.endswith("97 %")
     assert cushion.endswith("undecided: 61 %, else unknown cause 39 %")

@@ -7,14 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 from support import synthetic_run as shot
 
-from models.core.progress import Progress
 from pipeline.reporting.figures.motion_samples import kinetic_energy, simplify_line
-from pipeline.reporting.recording import live_recording
-from pipeline.reporting.recording.live_recording import LiveRecording, LiveWatcher
 from pipeline.reporting.recording.recorded_shot import build_recorded_shot, finish_stream
 from pipeline.reporting.recording.stage_layers import format_mark, residual_magnification, write_recording
 
@@ -198,47 +194,3 @@ def test_simplified_lines_keep_a_line_within_the_tolerance() -> None:
     assert 1 - np.linalg.norm(drawn, axis=1).min() < 1.01e-3
     assert simplify_line(np.zeros((5, 2)), 1e-3).tolist() == [0, 4]
     assert simplify_line(np.empty((0, 2)), 1e-3).tolist() == []
-
-
-def test_a_run_that_is_watched_shows_what_its_recording_will_hold(
-    chunks: dict[str, list[Chunk]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sent = tmp_path / "sent.rrd"
-    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda self, url, **_: self.save(sent))
-    clip = shot.write_clip(tmp_path / "clip.mp4")
-    scene = shot.make_scene()
-    tracks = shot.make_tracks(clip, scene)
-    monkeypatch.setattr(live_recording, "view_run", lambda one: shot.make_fit(one.tracks.t))
-    live = LiveRecording("nowhere", "made up")
-    shares: list[float] = []
-    watcher = LiveWatcher(ProgressRecorder(shares), live)
-    for stage, value in (
-        ("read", clip),
-        ("calibrate", scene),
-        ("detect", shot.make_detections(tracks)),
-        ("track", tracks),
-        ("explain", shot.make_unexplained_shot(tracks, scene)),
-    ):
-        progress = watcher.start_stage(stage)
-        for share in (0.05, 0.5, float("nan"), 0.55, 1.0):
-            progress(share)
-        watcher.finish_stage(stage, 1.5, cached=False)
-        live.record_value(stage, value)
-    live.close()
-    shown = {chunk.entity_path: chunk for chunk in RrdReader(sent).stream()}
-    assert {entity for entity in chunks if not entity.startswith("/__")} <= set(shown)
-    assert "/log/chain/progress/explain" in shown
-    assert len(shares) == 5 * 5, "the other watcher still receives everything"
-
-
-class ProgressRecorder:
-    """A watcher that records all progress."""
-
-    def __init__(self, shares: list[float]) -> None:
-        self._shares = shares
-
-    def start_stage(self, stage: str) -> Progress:
-        return self._shares.append
-
-    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
-        pass
