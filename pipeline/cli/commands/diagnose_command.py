@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -44,10 +43,6 @@ def diagnose_folders(
     folder = out if out is not None else inputs[0] / "gap"
     with open_executor() as executor:
         report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor)
-    os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
-    from pipeline.reporting.recording.gap_recording import write_gap_recording  # slow to import
-
-    write_gap_recording(report, inputs, folder / "gap.rrd")
     if as_json_:
         print(json.dumps({"folder": str(folder), **build_gap_document(report)}))
     else:
@@ -79,7 +74,7 @@ def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, s
         screen.print(escape(report.film_next))
     if origins and report.candidates:
         screen.print(escape(format_shot_folders(origins)))
-    print(f"Look at {folder / 'gap.html'}; trueroll view {folder} draws where it shows")
+    print(f"Look at {folder / 'gap.html'}")
     if (folder / PROFILE_FILE).is_file():
         origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
         print(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")

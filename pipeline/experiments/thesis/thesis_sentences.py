@@ -135,14 +135,14 @@ def _assess_claim(here: list[SettingResult], trained: float) -> str:
     claimed, least, most = f"{CLAIMED_FACTOR:g} times lower than", CLAIMED_FACTOR, math.inf
     if here[0].scene == "boxes":
         claimed, least, most = "comparable to", 1 / COMPARABLE_FACTOR, COMPARABLE_FACTOR
-    held = [cell for cell, gain in gains if least <= gain <= most]
+    successes = [cell for cell, gain in gains if least <= gain <= most]
     text = f"The thesis claims an error {claimed} that of linear interpolation."
     for cell, gain in gains:
         if cell.is_own:
-            verdict = "holds" if cell in held else "fails"
+            verdict = "holds" if cell in successes else "fails"
             text += f" In its own setting ({cell.setting}) the factor is {format_times(gain)}: the claim {verdict}."
-    named = f" ({'; '.join(cell.setting for cell in held)})" if 0 < len(held) < len(gains) else ""
-    text += f" Settings in which it holds: {len(held)} of {len(gains)}{named}."
+    named = f" ({'; '.join(cell.setting for cell in successes)})" if 0 < len(successes) < len(gains) else ""
+    text += f" Settings in which it holds: {len(successes)} of {len(gains)}{named}."
     if trained < 1:
         text += f" The network had {trained:.0%} of its training at most: where the claim fails, that decides nothing."
     return text

@@ -31,8 +31,6 @@ HOST = "127.0.0.1"
 """Address on which both viewers listen: this machine only."""
 NO_OUTSIDE = dict.fromkeys(("ALL_PROXY", "HTTPS_PROXY", "HTTP_PROXY"), f"http://{HOST}:9") | {"NO_PROXY": HOST}
 """Environment of the viewer: a proxy that is not there takes its telemetry and its question for the latest version."""
-RECORDING_FILES = ("recording.rrd", "gap.rrd", "gap/gap.rrd")
-"""Recordings of a run folder: the run, and the layers of a diagnosis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +67,8 @@ def find_recordings(target: Path) -> list[Path]:
     """
     if target.is_file():
         return [target]
-    own = [target / name for name in RECORDING_FILES if (target / name).is_file()]
-    below = sorted(path for name in ("recording.rrd", "gap.rrd") for path in target.rglob(name))
-    recordings = own or below
+    own = target / "recording.rrd"
+    recordings = [own] if own.is_file() else sorted(target.rglob("recording.rrd"))
     if not recordings:
         raise OptionError(f"A recording was expected; {target} contains none. Run the clip first: trueroll run CLIP")
     return recordings
