@@ -23,7 +23,7 @@ from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ImageArray
-from pipeline.actions.answer_call import find_run_clip, select_run_subclip
+from pipeline.actions.answer_call import open_run_clip
 from pipeline.api import load, run
 from video.drawing.circles import disc_mask
 from video.io.clip import Clip, open_clip
@@ -111,11 +111,10 @@ def main() -> int:
     for path in arguments.clips:
         if path.is_dir():
             shot = load(path)
-            source, why_not = find_run_clip(path, None)
-            if source is None:
+            clip, why_not = open_run_clip(path, None)
+            if clip is None:
                 print(f"{path.name:44}{why_not}", flush=True)
                 continue
-            clip = select_run_subclip(path, open_clip(source))
         else:
             with tempfile.TemporaryDirectory() as folder:
                 shot, clip = run(path, folder, no_video=True), open_clip(path)

@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.rule_answers import GAMES, LOWEST_BALL_GAMES, answer_foul, answer_score
+from models.estimation.contact_test.rule_answers import answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
@@ -34,25 +33,21 @@ from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, dr
 
 QUESTIONS = ("contact", "first", "cushion-first", "pocket", "line", "score", "foul")
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
-UNTOLD = "A push or a double hit cannot be told from the clip: the tip of the cue is not tracked."
-NUMBERS_UNKNOWN = "Which ball had to be hit first is not judged: the numbers of the balls are not known."
+UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on solids or --on red."
 LINE_POINTS = 33
-"""Points of a drawn line; lens distortion may bend it."""
+"""Points of a drawn line, which lens distortion may bend, and of half a circle."""
 STRIP_NEIGHBOURS = 2
 """Frames of a strip before and after the nearest one."""
 
 
-def answer_question(
-    record: ShotRecord, words: Sequence[str], edge: bool = False, game: str = "", on: str = ""
-) -> CallAnswer:
+def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False, on: str = "") -> CallAnswer:
     """Answer a question.
 
     Args:
         record: Observations and fitted motion of a shot.
         words: The question, split at spaces; balls and pockets by their ids or by their names in the clip.
         edge: Whether a line is crossed by the edge of the ball instead of its centre.
-        game: Game whose fouls are meant; empty for those common to the games of the table.
         on: What had to be hit first, see `answer_foul`; empty if unknown.
 
     Returns:
@@ -66,14 +61,14 @@ def answer_question(
         raise OptionError(f"{USAGE}; got {' '.join(words)!r}")
     if edge and kind != "line":
         raise OptionError(f"--edge belongs to line; got {' '.join(words)!r}")
-    if (game or on) and kind != "foul":
-        raise OptionError(f"--game and --on belong to foul; got {' '.join(words)!r}")
+    if on and kind != "foul":
+        raise OptionError(f"--on belongs to foul; got {' '.join(words)!r}")
     naming = record.naming
     try:
         if kind == "score":
             return answer_score(record, _require_ball(naming, rest) if rest else "")
         if kind == "foul":
-            return answer_foul(record, _require_ball(naming, rest) if rest else "", game, naming.find_ball(on) or on)
+            return answer_foul(record, _require_ball(naming, rest) if rest else "", naming.find_ball(on) or on)
         if kind == "line":
             axis, at = _parse_line(rest[0])
             return call_answers.answer_line(record, _require_ball(naming, rest[1:]), axis, at, edge)
@@ -122,7 +117,7 @@ def _list_pockets(naming: Naming) -> str:
 
 def answer_call(
     record: ShotRecord, words: Sequence[str], edge: bool, folder: Path, clip: Path | None, target: Path,
-    game: str = "", on: str = "", share: Path | None = None,
+    on: str = "", share: Path | None = None,
 ) -> Answer:  # fmt: skip
     """Answer a question, and write a close-up and a strip of frames of its moment.
 
@@ -133,7 +128,6 @@ def answer_call(
         folder: Run folder of the shot.
         clip: Video of the shot; None for the one that the run noted.
         target: Folder of the images; created if it does not exist.
-        game: Game whose fouls are meant, as in `answer_question`.
         on: What had to be hit first, as in `answer_question`.
         share: Clip to share to write; None for none.
 
@@ -145,12 +139,18 @@ def answer_call(
         TruerollError: The given clip cannot be read.
     """
     require_writable_folder(target)
-    record = replace(record, naming=replace(record.naming, game=GAMES.get(game, record.table.game)))
-    call = answer_question(record, words, edge, game, on)
+    call = answer_question(record, words, edge, on)
     text = format_call(call, record.naming)
+    footage, why_not = open_run_clip(folder, clip)
     if share is not None:
-        _write_share_clip(record, call, text, folder, clip, share)
-    pictures, why_not = write_call_images(record, call, text, folder, clip, target, words)
+        from pipeline.actions.share_call import write_share_clip  # slow to import
+
+        if footage is None:
+            raise OptionError(f"--share needs the frames of the shot: {why_not}")
+        write_share_clip(record, call, text, trace_mark(record, call), read_shot(folder), footage, share)
+    pictures: list[Path] = []
+    if footage is not None:
+        pictures, why_not = write_call_images(record, call, text, footage, target, words)
     figures = (*pictures, *filter(None, [share]))
     parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
@@ -167,14 +167,12 @@ def answer_call(
     quantities = [
         Quantity("time", call.t, call.t_sigma, "s"),
         Quantity("margin", 1e3 * call.margin, 1e3 * call.margin_sigma, "mm"),
-        *(Quantity(f"lead of cushion {part.subject[3]}", part.lead, part.lead_sigma, "s") for part in call.parts
-          if part.kind == "cushions"),
     ]  # fmt: skip
     rows = [("question", "answer", "probability", "because")] if parts else []
     rows += [(words.question, words.verdict, words.probability, words.statement) for _, words in parts]
     notes = [UNTOLD] if call.kind == "foul" else []
-    if call.kind == "foul" and call.subject[1] != "carom" and all(part.kind != "wrong-ball" for part in call.parts):
-        notes.append(NUMBERS_UNKNOWN if call.subject[1] in LOWEST_BALL_GAMES else FIRST_BALL_UNKNOWN)
+    if call.kind == "foul" and not on:
+        notes.append(FIRST_BALL_UNKNOWN)
     return Answer(
         text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
         call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),
@@ -188,7 +186,7 @@ def _build_document(record: ShotRecord, call: CallAnswer, text: CallWords) -> di
     numbers = {
         "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
         "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
-        "margin_mm_sigma": 1e3 * call.margin_sigma, "lead": call.lead, "lead_sigma": call.lead_sigma,
+        "margin_mm_sigma": 1e3 * call.margin_sigma,
     }  # fmt: skip
     return {
         "asked": text.question, "verdict": call.verdict, "answer": text.verdict,
@@ -196,20 +194,6 @@ def _build_document(record: ShotRecord, call: CallAnswer, text: CallWords) -> di
         "reason": text.reason or None, "sentence": text.sentence, "margin": text.margin or None,
         "moved": list(call.moved),
     }  # fmt: skip
-
-
-def _write_share_clip(
-    record: ShotRecord, call: CallAnswer, text: CallWords, folder: Path, clip: Path | None, path: Path
-) -> None:
-    """Write a clip to share, for which the frames of the shot are needed."""
-    from pipeline.actions.share_call import write_share_clip  # slow to import
-
-    require_writable_folder(path.parent)
-    source, why_not = find_run_clip(folder, clip)
-    if source is None:
-        raise OptionError(f"--share needs the frames of the shot: {why_not}")
-    footage = select_run_subclip(folder, open_clip(source))
-    write_share_clip(record, call, text, _sample_line(record, call), read_shot(folder), footage, path)
 
 
 def _parse_line(text: str) -> tuple[str, float]:
@@ -221,44 +205,29 @@ def _parse_line(text: str) -> tuple[str, float]:
 
 
 def write_call_images(
-    record: ShotRecord, call: CallAnswer, text: CallWords, folder: Path, clip: Path | None, target: Path,
-    words: Sequence[str],
-) -> tuple[list[Path], str]:  # fmt: skip
+    record: ShotRecord, call: CallAnswer, text: CallWords, footage: Clip, target: Path, words: Sequence[str]
+) -> tuple[list[Path], str]:
     """Write a close-up and a strip of frames of the moment of a call.
 
     Args:
         record: Observations and fitted motion of a shot.
         call: The answer.
         text: The answer in words.
-        folder: Run folder of the shot.
-        clip: Video of the shot; None for the one that the run noted.
+        footage: Frames of the shot.
         target: Folder of the images; created if it does not exist.
         words: The question, for the file names.
 
     Returns:
         Paths of the images and an empty string, or no paths and the reason.
-
-    Raises:
-        TruerollError: The given clip cannot be read.
     """
     if not np.isfinite(call.t) or record.camera is None:
         return [], "the answer has no time." if record.camera else "the folder has no calibration."
-    source, why_not = find_run_clip(folder, clip)
-    if source is None:
-        return [], why_not
     shown = record.frame[np.argsort(np.abs(record.shown - call.t), kind="stable")[: 2 * STRIP_NEIGHBOURS + 1]]
-    try:
-        frames = dict(read_frames(select_run_subclip(folder, open_clip(source)), indices=np.sort(shown)))
-    except (TruerollError, ValueError) as error:
-        if clip is not None:
-            raise
-        return [], f"{source} cannot be read: {error}"
     target.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
-    line = _sample_line(record, call)
     scenery = [
-        _build_close_up_frame(record, record.camera, call, int(frame), image, line)
-        for frame, image in sorted(frames.items())
+        _build_close_up_frame(record, record.camera, call, int(frame), image)
+        for frame, image in read_frames(footage, indices=np.sort(shown))
     ]
     nearest = min(scenery, key=lambda scene: abs(scene.t - call.t))
     paths = [target / f"{name}.png", target / f"{name}_strip.png"]
@@ -270,52 +239,56 @@ def write_call_images(
     return paths, ""
 
 
-def find_run_clip(folder: Path, clip: Path | None) -> tuple[Path | None, str]:
-    """Find the video of a run: the given one, otherwise the one that the run noted if it is still the same file.
+def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
+    """Open the frames of a run, in the given video or in the one that the run noted if that is still the same file.
 
     Args:
         folder: Run folder.
         clip: Video that the user named; None for the noted one.
 
     Returns:
-        The path and an empty string, or None and the reason.
+        The part of the video that the run was computed from and an empty string, or None and the reason.
 
     Raises:
         OptionError: The given clip is no file.
+        TruerollError: The given clip cannot be read.
     """
-    if clip is not None:
-        if not clip.is_file():
+    noted: dict[str, Any] = {}
+    with suppress(OSError, ValueError):
+        noted = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
+    source = clip or Path(noted.get("path", ""))
+    if not source.is_file():
+        if clip is not None:
             raise OptionError(f"A clip was expected; {clip} is not a file")
-        return clip, ""
-    digest = (read_scene_document(folder / "scene.json").get("clip") or {}).get("sha256")
-    try:
-        noted = Path(json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))["path"])
-        same = digest is None or compute_clip_digest(noted) == digest
-    except (OSError, ValueError, KeyError, TypeError):
         return None, "the clip of this run has been moved; name it with --clip."
-    return (noted, "") if same else (None, f"{noted} is now another clip; name the right one with --clip.")
+    try:
+        digest = (read_scene_document(folder / "scene.json").get("clip") or {}).get("sha256")
+        if clip is None and digest not in (None, compute_clip_digest(source)):
+            return None, f"{source} is now another clip; name the right one with --clip."
+        footage = open_clip(source)
+    except (TruerollError, OSError) as error:
+        if clip is not None:
+            raise
+        return None, f"{source} cannot be read: {error}"
+    return footage.extract_subclip(int(noted["first"]), int(noted["stop"])) if "first" in noted else footage, ""
 
 
-def select_run_subclip(folder: Path, clip: Clip) -> Clip:
-    """Return the part of the clip that the run was computed from.
+def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
+    """Trace points (n, 2) m of the line in question, or the circle in which a ball drops into the pocket in question.
 
     Args:
-        folder: Run folder.
-        clip: The whole clip.
+        record: The shot.
+        call: The answer.
 
     Returns:
-        The part with the frames and times of the run.
+        The points; none for other questions.
     """
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        noted = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
-        return clip.extract_subclip(int(noted["first"]), int(noted["stop"]))
-    return clip
-
-
-def _sample_line(record: ShotRecord, call: CallAnswer) -> FloatArray | None:
-    """Sample points (n, 2) m of the line in question across the table; None where there is none."""
+    if call.kind == "pocket":
+        angle = np.linspace(0, 2 * np.pi, 2 * LINE_POINTS - 1)
+        circle = call_answers.POCKET_MOUTH_RADII * record.table.ball_radius * np.stack([np.cos(angle), np.sin(angle)])
+        return np.asarray(record.table.pocket_centres[POCKETS.index(call.subject[1])] + circle.T)
     if call.kind != "line":
-        return None
+        return np.empty((0, 2))
     axis, at = _parse_line(call.subject[1])
     along = np.linspace(0, record.table.width if axis == "x" else record.table.length, LINE_POINTS)
     columns = (np.full(LINE_POINTS, at), along)
@@ -323,23 +296,18 @@ def _sample_line(record: ShotRecord, call: CallAnswer) -> FloatArray | None:
 
 
 def _build_close_up_frame(
-    record: ShotRecord, camera: Camera, call: CallAnswer, frame: int, image: NDArray[np.uint8], line: FloatArray | None
+    record: ShotRecord, camera: Camera, call: CallAnswer, frame: int, image: NDArray[np.uint8]
 ) -> CloseUpFrame:
-    """Build a close-up frame with the fitted outlines of the balls concerned and the line (n, 2) m in question."""
+    """Build a close-up frame with the fitted outlines of the balls concerned, and the line or pocket in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
     drift = estimate_drift(record, camera, t)
     outlines = _build_outlines(record, camera, call, t, drift)
-    line_px = None if line is None else camera.to_pixels(line, record.table.ball_radius) + drift
-    pocket = _outline_pocket(record, camera, call.subject[1], drift) if call.kind == "pocket" else None
+    line, pocket = camera.to_pixels(trace_mark(record, call), record.table.ball_radius) + drift, None
+    if call.kind == "pocket":
+        radius = float(np.ptp(line[:, 0]) / 2)
+        pocket = NamedOutline(record.naming.name_pocket(call.subject[1]), (line[:-1]).mean(axis=0), radius)
     moment = _build_outlines(record, camera, call, call.t, drift)
-    return CloseUpFrame(image, frame, t, outlines, moment, line_px, pocket)
-
-
-def _outline_pocket(record: ShotRecord, camera: Camera, name: str, drift: FloatArray) -> NamedOutline:
-    """Build the circle of a pocket in which the centre of a ball drops."""
-    table, centre = record.table, record.table.pocket_centres[POCKETS.index(name)]
-    radius = float(camera.radius_px(centre, call_answers.POCKET_MOUTH_RADII * table.ball_radius))
-    return NamedOutline(record.naming.name_pocket(name), camera.to_pixels(centre, table.ball_radius) + drift, radius)
+    return CloseUpFrame(image, frame, t, outlines, moment, line if call.kind == "line" else None, pocket)
 
 
 def _build_outlines(

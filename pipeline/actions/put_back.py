@@ -21,7 +21,7 @@ from models.estimation.ball_placement.ball_places import (
     select_moment_before_strike,
 )
 from models.estimation.contact_test.shot_record import ShotRecord
-from pipeline.actions.answer_call import estimate_drift, find_run_clip, select_run_subclip
+from pipeline.actions.answer_call import estimate_drift, open_run_clip
 from video.calibration.camera_model import build_camera, estimate_place_sigma
 from video.calibration.camera_motion import (
     MAX_STILL_SHIFT_PX,
@@ -33,7 +33,7 @@ from video.calibration.camera_motion import (
     warp_camera,
 )
 from video.calibration.table_finder import locate_table
-from video.io.clip import open_clip, read_frames
+from video.io.clip import read_frames
 
 if TYPE_CHECKING:
     from detectors.measurement.working_view import WorkingView
@@ -97,11 +97,9 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
         camera = shift_camera(camera, estimate_drift(record, camera, float(record.shown[nearest])))
     image, why_not = None, "the folder has no calibration"
     if camera is not None:
-        source, why_not = find_run_clip(folder, clip)
-        if source is not None:
-            frame = int(record.frame[nearest])
-            shown = dict(read_frames(select_run_subclip(folder, open_clip(source)), indices=np.array([frame])))
-            image, why_not = shown[frame], ""
+        footage, why_not = open_run_clip(folder, clip)
+        if footage is not None:
+            ((_, image),) = read_frames(footage, indices=record.frame[[nearest]])
     return WantedPlaces(places, sigma, record.table, record.naming, camera, record.frame_at(t), image, why_not)
 
 

@@ -70,6 +70,31 @@ DEFAULT_OPTIONS = RenderOptions()
 
 
 @dataclass(slots=True)
+class GlidingLabels:
+    """Labels that glide beside their balls from frame to frame, and fade where space is missing."""
+
+    positions: dict[int, tuple[LabelPosition, LabelPosition]] = field(default_factory=dict)
+    """Target and current position of each ball's label."""
+    opacity: dict[int, float] = field(default_factory=dict)
+
+    def draw(
+        self, image: ImageArray, label: Label, ball: int, balls: FrameBalls, scale: float, obstacles: list[Rect],
+        opacity: float = 1.0,
+    ) -> None:  # fmt: skip
+        """Draw the label of a ball where it covers no obstacle, and append its place to the obstacles."""
+        size, centre, radius = label.size(scale), balls.centre[ball], balls.radius_of(ball)
+        aim, now = self.positions.get(ball, (None, None))
+        aim = place_label(size, centre, radius, balls.heading[ball], obstacles, _image_size(image), aim)
+        now = now.move_towards(aim, GLIDE_SHARE) if now is not None and self.opacity.get(ball, 0.0) > 0 else aim
+        self.positions[ball] = aim, now
+        rect = _fit_inside(centre + now.top_left_corner(size, radius), size, image)
+        self.opacity[ball] = (
+            0.0 if overlap_share(rect, obstacles) else min(self.opacity.get(ball, 1.0) + FADE_IN_STEP, 1.0)
+        )
+        _draw_label(image, label, rect, scale, opacity * self.opacity[ball], obstacles)
+
+
+@dataclass(slots=True)
 class Annotation:
     """Everything that is drawn over the frames of a shot. It tracks label positions, so draw in the order of time."""
 
@@ -91,10 +116,8 @@ class Annotation:
     """s of the shot for which a contact time is shown."""
     strip_height: int = 0
     """px below the frame for plan and clock, where balls cross every place in it; 0 where they do not."""
-    label_positions: dict[int, tuple[LabelPosition, LabelPosition]] = field(default_factory=dict)
-    """Target and current position of each ball's label."""
-    label_opacity: dict[int, float] = field(default_factory=dict)
-    """Opacity of each ball's label, which fades where space is missing."""
+    labels: GlidingLabels = field(default_factory=GlidingLabels)
+    """Names of the balls."""
     name_rects: list[Rect] = field(default_factory=list)
     """Rectangles of the names on the frame before."""
     mark_positions: dict[int, LabelPosition] = field(default_factory=dict)
@@ -225,18 +248,7 @@ class Annotation:
         for ball in named[:MAX_LABELS]:
             speed = balls.speed[ball]
             label = Label(self.names[ball], f"{speed:.2f} m/s" if np.isfinite(speed) else "", self.colours[ball])
-            size, centre, radius = label.size(self.scale), balls.centre[ball], balls.radius_of(ball)
-            aim, now = self.label_positions.get(ball, (None, None))
-            aim = place_label(size, centre, radius, balls.heading[ball], obstacles, _image_size(image), aim)
-            is_shown = self.label_opacity.get(ball, 0.0) > 0
-            now = now.move_towards(aim, GLIDE_SHARE) if now is not None and is_shown else aim
-            self.label_positions[ball] = aim, now
-            rect = _fit_inside(centre + now.top_left_corner(size, radius), size, image)
-            opacity = self.label_opacity.get(ball, 1.0) + FADE_IN_STEP
-            self.label_opacity[ball] = 0.0 if overlap_share(rect, obstacles) else min(opacity, 1.0)
-            _draw_label(
-                image, label, rect, self.scale, self._name_opacity(t, ball) * self.label_opacity[ball], obstacles
-            )
+            self.labels.draw(image, label, ball, balls, self.scale, obstacles, self._name_opacity(t, ball))
         self.name_rects = obstacles[name_start:]
 
     def _name_opacity(self, t: float, ball: int) -> float:

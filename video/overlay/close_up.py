@@ -79,7 +79,7 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
     Returns:
         Image of `CLOSE_UP_SIZE` with the text below it.
     """
-    view, scale, corner = magnify_image(frame.image, CLOSE_UP_SIZE, _find_window([frame]))
+    view, scale, corner = magnify_image(frame.image, CLOSE_UP_SIZE, _enclose_balls([frame]))
     if frame.line is not None:
         draw_polyline(view, scale * (frame.line - corner), 2)
     for outline in frame.moment_outlines:
@@ -101,7 +101,7 @@ def draw_frame_strip(frames: Sequence[CloseUpFrame], t: float) -> ImageArray:
     Returns:
         Image (h, w, 3), one tile per frame.
     """
-    window = _find_window(frames)
+    window = _enclose_balls(frames)
     left, top = _free_corner(frames, window)
     tiles = []
     for scene in frames:
@@ -129,11 +129,9 @@ def draw_place(frame: CloseUpFrame, place: FloatArray, radius: float) -> ImageAr
     Returns:
         Image of `PLACE_SIZE`.
     """
-    low, high = place - PLACE_RADII * radius, place + PLACE_RADII * radius
-    for outline in frame.outlines:
-        low = np.minimum(low, outline.centre - MARGIN_RADII * outline.radius)
-        high = np.maximum(high, outline.centre + MARGIN_RADII * outline.radius)
-    view, scale, corner = magnify_image(frame.image, PLACE_SIZE, np.stack([(low + high) / 2, high - low]))
+    reach = np.array([PLACE_RADII * radius, *(MARGIN_RADII * outline.radius for outline in frame.outlines)])
+    places = np.stack([place, *(outline.centre for outline in frame.outlines)])
+    view, scale, corner = magnify_image(frame.image, PLACE_SIZE, find_window(places, reach[:, None]))
     for outline in frame.moment_outlines:
         draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.2, WHITE, 0.7, DASHES // 2)
     _draw_balls(view, frame, scale, corner, 2.0)
@@ -158,15 +156,27 @@ def _free_corner(frames: Sequence[CloseUpFrame], window: Window) -> tuple[int, i
     return min(places, key=hidden)
 
 
-def _find_window(frames: Sequence[CloseUpFrame]) -> Window:
+def find_window(places: FloatArray, reach: FloatArray | float) -> Window:
+    """Find the window that shows places.
+
+    Args:
+        places: (n, 2) px; NaN is left out.
+        reach: px, what is shown around every place, or around each one (n, 1).
+
+    Returns:
+        The window.
+    """
+    low, high = np.nanmin(places - reach, axis=0), np.nanmax(places + reach, axis=0)
+    return np.stack([(low + high) / 2, high - low])
+
+
+def _enclose_balls(frames: Sequence[CloseUpFrame]) -> Window:
     """Return a window with all balls; the whole frame without balls."""
     outlines = [outline for scene in frames for outline in scene.subjects]
     if not outlines:
         height, width = frames[0].image.shape[:2]
         return np.array([[width / 2, height / 2], [width, height]])
-    low = np.min([o.centre - MARGIN_RADII * o.radius for o in outlines], axis=0)
-    high = np.max([o.centre + MARGIN_RADII * o.radius for o in outlines], axis=0)
-    return np.stack([(low + high) / 2, high - low])
+    return find_window(np.stack([o.centre for o in outlines]), MARGIN_RADII * np.array([[o.radius] for o in outlines]))
 
 
 def _view_transform(size: tuple[int, int], window: Window) -> tuple[float, FloatArray]:

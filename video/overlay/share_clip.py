@@ -12,14 +12,14 @@ import numpy as np
 from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.label_layout import LabelPosition, Rect, make_squares, overlap_share, place_label
+from video.drawing.label_layout import Rect, make_squares
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
 from video.drawing.text import LINE_SPACING, draw_paragraph, wrap_text
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline
-from video.overlay.annotation import GLIDE_SHARE, NAME_MARGIN_RADII
-from video.overlay.close_up import PLACE_RADII, Window, draw_polyline, magnify_image
+from video.overlay.annotation import NAME_MARGIN_RADII, GlidingLabels
+from video.overlay.close_up import PLACE_RADII, Window, draw_polyline, find_window, magnify_image
 from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
 from video.overlay.slow_motion import (
     PREFETCHED_FRAMES,
@@ -53,10 +53,8 @@ class SharedMoment:
     """s"""
     balls: tuple[str, ...]
     """Ids of the balls that take part."""
-    line: FloatArray
-    """(n, 2) m, the line in question; empty for none."""
-    pocket: FloatArray
-    """(n, 2) m, the outline of the pocket in question; empty for none."""
+    mark: FloatArray
+    """(n, 2) m, the line in question or the outline of the pocket; empty for none."""
     question: str
     headline: str
     """Verdict and probability."""
@@ -120,7 +118,7 @@ class _MomentView:
     near: Window
     far: Window
     slowdown: int
-    positions: dict[int, LabelPosition]
+    labels: GlidingLabels
 
     @classmethod
     def prepare(
@@ -132,12 +130,13 @@ class _MomentView:
         times = np.append(normal, moment.t)
         balls = balls_at_times(timeline, timeline.state_at(times), times)
         places = np.stack([one.centre[list(shown)] for one in balls])
-        pocket = timeline.project(moment.pocket, moment.t)
         reach = PLACE_RADII * max(balls[-1].radius_of(one) for one in shown)
+        mark = timeline.project(moment.mark, moment.t)
+        nearest = np.argsort(np.linalg.norm(mark - places[-1, 0], axis=1))[:1]
         near, far = (
-            _find_window(np.concatenate([some.reshape(-1, 2), pocket]), reach) for some in (places[-1], places)
+            find_window(np.concatenate([some.reshape(-1, 2), mark[nearest]]), reach) for some in (places[-1], places)
         )
-        return cls(timeline, moment, shown, near, far, slowdown, {})
+        return cls(timeline, moment, shown, near, far, slowdown, GlidingLabels())
 
     def draw(self, frame: SynthesizedFrame) -> ImageArray:
         """Draw a frame with the question, and from the moment on with the answer."""
@@ -153,12 +152,11 @@ class _MomentView:
         view, scale, corner = magnify_image(frame.image, (WIDTH, VIEW_HEIGHT), window, keeps_inside=True)
         balls = frame.balls
         balls = replace(balls, centre=scale * (balls.centre - corner), radius=scale * balls.radius)
-        marks = [scale * (self.timeline.project(one, frame.t) - corner) for one in (moment.line, moment.pocket)]
+        mark = scale * (self.timeline.project(moment.mark, frame.t) - corner)
         with keep_balls_on_top(view, balls):
             if is_slow:
-                self._draw_names(view, balls, make_squares(np.concatenate(marks), MARGIN / 2).tolist())
-        for points in marks:
-            draw_polyline(view, points, 4)
+                self._draw_names(view, balls, make_squares(mark, MARGIN / 2).tolist())
+        draw_polyline(view, mark, 4)
         page[VIEW_TOP : VIEW_TOP + VIEW_HEIGHT] = view
         return page
 
@@ -166,23 +164,8 @@ class _MomentView:
         """Draw the names of the balls that take part where neither a ball nor an obstacle is."""
         obstacles += balls.boxes(NAME_MARGIN_RADII).tolist()
         for ball, label in self.shown.items():
-            size, centre, radius = label.size(NAME_SCALE), balls.centre[ball], balls.radius_of(ball)
-            if not np.all((centre > 0) & (centre < (WIDTH, VIEW_HEIGHT))):  # nor where it is unknown
-                continue
-            last = self.positions.get(ball)
-            aim = place_label(size, centre, radius, balls.heading[ball], obstacles, (WIDTH, VIEW_HEIGHT), last)
-            self.positions[ball] = aim if last is None else last.move_towards(aim, GLIDE_SHARE)
-            corner = centre + self.positions[ball].top_left_corner(size, radius)
-            rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
-            if not overlap_share(rect, obstacles):
-                label.draw(view, corner, NAME_SCALE)
-                obstacles.append(rect)
-
-
-def _find_window(places: FloatArray, reach: float) -> Window:
-    """Return the window that shows places (n, 2) px and `reach` px around them."""
-    low, high = np.nanmin(places, axis=0) - reach, np.nanmax(places, axis=0) + reach
-    return np.stack([(low + high) / 2, high - low])
+            if np.all((balls.centre[ball] > 0) & (balls.centre[ball] < (WIDTH, VIEW_HEIGHT))):  # false for NaN
+                self.labels.draw(view, label, ball, balls, NAME_SCALE, obstacles)
 
 
 def _draw_page(question: str, *lines: tuple[str, int, Colour]) -> ImageArray:

@@ -58,7 +58,6 @@ QuestionKind = Literal[
     "wrong-ball",
     "no-rail",
     "scratch",
-    "off-table",
     "frozen",
 ]
 """Questions of an umpire; those from `score` on are of the rules, see `rule_answers`."""
@@ -101,9 +100,6 @@ class CallAnswer:
     """Why the clip does not decide the question; empty where it does."""
     doubt_frame: float = math.nan
     """Frame around which sharp images would decide."""
-    lead: float = math.nan
-    """s by which one contact came before another (negative: after it); NaN where the question is not about order."""
-    lead_sigma: float = math.nan
     path: tuple[CandidateContact, ...] = ()
     """Probable contacts of the ball in order of time, where the question is about their sequence."""
     parts: tuple[CallAnswer, ...] = ()
@@ -199,12 +195,10 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
         ranked = ((name, probability), *(entry for entry in ranked if entry[0] != name))
     times = [t for t, _ in meetings if np.isfinite(t)]
     doubts = list_doubts(record, min(times, default=float(record.moments[0])), (a,), is_doubtful)
-    best = max(
-        (entry for entry in candidates if entry.other == name),
-        key=lambda entry: (entry.probability, -entry.t),
-        default=None,
-    )
-    balls = (a,) if best is None else (a, name)
+    fitting = (entry for entry in candidates if entry.other == name)
+    best = max(fitting, key=lambda entry: (entry.probability, -entry.t), default=None)
+    best = _find_nearest_ball(record, one) if name == "none" else best
+    balls = (a,) if best is None else (a, best.other)
     answer = CallAnswer("first", (a,), probability, balls=balls, met=name, alternatives=ranked, **doubts)
     return answer if best is None else build_answer(record, answer, best)
 
@@ -315,7 +309,7 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     ]
     here = [(moment, hypothesis) for moment, hypothesis in falls if hypothesis.other == name]
     t, t_sigma = float(record.moments[k]), float("nan")
-    probability = UNOBSERVED_PROBABILITY if vanishes(record, one, margin) else probability_of_unlisted_event()
+    probability = UNOBSERVED_PROBABILITY if _vanishes(record, one, margin) else probability_of_unlisted_event()
     if here:
         t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, here[-1][1].probability
     candidate = CandidateContact(one, name, t, t_sigma, probability, margin, sigma)
@@ -323,7 +317,7 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     return build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
 
 
-def vanishes(record: ShotRecord, one: int, margin: float = -math.inf) -> bool:
+def _vanishes(record: ShotRecord, one: int, margin: float) -> bool:
     """Return whether a ball is last detected before the end of the clip, near enough to a pocket at a margin in m."""
     times = record.t[record.ball == one]
     if not len(times) or not len(record.shown):
@@ -377,14 +371,18 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
 
 def find_nearest_pass(record: ShotRecord, one: int, two: int) -> CandidateContact:
     """Find the moment at which two balls were nearest, as a contact that did not happen."""
-    distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
-    a, b = record.ids[one], record.ids[two]
-    if not np.isfinite(distance).any():
-        raise ValueError(f"{a} and {b} were never detected at the same time")
-    k = int(np.nanargmin(distance))
-    sigma = float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
-    t = float(record.moments[k])
-    return CandidateContact(one, b, t, float("nan"), 0.0, float(distance[k]), sigma)
+    gaps = record.gaps(one, two)
+    if not np.isfinite(gaps).any():
+        raise ValueError(f"{record.ids[one]} and {record.ids[two]} were never detected at the same time")
+    k = int(np.nanargmin(gaps))
+    sigma, t = record.gap_sigma(one, two, k), float(record.moments[k])
+    return CandidateContact(one, record.ids[two], t, math.nan, 0.0, float(gaps[k]), sigma)
+
+
+def _find_nearest_ball(record: ShotRecord, one: int) -> CandidateContact | None:
+    """Find the nearest pass of a ball and any other one; None where no other one is known."""
+    others = [k for k in range(len(record.ids)) if k != one and np.isfinite(record.gaps(one, k)).any()]
+    return min((find_nearest_pass(record, one, k) for k in others), key=lambda entry: entry.gap, default=None)
 
 
 def build_answer(record: ShotRecord, answer: CallAnswer, candidate: CandidateContact) -> CallAnswer:

@@ -154,15 +154,14 @@ def _gap_at(record: ShotRecord, one: int, two: int, t: float) -> tuple[float, fl
         if is_pair and abs(events.t[e] - t) < SAME_MOMENT_TIME and np.isfinite(events.gap[e]):
             return float(events.gap[e]), float(events.gap_sigma[e])
     k = int(np.argmin(np.abs(record.moments - t)))
-    gap = float(np.hypot(*(record.path[k, two] - record.path[k, one]))) - 2 * record.table.ball_radius
-    return gap, float(np.hypot(np.hypot(*record.path_sigma[k, [one, two]]), record.reach_sigma))
+    return float(record.gaps(one, two)[k]), record.gap_sigma(one, two, k)
 
 
 def _list_pass_times(record: ShotRecord, one: int, two: int) -> list[float]:
     """List the times (s) of near passes of two paths without a listed contact of the balls."""
     names = record.ids[one], record.ids[two]
     contact_times = [moment.t for moment, _ in record.explanation.contacts_of(*names)]
-    distance = np.linalg.norm(record.path[:, two] - record.path[:, one], axis=1) - 2 * record.table.ball_radius
+    distance = record.gaps(one, two)
     speed = np.hypot(*(record.velocity[:, two] - record.velocity[:, one]).T)
     near = np.flatnonzero((distance < NEAR_PASS_RADII * record.table.ball_radius) & (speed > REST_SPEED))
     times = []

@@ -10,32 +10,22 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr
 
-from models.core.scene import CUSHIONS, POCKETS, Game
+from models.core.scene import CUSHIONS, POCKETS
 from models.core.shot_explanation import is_undecided
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers as calls
 from models.estimation.contact_test import candidate_contacts as contacts
-from models.estimation.contact_test.call_answers import (
-    UNKNOWN,
-    UNOBSERVED_PROBABILITY,
-    CallAnswer,
-    probability_of_unlisted_event,
-)
+from models.estimation.contact_test.call_answers import UNKNOWN, UNOBSERVED_PROBABILITY, CallAnswer
 from models.estimation.contact_test.candidate_contacts import REST_SPEED, CandidateContact
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.segmentation.contact_classification import CUE_KINDS
 
 CAROM_CUSHIONS = (1, 3)
 """Cushion contacts before the second ball that one-cushion and three-cushion carom demand."""
-LOWEST_BALL_GAMES = ("9-ball", "10-ball")
-GAMES: dict[str, Game] = {
-    "pool": "pool", "8-ball": "pool", "9-ball": "pool", "10-ball": "pool", "snooker": "snooker", "carom": "carom",
-}  # fmt: skip
-"""Families by the games whose fouls are told apart."""
 COLOURS = ("yellow", "green", "brown", "blue", "pink", "black")
 """Ball classes of the colours of snooker."""
 REST_LEAD = 2e-3
-"""s before the cue ball moves at which it still rests: two steps of the stored path."""
+"""s before the cue ball moves until which it still rests: two steps of the stored path."""
 
 
 def answer_score(record: ShotRecord, ball: str = "") -> CallAnswer:
@@ -68,13 +58,10 @@ def answer_score(record: ShotRecord, ball: str = "") -> CallAnswer:
                        path=tuple(sorted(path, key=lambda entry: entry.t)))  # fmt: skip
     score = calls.build_answer(record, score, second)
     parts = [calls.answer_contact(record, cue, touch.other) for touch in (first, second)]
-    likely = [rail for rail in rails if rail.probability > 0.5]
-    for count in CAROM_CUSHIONS:
-        rail = likely[count - 1] if len(likely) >= count and second.probability > 0.5 else None
-        part = _judge(record, "cushions", (*score.subject, str(count)), float(shares[count:].sum()), score)
-        if rail is not None:
-            part = replace(part, lead=second.t - rail.t, lead_sigma=math.hypot(second.t_sigma, rail.t_sigma))
-        parts.append(part)
+    parts += [
+        _judge(record, "cushions", (*score.subject, str(count)), float(shares[count:].sum()), score)
+        for count in CAROM_CUSHIONS
+    ]
     return replace(score, parts=tuple(parts))
 
 
@@ -104,13 +91,12 @@ def _precedes(one: CandidateContact, two: CandidateContact) -> float:
     return one.probability * float(ndtr((two.t - one.t) / sigma))
 
 
-def answer_foul(record: ShotRecord, ball: str = "", game: str = "", on: str = "") -> CallAnswer:
-    """Answer whether the clip shows a foul.
+def answer_foul(record: ShotRecord, ball: str = "", on: str = "") -> CallAnswer:
+    """Answer whether the clip shows a foul, by the rules that the games of the table have in common.
 
     Args:
         record: The shot.
         ball: Name of the cue ball; empty to find it.
-        game: One of `GAMES`; empty for what is common to the games of the table.
         on: What must be hit first: a group of pool, `red` or `colour`, or the id of a ball; empty if unknown.
 
     Returns:
@@ -120,34 +106,24 @@ def answer_foul(record: ShotRecord, ball: str = "", game: str = "", on: str = ""
         ValueError: If a name is unknown, or the cue ball is not known.
     """
     record, cue = _select_stroke(record, ball)
-    game, others = game or record.table.game, [name for name in record.ids if name != cue]
-    if game not in GAMES or not others:
-        raise ValueError(f"a game is one of {', '.join(GAMES)}; got {game!r}" if others else "there is one ball alone")
-    first = calls.answer_first_contact(record, cue)
+    if record.table.game == "carom" or len(record.ids) == 1:
+        raise ValueError("foul is a question of pool and snooker, with at least two balls; ask score about a carom")
+    first, legal, parts = calls.answer_first_contact(record, cue), _find_legal_balls(record, cue, on), []
     names, is_hit = dict(first.alternatives), first.met != "none"
-    if not is_hit:
-        passes = (calls.find_nearest_pass(record, record.ball_index(cue), record.ball_index(name)) for name in others)
-        nearest = min(passes, key=lambda entry: entry.gap)
-        first = calls.build_answer(record, replace(first, balls=(cue, nearest.other)), nearest)
-    parts, legal = [], _find_legal_balls(record, others, game, on)
-    if game != "carom":
-        parts.append(_judge(record, "no-contact", (cue,), names["none"], first))
-    if legal is not None and is_hit:
-        wrong = sum(p for name, p in names.items() if name in others and name not in legal)
-        parts.append(_judge(record, "wrong-ball", (cue, *sorted(legal)),
+    parts.append(_judge(record, "no-contact", (cue,), names["none"], first))
+    if legal and is_hit:
+        wrong = sum(p for name, p in names.items() if name in record.ids and name not in legal)
+        parts.append(_judge(record, "wrong-ball", (cue, *legal),
                             wrong + UNOBSERVED_PROBABILITY * names.get(UNKNOWN, 0.0), first))  # fmt: skip
-    if game not in ("snooker", "carom") and is_hit:
+    if record.table.game == "pool" and is_hit:
         parts.append(_answer_no_rail(record, first))
     if record.table.pockets:
         pockets = [calls.answer_pocket(record, cue, name) for name in POCKETS]
         fall = max(pockets, key=lambda entry: (entry.probability, -entry.margin))
         parts.append(_judge(record, "scratch", fall.subject, fall.probability, fall))
-    legal_share = math.prod(1 - part.probability for part in parts)
-    lost = [name for k, name in enumerate(record.ids) if _is_lost(record, k)]
-    unseen = UNOBSERVED_PROBABILITY if lost else 0.0
-    parts.append(_judge(record, "off-table", (cue, *lost), unseen, CallAnswer("off-table", (cue,), unseen)))
-    decisive = max(parts[:-1] or parts, key=lambda part: part.probability)
-    foul = _judge(record, "foul", (cue, game, *(() if legal is None else sorted(legal))), 1 - legal_share, decisive)
+    decisive = max(parts, key=lambda part: part.probability)
+    probability = 1 - math.prod(1 - part.probability for part in parts)
+    foul = _judge(record, "foul", (cue, *legal), probability, decisive)
     return replace(foul, parts=(*parts, *_list_frozen(record, first)))
 
 
@@ -155,23 +131,19 @@ def _judge(
     record: ShotRecord, kind: calls.QuestionKind, subject: tuple[str, ...], p: float, base: CallAnswer
 ) -> CallAnswer:
     """Answer a question of the rules with probability p at the moment of another answer."""
-    unlisted = probability_of_unlisted_event()
+    unlisted = calls.probability_of_unlisted_event()
     p = float(np.clip(p, unlisted, 1 - unlisted))
     t = base.t if math.isfinite(base.t) else float(record.moments[0])
     base = replace(base, kind=kind, subject=subject, probability=p, alternatives=(), doubts=(), doubt_frame=math.nan)
     return replace(base, **calls.list_doubts(record, t, base.balls, is_undecided(p)))
 
 
-def _find_legal_balls(record: ShotRecord, others: Sequence[str], game: str, on: str) -> set[str] | None:
-    """Find the balls that may be hit first; None where it is not known."""
-    if game in LOWEST_BALL_GAMES:
-        numbers = {record.naming.find_look(name).number: name for name in others}
-        return {numbers[1]} if 1 in numbers else {numbers[min(numbers)]} if 0 not in numbers else None
-    if not on:
-        return None
+def _find_legal_balls(record: ShotRecord, cue: str, on: str) -> list[str]:
+    """Find the balls that may be hit first; none where it is not known."""
     kinds = COLOURS if on in ("colour", "color") else (on.removesuffix("s"),)
-    legal = {name for name in others if record.kinds[record.ball_index(name)] in kinds or name == on}
-    if not legal:
+    rows = zip(record.ids, record.kinds, strict=True)
+    legal = sorted(name for name, kind in rows if name != cue and (kind in kinds or name == on))
+    if on and not legal:
         raise ValueError(f"no ball of this clip is {on!r}; name solids, stripes, eight, red, colour, or a ball")
     return legal
 
@@ -210,56 +182,48 @@ def _find_nearest_rail(record: ShotRecord, t: float) -> CandidateContact:
     )
 
 
-def _is_lost(record: ShotRecord, one: int) -> bool:
-    """Return whether a ball moves when it is last detected, before the end of the clip, and was not potted."""
-    last, potted = record.t[record.ball == one][-1:], {name for _, name in _list_events(record, "pocket")}
-    is_moving = record.speed_at(one, float(last[0])) > REST_SPEED if len(last) else False
-    return is_moving and record.ids[one] not in potted and calls.vanishes(record, one)
-
-
-def _list_events(record: ShotRecord, kind: str) -> list[tuple[float, str]]:
-    """List the times (s) and balls of the probable events of a kind."""
-    events = record.events
-    columns = zip(events.t, events.kind, events.a, events.probability, strict=True)
-    return [(float(t), ball) for t, event_kind, ball, p in columns if event_kind == kind and p > 0.5]
-
-
 def _list_frozen(record: ShotRecord, first: CallAnswer) -> list[CallAnswer]:
     """Answer whether the ball that was hit first lay frozen to the cue ball; nothing where it moved before the clip."""
     cue, other = first.subject[0], first.met
     if other not in record.ids or cue in record.explanation.moving_at_start:
         return []
-    pair = [record.ball_index(cue), record.ball_index(other)]
-    t = _find_start(record, pair[0]) - REST_LEAD
-    k = int(np.clip(np.searchsorted(record.moments, t), 0, len(record.moments) - 1))
-    gap = float(np.hypot(*(record.path[k, pair[1]] - record.path[k, pair[0]]))) - 2 * record.table.ball_radius
-    sigma = float(np.hypot(np.hypot(*record.path_sigma[k, pair]), record.reach_sigma))
-    if not math.isfinite(gap):
+    one, two = record.ball_index(cue), record.ball_index(other)
+    before = _cut_record(record, _find_start(record, one) - REST_LEAD)
+    if not np.isfinite(before.gaps(one, two)).any():
         return []
-    lying = CandidateContact(pair[0], other, t, math.nan, float(ndtr(-gap / sigma)), gap, sigma)
-    base = calls.build_answer(record, CallAnswer("frozen", (cue, other), lying.probability, balls=(cue, other)), lying)
-    return [_judge(record, "frozen", (cue, other), lying.probability, base)]
+    lying = calls.find_nearest_pass(before, one, two)
+    base = CallAnswer("frozen", (cue, other), float(ndtr(-lying.gap / lying.gap_sigma)), balls=(cue, other))
+    return [_judge(record, "frozen", base.subject, base.probability, calls.build_answer(record, base, lying))]
+
+
+def find_struck_ball(record: ShotRecord) -> str:
+    """Find the cue ball that moves first; empty where none moves."""
+    kinds = CUE_KINDS if record.table.game == "carom" else ("cue", "white")  # a yellow ball is an object ball elsewhere
+    starts = {name: _find_start(record, k) for k, name in enumerate(record.ids) if record.kinds[k] in kinds}
+    return min((name for name, start in starts.items() if math.isfinite(start)), key=starts.__getitem__, default="")
 
 
 def _select_stroke(record: ShotRecord, ball: str) -> tuple[ShotRecord, str]:
-    """Cut the record at the next stroke, and find the ball that was struck: the cue ball that moves first."""
-    strikes = _list_events(record, "strike")
-    kinds = CUE_KINDS if record.table.game == "carom" else ("cue", "white")  # a yellow ball is an object ball elsewhere
-    starts = {name: _find_start(record, k) for k, name in enumerate(record.ids) if record.kinds[k] in kinds}
-    cue = ball or min(starts, key=lambda name: starts[name], default="")
-    if not cue or math.isinf(starts.get(cue, 0.0)):
+    """Cut the record at the next stroke, and find the ball that was struck."""
+    cue = ball or find_struck_ball(record)
+    if not cue or math.isinf(_find_start(record, record.ball_index(cue))):
         raise ValueError("no cue ball of this clip moves; name the ball that was struck")
-    record.ball_index(cue)
+    events = record.events
+    rows = zip(events.t, events.kind, events.a, events.probability, strict=True)
+    strikes = [(float(t), a) for t, kind, a, p in rows if kind == "strike" and p > 0.5]
     stop = next((two[0] for one, two in pairwise(strikes) if one[1] == cue), math.inf)
-    if not math.isfinite(stop):
-        return record, cue
+    return _cut_record(record, stop), cue
+
+
+def _cut_record(record: ShotRecord, stop: float) -> ShotRecord:
+    """Cut what comes after a time, s."""
     before = tuple(moment for moment in record.explanation.moments if moment.t < stop)
     columns = (
         (record.t < stop, ("ball", "t", "xy", "px", "sigma")), (record.shown < stop, ("frame", "shown")),
         (record.moments < stop, ("moments", "path", "velocity", "slip", "path_sigma")),
     )  # fmt: skip
     part = {name: getattr(record, name)[rows] for rows, names in columns for name in names}
-    return replace(record, explanation=replace(record.explanation, moments=before), **part), cue
+    return replace(record, explanation=replace(record.explanation, moments=before), **part)
 
 
 def _find_start(record: ShotRecord, one: int) -> float:

@@ -102,6 +102,14 @@ class ShotRecord:
         state: FloatArray = np.concatenate(parts)
         return state if np.isfinite(state).all() else None
 
+    def gaps(self, one: int, two: int) -> FloatArray:
+        """Return the gaps (M,) m of two balls on the fitted paths; negative where they overlap."""
+        return np.asarray(np.linalg.norm(self.path[:, two] - self.path[:, one], axis=1) - 2 * self.table.ball_radius)
+
+    def gap_sigma(self, one: int, two: int, k: int) -> float:
+        """Return the standard deviation, m, of the gap of two balls at moment k."""
+        return float(np.hypot(np.hypot(*self.path_sigma[k, [one, two]]), self.reach_sigma))
+
     def speed_at(self, ball: int, t: float) -> float:
         """Return the speed, m/s, at t (s) on the fitted path; NaN where the ball is absent."""
         k = int(np.clip(np.searchsorted(self.moments, t), 0, len(self.moments) - 1))

@@ -30,10 +30,6 @@ def call(
     edge: Annotated[
         bool, typer.Option("--edge", help="For line: whether the edge of the ball crosses, instead of its centre.")
     ] = False,
-    game: Annotated[
-        str,
-        typer.Option("--game", help="For foul: pool, 8-ball, 9-ball, 10-ball, snooker, carom. Default: by the table."),
-    ] = "",
     on: Annotated[
         str, typer.Option("--on", help="For foul: what must be hit first: solids, stripes, eight, red, colour, a ball.")
     ] = "",
@@ -67,4 +63,4 @@ def call(
     if share is not None:
         on_activity("Rendering the clip to share")
     noted, shared = (None if one is None else Path(one) for one in (clip, share))
-    return answer_call(record, question, edge, Path(folder), noted, target, game, on, shared)
+    return answer_call(record, question, edge, Path(folder), noted, target, on, shared)

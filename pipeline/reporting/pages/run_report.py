@@ -20,7 +20,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.rule_answers import answer_foul, answer_score
+from models.estimation.contact_test.rule_answers import answer_foul, answer_score, find_struck_ball
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
@@ -229,28 +229,26 @@ def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
 
 def _answer_rules(record: ShotRecord) -> list[CallAnswer]:
     """Answer whether a carom scored, and what of a foul the clip certainly shows; nothing where that makes no sense."""
-    try:
-        if record.table.game == "carom":
-            score = answer_score(record)
-            return [score, *score.parts[2:]]
-        return [part for part in answer_foul(record).parts if part.verdict == "yes"]
-    except ValueError:
+    cue, is_carom = find_struck_ball(record), record.table.game == "carom"
+    if not cue or (len(record.ids) != 3 if is_carom else len(record.ids) < 2):
         return []
+    if is_carom:
+        score = answer_score(record, cue)
+        return [score, *score.parts[2:]]
+    return [part for part in answer_foul(record, cue).parts if part.verdict == "yes"]
 
 
 def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:
     """Answer whether balls touched that came near each other without a contact, the nearest pairs first."""
     events = record.events
     touching = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
-    reach = 2 * record.table.ball_radius + NEAR_MISS_GAP
     near = []
     for a, b in combinations(range(len(record.ids)), 2):
-        separation = np.linalg.norm(record.path[:, a] - record.path[:, b], axis=1)
-        distances = separation[np.isfinite(separation)]
-        pair = (record.ids[a], record.ids[b])
-        is_near = len(distances) and distances.min() < reach and np.ptp(distances) > NEAR_MISS_GAP
+        gaps, pair = record.gaps(a, b), (record.ids[a], record.ids[b])
+        gaps = gaps[np.isfinite(gaps)]
+        is_near = len(gaps) and gaps.min() < NEAR_MISS_GAP and np.ptp(gaps) > NEAR_MISS_GAP
         if is_near and frozenset(pair) not in touching:
-            near.append((float(distances.min()), pair))
+            near.append((float(gaps.min()), pair))
     pairs = [pair for _, pair in sorted(near)[:MAX_NEAR_MISSES]]
     return [call_answers.answer_contact(record, a, b) for a, b in pairs]
 

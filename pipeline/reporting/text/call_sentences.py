@@ -5,19 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.core.naming import Naming, join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
 from models.core.scene import CUSHIONS, POCKETS
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY
+from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
 from pipeline.reporting.text.text_formatting import format_meeting, format_time, start_sentence
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1
 """Decimals of millimetres: no place is measured to a hundredth."""
-MAX_S_DECIMALS = 4
-"""Decimals of a time between two contacts, as those of a moment."""
 DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "hidden": "a ball was not detected around it",
     "fast": "a ball moved far between two frames",
@@ -33,19 +32,21 @@ DOUBT_SENTENCES: dict[CallDoubt, str] = {
 POOL_RULES: dict[str, str] = {
     "no-contact": "no ball hit (WPA 6.3)", "wrong-ball": "wrong ball first (WPA 6.2)",
     "no-rail": "no rail after contact (WPA 6.3)", "scratch": "cue ball scratch (WPA 6.1)",
-    "off-table": "ball driven off the table (WPA 6.1, 6.5)", "frozen": "frozen ball (WPA 6.7)",
+    "frozen": "frozen ball (WPA 6.7)",
 }  # fmt: skip
 """Facts in the words of the World Pool-Billiard Association (WPA, rules of 15 March 2016), with their sections."""
 SNOOKER_RULES = POOL_RULES | {
     "no-contact": "no object ball hit", "wrong-ball": "ball not on hit first", "scratch": "in-off",
-    "off-table": "ball forced off the table", "frozen": "touching ball",
+    "frozen": "touching ball",
 }  # fmt: skip
 """Facts in the words of the World Professional Billiards and Snooker Association."""
-CAROM_RULES = POOL_RULES | {"off-table": "ball off the table", "frozen": "frozen ball"}
-"""Facts in the words of the Union Mondiale de Billard."""
 SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "first", "scratch": "pocket"}
 """Facts of the rules that another question is about."""
-CAROM_GAMES = {"1": ("one-cushion", "first"), "3": ("three-cushion", "third")}
+NO_CONTACT: tuple[QuestionKind, ...] = ("first", "no-contact")
+"""Questions whose answer may be that no ball was touched."""
+UNCHANGED = "; the gap alone would allow a touch, but no ball changed its motion"
+"""Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too."""
+CAROM_GAMES = {"1": "one-cushion", "3": "three-cushion"}
 """Games by the cushions that they demand before the second ball."""
 
 
@@ -108,7 +109,7 @@ def format_call_question(call: CallAnswer, naming: Naming) -> str:
     if call.kind == "score":
         return f"Did {a} score: did it touch both other balls?"
     if call.kind == "cushions":
-        return f"Is it a point in {CAROM_GAMES[call.subject[3]][0]} carom?"
+        return f"Is it a point in {CAROM_GAMES[call.subject[3]]} carom?"
     if call.kind in POOL_RULES:
         return start_sentence(f"{name_rule(call, naming)}?")
     if call.kind == "contact":
@@ -135,13 +136,21 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
 def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str) -> str:
     """Format what most probably happened, and when; of what did not happen, when it was closest."""
     text = _format_fact(call, naming) + _format_others(call, naming)
-    is_timeless = call.kind in ("cushions", "foul", "off-table") or (
-        call.kind in ("pocket", "scratch") and not margin and call.probability < 0.5
+    is_timeless = call.kind in ("cushions", "foul") or (
+        call.kind in ("pocket", "scratch", *NO_CONTACT) and not margin and not _happens(call)
     )
     when = f" at {moment}" if moment and not is_timeless else ""
-    if not margin or call.probability >= 0.5:
+    if not margin or _happens(call):
         return "; ".join(filter(None, [text + when, margin]))
-    return f"{text}; {margin}{when}"
+    is_tight = call.kind in ("contact", "score") and is_undecided(float(ndtr(-call.margin / call.margin_sigma)))
+    return f"{text}; {margin}{when}{UNCHANGED if is_tight and call.verdict == 'no' else ''}"
+
+
+def _happens(call: CallAnswer) -> bool:
+    """Return whether what a call is about most probably happened: a contact of balls, a rail, a pocket, a line."""
+    if call.kind in NO_CONTACT:
+        return call.met != "none"
+    return (call.probability >= 0.5) != (call.kind == "no-rail")
 
 
 def _format_fact(call: CallAnswer, naming: Naming) -> str:
@@ -161,15 +170,13 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
         reached = format_meeting("pocket" if call.met in POCKETS else "cushion", call.met, naming)
         missed = f"no ball met a {naming.rail_word} or fell into a pocket after the first contact"
         return missed if is_yes else f"after the first contact {naming.say(call.balls[0])} {reached}"
-    if call.kind == "off-table":
-        lost = join_names(naming.say(name) for name in call.subject[1:])
-        return f"the clip loses {lost} while moving" if lost else "every ball stays in view or is potted"
     if call.kind == "frozen":
         return f"before the strike {naming.say(call.subject[1])} {'touched' if is_yes else 'did not touch'} {a}"
     if call.kind == "contact":
         return f"{a} {'touched' if is_yes else 'did not touch'} {naming.say(call.subject[1])}"
     if call.kind == "first":
-        return f"{a} touched no ball" if call.met == "none" else f"{a} touched {naming.say(call.met)} first"
+        nearest = "".join(f", and came nearest to {naming.say(name)}" for name in call.balls[1:])
+        return f"{a} touched no ball{nearest}" if call.met == "none" else f"{a} touched {naming.say(call.met)} first"
     if call.kind == "cushion-first":
         if is_yes:
             rail = naming.say(call.met) if call.met in CUSHIONS else f"a {naming.rail_word}"
@@ -187,10 +194,6 @@ def _format_score_fact(call: CallAnswer, naming: Naming) -> str:
     second = next((one.t for one in call.path if one.other == call.subject[2]), np.inf)
     count = sum(one.other in CUSHIONS and one.t < second for one in call.path)
     cushions = f"{count or 'no'} {naming.rail_word}{'s' * (count != 1)}"
-    if np.isfinite(call.lead):
-        order = "before" if call.lead > 0 else "after"
-        lead = format_with_sigma(abs(call.lead), call.lead_sigma, MAX_S_DECIMALS)
-        return f"the {CAROM_GAMES[call.subject[3]][1]} {naming.rail_word} came {lead} s {order} the second ball"
     if call.kind == "cushions":
         return f"{cushions} before the second ball" if np.isfinite(second) else f"{cushions}, but no second ball"
     a, balls = naming.say(call.subject[0]), [naming.say(name) for name in call.subject[1:]]
@@ -209,7 +212,7 @@ def format_sequence(call: CallAnswer, naming: Naming) -> str:
 
 def name_rule(call: CallAnswer, naming: Naming) -> str:
     """Name a fact as the rulebook of the game does, such as `no rail after contact (WPA 6.3)`."""
-    return {"snooker": SNOOKER_RULES, "carom": CAROM_RULES}.get(naming.game, POOL_RULES)[call.kind]
+    return (SNOOKER_RULES if naming.game == "snooker" else POOL_RULES)[call.kind]
 
 
 def _format_others(call: CallAnswer, naming: Naming) -> str:
@@ -232,12 +235,13 @@ def _format_moment(call: CallAnswer) -> str:
 
 def _format_margin(call: CallAnswer, naming: Naming) -> str:
     """Format how close a call was; nothing where the free paths say the opposite of all evidence."""
-    is_yes = (call.probability >= 0.5) != (call.kind in ("no-contact", "no-rail"))
-    is_known = np.isfinite(call.margin) and (call.margin <= 0) == is_yes
-    if call.kind in ("first", "cushion-first", "wrong-ball", "cushions", "foul") or not is_known:
+    is_yes = _happens(call)
+    if not np.isfinite(call.margin) or (call.margin <= 0) != is_yes:
         return ""
-    if call.kind in ("contact", "score", "no-contact"):
+    if call.kind in ("contact", "score") or (call.kind in NO_CONTACT and not is_yes):
         return format_gap(call.margin, call.margin_sigma)
+    if call.kind in (*NO_CONTACT, "cushion-first", "wrong-ball", "cushions", "foul"):
+        return ""
     if call.kind == "frozen":
         return f"{_format_mm(call.margin, call.margin_sigma)} {'of overlap' if is_yes else 'of air'} between them"
     inside, target = "past", naming.say(call.met) if call.kind == "no-rail" else "the line"

@@ -12,7 +12,7 @@ from PIL import Image
 from support import synthetic_run as shot
 from support.pseudo_terminal import Terminal, make_terminal
 
-from models.core.scene import Scene
+from models.core.scene import Game, Scene
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.io.run_tables import write_scene
@@ -31,8 +31,12 @@ def from_above(scene: Scene) -> Scene:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A white ball at 1 m/s from x = 0.2 m, a red one at rest; the clip beside it."""
-    place = tmp_path_factory.mktemp("run")
+    return run_shot(tmp_path_factory.mktemp("run"), "carom")
+
+
+def run_shot(place: Path, game: Game) -> Path:
     clip, scene = shot.write_clip(place / "clip.mp4"), from_above(shot.make_scene())
+    scene = replace(scene, table=replace(scene.table, game=game))
     explained = explain(shot.make_tracks(clip, scene), scene)
     shot.save_shot(explained, place)
     write_scene(clip, scene, explained.tracks, view_shot(explained), place / "scene.json")
@@ -93,8 +97,8 @@ def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, fold
         (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
         (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),
         (("first", "white", "--shot", "3"), "shot 3"), (("score",), "three balls; this clip has 2"),
-        (("foul", "--game", "golf"), "a game is one of pool"), (("foul", "--on", "stripes"), "no ball of this clip"),
-        (("first", "white", "--on", "red"), "--game and --on belong to foul"),
+        (("foul",), "foul is a question of pool and snooker"),
+        (("first", "white", "--on", "red"), "--on belongs to foul"),
     ],
 )  # fmt: skip
 def test_questions_that_make_no_sense_are_one_line_and_status_2(
@@ -112,19 +116,21 @@ def test_a_folder_without_a_saved_shot_is_one_line(trueroll: Terminal, tmp_path:
     assert "holds no saved shot" in output.err
 
 
-def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal, folder: Path, tmp_path: Path) -> None:
-    question = ("call", folder, "foul", "--game", "pool", "-o", tmp_path)
+def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = run_shot(tmp_path, "pool")
+    question = ("call", folder, "foul", "-o", tmp_path)
     answer = json.loads(trueroll(*question, "--json", "--clip", folder / "clip.mp4").out)
     assert (answer["verdict"], answer["answer"]) == ("yes", "no ball hit")
     assert answer["sentence"].startswith("No ball hit (99.")
-    missed, off_table = answer["parts"]
+    (missed,) = answer["parts"]
     end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
     assert (missed["kind"], missed["verdict"]) == ("no-contact", "yes")
     assert missed["margin_mm"] == pytest.approx(1e3 * (np.hypot(1.5 - end, 0.2) - 0.06), abs=2.0)
-    assert (off_table["kind"], off_table["verdict"]) == ("off-table", "no")
     assert len(answer["pictures"]) == 2
     text = trueroll(*question).out
     assert "No ball hit (WPA 6.3)?" in text
-    assert "A push or a double hit cannot be told" in text
-    carom = json.loads(trueroll("call", folder, "foul", "--json", "-o", tmp_path).out)
-    assert (carom["verdict"], carom["answer"]) == ("no", "no foul"), "to miss is no foul in carom"
+    assert "A push, a double hit, or a ball that leaves the table cannot be told" in text
+    first = json.loads(trueroll("call", folder, "first", "white", "--json", "-o", tmp_path).out)
+    assert first["answer"] == "no ball"
+    assert first["margin_mm"] == pytest.approx(missed["margin_mm"]), "what touched nothing has its nearest pass"
+    assert "touched no ball, and came nearest to the red; " in first["sentence"]

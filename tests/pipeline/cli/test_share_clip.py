@@ -13,9 +13,7 @@ from support.carom_start import Home
 
 import trueroll
 from models.core.errors import OptionError
-from models.estimation.contact_test.call_answers import answer_first_contact
 from pipeline.actions.answer_call import answer_question
-from pipeline.actions.share_call import find_moment
 from pipeline.io.run_views import read_shot_record
 from video.drawing.label_layout import Rect
 from video.drawing.text import text_mask, wrap_text
@@ -103,8 +101,7 @@ def test_names_cover_no_ball_and_no_contact(home: Home, tmp_path: Path, monkeypa
 def test_where_nothing_touched_the_clip_shows_the_smallest_distance(home: Home, tmp_path: Path) -> None:
     record = read_shot_record(home.out)
     call = answer_question(record, ["first", "red"])
-    assert np.isnan(call.t)
-    t, balls = find_moment(record, call)
+    t, balls = call.t, call.balls
     assert balls[0] == "red"
     red = record.ball_index("red")
     places = {
@@ -113,7 +110,6 @@ def test_where_nothing_touched_the_clip_shows_the_smallest_distance(home: Home, 
     least = {name: np.nanmin(distance) for name, distance in places.items() if name != "red"}
     assert balls[1] == min(least, key=least.__getitem__)
     assert record.moments[np.nanargmin(places[balls[1]])] == t
-    assert find_moment(record, answer_first_contact(record, "white"))[0] == answer_first_contact(record, "white").t
     answer = trueroll.call(home.out, "first", "red", out=tmp_path, share=tmp_path / "none.mp4")
     assert shows(read_images(tmp_path / "none.mp4")[-1], answer.sentences[0], SENTENCE_PX)
 

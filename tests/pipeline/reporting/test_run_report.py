@@ -230,9 +230,8 @@ def test_a_carom_is_told_with_its_cushions_and_the_margin_of_their_order() -> No
     assert format_call(score, Naming()).statement == (
         "white touched red and, after 2 rails in all, yellow at 1.5000 s ± 1.0 ms, frame 45.0"
     )
-    late = replace(score, kind="cushions", subject=(*score.subject, "3"), probability=0.0, lead=-0.2, lead_sigma=0.002)
-    order = "the third cushion came 0.2000 ± 0.0020 s after the second ball"
-    assert format_call(late, Naming(game="carom")).statement == order
+    late = replace(score, kind="cushions", subject=(*score.subject, "3"), probability=0.0)
+    assert format_call(late, Naming(game="carom")).statement == "2 cushions before the second ball"
     missed = replace(score, probability=0.01, path=path[:3], margin=0.003, margin_sigma=0.001)
     assert format_call(missed, Naming(game="carom")).sentence == (
         "No (99 %): white did not touch yellow; it met 2 cushions;"
@@ -255,12 +254,18 @@ def test_the_page_answers_for_a_carom_and_lists_certain_fouls_alone(monkeypatch:
     record = SimpleNamespace(table=SimpleNamespace(game="pool"), ids=("cue", "red"))
     facts = (CallAnswer("scratch", ("cue",), 0.99), CallAnswer("no-rail", ("cue",), 0.5))
     foul = CallAnswer("foul", ("cue", "pool"), 0.99, parts=facts)
-    monkeypatch.setattr(run_report, "answer_foul", lambda record: foul)
+    monkeypatch.setattr(run_report, "answer_foul", lambda record, cue: foul)
+    monkeypatch.setattr(run_report, "find_struck_ball", lambda record: "cue")
     assert [call.kind for call in run_report._answer_rules(record)] == ["scratch"]
     parts = tuple(CallAnswer("cushions", ("white", "red", "yellow", k), 0.9) for k in "0013")
-    monkeypatch.setattr(run_report, "answer_score", lambda record: CallAnswer("score", ("white",), 0.9, parts=parts))
+    score = CallAnswer("score", ("white",), 0.9, parts=parts)
+    monkeypatch.setattr(run_report, "answer_score", lambda record, cue: score)
     carom = SimpleNamespace(table=SimpleNamespace(game="carom"), ids=("white", "red", "yellow"))
     assert [call.kind for call in run_report._answer_rules(carom)] == ["score", "cushions", "cushions"]
+    carom.ids = carom.ids[:2]
+    assert not run_report._answer_rules(carom), "two balls are no carom"
+    monkeypatch.setattr(run_report, "find_struck_ball", lambda record: "")
+    assert not run_report._answer_rules(record), "no cue ball moves"
 
 
 def write_page(folder: Path, fit: Fit, scene: Scene) -> str:

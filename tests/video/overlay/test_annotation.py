@@ -75,11 +75,11 @@ def overlapping_pair() -> tuple[Annotation, FrameBalls]:
 
 def test_one_of_two_overlapping_names_disappears_at_once() -> None:
     annotation, balls = overlapping_pair()
-    annotation.label_opacity = {0: 1.0, 1: 1.0}
+    annotation.labels.opacity = {0: 1.0, 1: 1.0}
     for ball in (0, 1):
-        annotation.label_positions[ball] = LabelPosition(0.0, 0.7), LabelPosition(0.0, 0.7)
+        annotation.labels.positions[ball] = LabelPosition(0.0, 0.7), LabelPosition(0.0, 0.7)
     annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
-    assert annotation.label_opacity == {0: 1.0, 1: 0.0}
+    assert annotation.labels.opacity == {0: 1.0, 1: 0.0}
 
 
 def test_visible_names_do_not_cover_each_other() -> None:
