@@ -153,18 +153,19 @@ def _answer_no_rail(record: ShotRecord, first: CallAnswer) -> CallAnswer:
     hit = CandidateContact(record.ball_index(first.subject[0]), first.met, first.t, first.t_sigma, 1.0, 0.0, 0.0)
     nan = math.nan
     reached = [
-        CandidateContact(record.ball_index(moment.ball), one.other, moment.t, moment.t_sigma, p, nan, nan)
+        (CandidateContact(record.ball_index(moment.ball), one.other, moment.t, moment.t_sigma, p, nan, nan), one.cause)
         for moment in record.explanation.moments
         for one in moment.hypotheses
         for p in [one.probability * (UNOBSERVED_PROBABILITY if one.cause == "unexplained" else 1.0)]
         if one.cause in ("cushion", "pocket", "unexplained")
     ]
-    none = math.prod(1 - entry.probability * _precedes(hit, entry) for entry in reached)
-    likely = [entry for entry in reached if entry.probability >= 0.5 and entry.t > first.t]
-    nearest = min(likely, key=lambda entry: entry.t, default=None) or _find_nearest_rail(record, first.t)
+    none = math.prod(1 - entry.probability * _precedes(hit, entry) for entry, _ in reached)
+    likely = [pair for pair in reached if pair[0].probability > 0.5 and pair[0].t > first.t]
+    earliest = min(likely, key=lambda pair: pair[0].t, default=None)
+    nearest, cause = earliest or (_find_nearest_rail(record, first.t), "cushion")
     name = record.ids[nearest.ball]
     base = calls.build_answer(record, CallAnswer("no-rail", (name,), none, balls=(name,), met=nearest.other), nearest)
-    return _judge(record, "no-rail", (first.subject[0],), none, base)
+    return _judge(record, "no-rail", (first.subject[0], cause), none, base)
 
 
 def _find_nearest_rail(record: ShotRecord, t: float) -> CandidateContact:
@@ -197,7 +198,14 @@ def _list_frozen(record: ShotRecord, first: CallAnswer) -> list[CallAnswer]:
 
 
 def find_struck_ball(record: ShotRecord) -> str:
-    """Find the cue ball that moves first; empty where none moves."""
+    """Find the ball that was struck: the cue ball that moves first.
+
+    Args:
+        record: The shot.
+
+    Returns:
+        Name of the ball; empty where no cue ball moves.
+    """
     kinds = CUE_KINDS if record.table.game == "carom" else ("cue", "white")  # a yellow ball is an object ball elsewhere
     starts = {name: _find_start(record, k) for k, name in enumerate(record.ids) if record.kinds[k] in kinds}
     return min((name for name, start in starts.items() if math.isfinite(start)), key=starts.__getitem__, default="")

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from models.core.naming import Naming, join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
-from models.core.scene import CUSHIONS, POCKETS
+from models.core.scene import CUSHIONS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
 from pipeline.reporting.text.text_formatting import format_meeting, format_time, start_sentence
@@ -167,7 +167,7 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
             return f"ruled out: {', '.join(name_rule(part, naming) for part in shown)}"
         return "; ".join(_format_fact(part, naming) for part in shown)
     if call.kind == "no-rail":
-        reached = format_meeting("pocket" if call.met in POCKETS else "cushion", call.met, naming)
+        reached = format_meeting("pocket" if call.subject[1] == "pocket" else "cushion", call.met, naming)
         missed = f"no ball met a {naming.rail_word} or fell into a pocket after the first contact"
         return missed if is_yes else f"after the first contact {naming.say(call.balls[0])} {reached}"
     if call.kind == "frozen":

@@ -239,6 +239,14 @@ def test_a_carom_is_told_with_its_cushions_and_the_margin_of_their_order() -> No
     )
 
 
+def test_a_rail_is_not_taken_for_the_pocket_of_the_same_name() -> None:
+    reached = CallAnswer("no-rail", ("cue", "cushion"), 0.01, balls=("solid-1",), met="top")
+    assert format_call(reached, Naming()).statement == "after the first contact solid-1 hits the far long rail"
+    potted = format_call(replace(reached, subject=("cue", "pocket")), Naming()).statement
+    assert "pocket" in potted
+    assert "rail" not in potted
+
+
 @pytest.mark.parametrize(
     ("unsure", "verdict"),
     [(False, "No foul (99 %): ruled out: in-off."), (True, "Cannot be decided (no foul: 60 %): ")],
