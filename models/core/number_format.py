@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, isfinite, log10
+from math import floor, isfinite, log10, nan
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def format_value(value: float, digits: int = 3) -> str:
     return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
 
 
-def format_speed(speed: float, sigma: float = float("nan")) -> str:
+def format_speed(speed: float, sigma: float = nan) -> str:
     """Format a speed.
 
     Args:
@@ -84,6 +84,19 @@ def format_speed(speed: float, sigma: float = float("nan")) -> str:
     """
     shown = format_with_sigma(speed, sigma, SPEED_DECIMALS) if sigma > 0 else f"{speed:.{SPEED_DECIMALS}f}"
     return f"{shown} m/s ({3.6 * speed:.1f} km/h)"
+
+
+def format_time(t: float, sigma: float = nan) -> str:
+    """Format the time of a moment of the clip.
+
+    Args:
+        t: s.
+        sigma: Its standard deviation, s; NaN where it is unknown.
+
+    Returns:
+        Such as `0.7012 s ± 0.3 ms`, or `about 0.7 s` without a standard deviation.
+    """
+    return f"{t:.4f} s ± {1000 * sigma:.1f} ms" if isfinite(sigma) else f"about {t:.1f} s"
 
 
 def format_probability(probability: float) -> str:

@@ -11,8 +11,8 @@ from models.core.shot import Shot
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.shot_record import ShotRecord
-from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.engine.atomic_write import replace_file
+from pipeline.io.run_views import view_run
 from pipeline.reporting.text.call_sentences import CallWords
 from video.drawing.table_plan import draw_table_plan
 from video.io.clip import Clip
@@ -44,7 +44,7 @@ def write_share_clip(
     """
     if path.suffix.lower() != ".mp4":
         raise OptionError(f"--share writes an .mp4 file; got {path}")
-    fit, naming = view_shot(shot), record.naming
+    fit, naming = view_run(shot), record.naming
     background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), clip)
     if not np.isfinite(call.t):
         raise OptionError("--share needs a moment; this answer has none")

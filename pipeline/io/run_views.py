@@ -7,21 +7,17 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
 from models.core.errors import OptionError
-from models.core.events import Events
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.naming import Naming
-from models.core.number_format import format_probability
+from models.core.number_format import format_probability, format_time
 from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
-from models.core.shot_numbers import ShotNumbers
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.shot_numbers.measure_shots import measure_shots
+from models.estimation.shot_numbers.measure_shots import add_shot_numbers
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.correction_sentences import format_outcomes
@@ -45,26 +41,8 @@ def view_run(shot: Shot, laws: WholeShotFit | None = None, profile: str = "") ->
     """
     fit = replace(view_shot(shot), laws=laws)
     fit = replace(fit, profile_misfits=list_profile_misfits(profile, shot.scene.cloth_lab, fit.parameters))
-    if shot.solution is not None:
-        numbers = measure_shots(fit, shot.solution, shot.tracks, shot.scene.table)
-        fit = replace(fit, shot_numbers=numbers, events=state_strike_speeds(fit.events, numbers))
+    fit = add_shot_numbers(fit, shot.solution, shot.tracks, shot.scene.table)
     return replace(fit, trust=assess_run_trust(shot.notes, fit))
-
-
-def state_strike_speeds(events: Events, shots: Sequence[ShotNumbers]) -> Events:
-    """Give each strike the speed that the numbers of its shot state: the posterior mean, not the most probable one.
-
-    Args:
-        events: Events of the clip.
-        shots: Numbers of its shots.
-    """
-    speed = events.speed.copy()
-    for shot in shots:
-        own = [kind == "strike" and ball == shot.cue for kind, ball in zip(events.kind, events.a, strict=True)]
-        number = shot.find_number("cue_speed")
-        if number is not None and number.observable:
-            speed[np.array(own, bool) & (np.abs(events.t - shot.t) < SAME_TIME)] = number.value
-    return replace(events, speed=speed)
 
 
 DECIDING_CAUSES = ("strike", "ball", "pocket")
@@ -118,7 +96,8 @@ def _is_same_event(one: tuple[Moment, CauseHypothesis], two: tuple[Moment, Cause
 def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: Naming) -> str:
     """Format an event that may have happened, with its probability."""
     what = format_meeting(hypothesis.cause, hypothesis.other, naming)
-    return f"{naming.say(moment.ball)} {what} at {moment.t:.2f} s ({format_probability(hypothesis.probability)})"
+    when = format_time(moment.t, moment.t_sigma)
+    return f"{naming.say(moment.ball)} {what} at {when} ({format_probability(hypothesis.probability)})"
 
 
 def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = None) -> ShotRecord:
@@ -141,7 +120,7 @@ def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = 
     shot = read_shot(folder)
     if cloth is not None:
         shot = replace(shot, passes=list_close_passes(shot, cloth))
-    fit = view_shot(shot)
+    fit = view_run(shot)
     if number or not len(fit.trajectory.start):
         raise OptionError(f"{folder} has no motion of shot {number}")
     scene = shot.scene

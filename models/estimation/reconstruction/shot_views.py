@@ -14,6 +14,7 @@ from models.core.events import Events, merge_events
 from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.naming import Naming
+from models.core.number_format import format_time
 from models.core.scene import POCKETS, Table
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
@@ -199,10 +200,10 @@ def _note_capture_times(clock: CaptureClock) -> tuple[str, ...]:
 
 def _warn_of_unexplained_changes(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:
     """Return a warning that names velocity changes whose most probable cause is unknown; empty without any."""
-    unknown = [(one.t, one.ball) for one in explanation.moments if one.best.cause == "unexplained"]
+    unknown = [one for one in explanation.moments if one.best.cause == "unexplained"]
     if not unknown:
         return ()
-    places = ", ".join(f"{naming.say(ball)} at {t:.2f} s" for t, ball in unknown[:_MAX_LISTED])
+    places = ", ".join(f"{naming.say(one.ball)} at {format_time(one.t, one.t_sigma)}" for one in unknown[:_MAX_LISTED])
     more = f" and {len(unknown) - _MAX_LISTED} more" if len(unknown) > _MAX_LISTED else ""
     return (f"Changed speed or direction without a known cause: {places}{more}.",)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import erf, sqrt
@@ -15,6 +16,7 @@ from models.core.joint_solution import JointSolution, Observations, layout_param
 from models.core.scene import POCKETS, Table
 from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from models.estimation.forecast.solution_state import (
     collect_captured_observations,
@@ -58,6 +60,37 @@ _SAMPLES = 400
 """Times at which a segment is searched for the moment at which it passes a mouth: 1 cm of a fast ball."""
 _LONGEST_SEARCH = 12.0
 """s of a segment that is searched: balls roll no longer."""
+
+
+def add_shot_numbers(fit: Fit, solution: JointSolution | None, tracks: Tracks, table: Table) -> Fit:
+    """Add the numbers of all shots of a clip to its fit, and give its strikes the speeds that they state.
+
+    Args:
+        fit: Fit of the clip, with the fit of whole shots where there is one.
+        solution: Joint fit behind it, with covariance; None if there is none, which leaves the fit as it is.
+        tracks: Tracks of T frames and N balls.
+        table: Dimensions of the table.
+    """
+    if solution is None:
+        return fit
+    numbers = measure_shots(fit, solution, tracks, table)
+    return replace(fit, shot_numbers=numbers, events=state_strike_speeds(fit.events, numbers))
+
+
+def state_strike_speeds(events: Events, shots: Sequence[ShotNumbers]) -> Events:
+    """Give each strike the speed that the numbers of its shot state: the posterior mean, not the most probable one.
+
+    Args:
+        events: Events of the clip.
+        shots: Numbers of its shots.
+    """
+    speed = events.speed.copy()
+    for shot in shots:
+        own = [kind == "strike" and ball == shot.cue for kind, ball in zip(events.kind, events.a, strict=True)]
+        number = shot.find_number("cue_speed")
+        if number is not None and number.observable:
+            speed[np.array(own, bool) & (np.abs(events.t - shot.t) < SAME_STRIKE)] = number.value
+    return replace(events, speed=speed)
 
 
 def measure_shots(fit: Fit, solution: JointSolution, tracks: Tracks, table: Table) -> tuple[ShotNumbers, ...]:
@@ -157,7 +190,7 @@ def _measure_shot(course: ShotCourse, view: PosteriorView, fit: Fit, tracks: Tra
             passage = _measure_pocket(view, segment, ids[ball], table, pocket)
             numbers += _require_explained(passage, view, fit, (segment,))
     for ball, segments in course.segments.items():
-        until = min(course.end, _last_time(tracks, ball, clock))
+        until = min(course.end, _last_time(fit.trajectory, ball))
         length = _measure_length(view, segments, until, ids[ball])
         numbers += _require_explained([length], view, fit, segments)
         numbers.append(_count_cushions(fit.events, ids[ball], begin, end))
@@ -177,10 +210,10 @@ def present_time(t: float, clock: CaptureClock | None) -> float:
     return t if clock is None or not np.isfinite(t) else float(clock.presentation_time_at(np.array(t)))
 
 
-def _last_time(tracks: Tracks, ball: int, clock: CaptureClock | None) -> float:
-    """Return the capture time, s, of the last observation of a ball."""
-    shown = float(tracks.t[np.flatnonzero(tracks.is_observed[:, ball])[-1]])
-    return shown if clock is None else float(clock.capture_time_at(np.array(shown)))
+def _last_time(trajectory: Trajectory, ball: int) -> float:
+    """Return the capture time, s, at which the trajectory of a ball ends: in a pocket after its last observation."""
+    shown, clock = trajectory.end[trajectory.ball == ball].max(initial=0.0), trajectory.clock
+    return float(shown if clock is None else clock.capture_time_at(np.array(shown)))
 
 
 def select_whole_shot(whole: WholeShotSolution | None, cue: str, begin: float) -> WholeShotSolution | None:

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.naming import Naming, join_names
-from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_with_sigma
+from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_time, format_with_sigma
 from models.core.scene import CUSHIONS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
-from pipeline.reporting.text.text_formatting import format_meeting, format_time, start_sentence
+from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1
@@ -206,7 +206,7 @@ def _format_score_fact(call: CallAnswer, naming: Naming) -> str:
 
 def format_sequence(call: CallAnswer, naming: Naming) -> str:
     """Format the contacts of a ball in order of time, as a sentence; empty where there are none."""
-    contacts = [f"{naming.say(one.other)} at {one.t:.3f} s" for one in call.path]
+    contacts = [f"{naming.say(one.other)} at {format_time(one.t, one.t_sigma)}" for one in call.path]
     return f"In order, {naming.say(call.subject[0])} met {join_names(contacts)}." if contacts else ""
 
 

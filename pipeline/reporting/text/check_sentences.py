@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from models.core.events import Events
 from models.core.naming import Naming
-from models.core.number_format import EXTREME_PROBABILITY, format_probability
+from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_time
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
@@ -133,9 +133,8 @@ def _format_main_clause(reason: CheckReason, naming: Naming) -> str:
     """Format the main reason of a place, without the name of its ball."""
     if reason.code != "undecided" or reason.moment is None:
         return _format_further_clause(reason, reason.balls[0], naming)
-    return (
-        f"{_format_question(reason.moment)} at {reason.t:.2f} s is unsure: {format_hypotheses(reason.moment, naming)}"
-    )
+    when = format_time(reason.t, reason.moment.t_sigma)
+    return f"{_format_question(reason.moment)} at {when} is unsure: {format_hypotheses(reason.moment, naming)}"
 
 
 def _format_question(moment: Moment) -> str:
@@ -165,7 +164,7 @@ def _format_further_clause(reason: CheckReason, ball: str, naming: Naming) -> st
     """Format a reason after others, which name `ball`."""
     it = "it" if reason.balls[0] == ball else naming.say(reason.balls[0])
     its = "its" if it == "it" else f"{it}'s"
-    when = f"{reason.t:.2f} s"
+    when = f"{reason.t:.2f} s" if reason.moment is None else format_time(reason.t, reason.moment.t_sigma)
     if reason.code == "undecided" and reason.moment is not None:
         subject = "" if it == "it" else f" for {it}"
         return f"also unsure{subject} at {when}: {format_hypotheses(reason.moment, naming)}"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
 from models.core.naming import Naming, build_naming
+from models.core.number_format import format_time
 from models.core.scene import Scene
 from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
@@ -99,7 +100,7 @@ def _format_contact_mark(mark: ContactCorrection, naming: Naming) -> str:
 def _format_outcome(outcome: MarkOutcome, naming: Naming) -> str:
     """Format the outcome of a mark as a sentence; empty where the motion agrees."""
     names = (*map(naming.say, (*outcome.balls, outcome.cushion)), "", "")
-    what = f"{_name_contact(names[0] or 'a ball', names[1])} at {outcome.t:.2f} s"
+    what = f"{_name_contact(names[0] or 'a ball', names[1])} at {format_time(outcome.t)}"
     what = f"The {what} {'was deleted' if outcome.kind == 'delete' else 'was set'} by hand"
     return {
         "confirmed": "",

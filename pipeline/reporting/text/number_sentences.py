@@ -7,9 +7,15 @@ import re
 from dataclasses import replace
 
 from models.core.naming import Naming
-from models.core.number_format import format_measured, format_probability, format_speed, format_unit, format_with_sigma
+from models.core.number_format import (
+    format_measured,
+    format_probability,
+    format_speed,
+    format_time,
+    format_unit,
+    format_with_sigma,
+)
 from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
-from pipeline.reporting.text.text_formatting import format_time
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",

@@ -21,7 +21,7 @@ from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
 from pipeline.reporting.text.number_sentences import format_hit, format_number
 from pipeline.reporting.text.table_words import format_place
-from pipeline.reporting.text.text_formatting import format_event_time, format_time, start_sentence
+from pipeline.reporting.text.text_formatting import format_event_time, start_sentence
 
 CONTACT_MARGIN = 1e-3
 """s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
@@ -255,7 +255,7 @@ class _Stroke:
         first = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
         more = f" and {len(contacts) - len(first)} more" if len(contacts) > len(first) else ""
         words = [
-            f"{self.fit.naming.say(self._find_partner(k))} at {format_time(float(events.t[k]))}"
+            f"{self.fit.naming.say(self._find_partner(k))} at {format_event_time(events, k)}"
             for k in sorted(first, key=lambda k: float(events.t[k]))
         ]
         none = "It had no further contact. " if t > self.start else ""
@@ -278,7 +278,7 @@ class _Stroke:
             return "Its final state is unknown."
         place, speed = format_place(state.xy[k], np.nan, self.table, self.fit.naming), np.linalg.norm(state.v[k])
         if rests:
-            return f"It came to rest at {format_time(float(self.fit.events.t[rests[-1]]))}, {place}."
+            return f"It came to rest at {format_event_time(self.fit.events, rests[-1])}, {place}."
         if speed < REST_SPEED:
             return f"At {t:.2f} s it was at rest, {place}."
         moment = f"When the {'next stroke begins' if t < times[-1] else 'clip ends'}, at {t:.2f} s, it still moves"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from math import isfinite, nan
 from pathlib import Path
 
 from rich.markup import escape
@@ -13,7 +12,7 @@ from models.core.errors import TruerollError
 from models.core.events import Events
 from models.core.fit_result import Trust
 from models.core.naming import Naming
-from models.core.number_format import format_speed
+from models.core.number_format import format_speed, format_time
 
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
@@ -65,11 +64,6 @@ def format_meeting(kind: str, other: str, naming: Naming) -> str:
 def start_sentence(text: str) -> str:
     """Begin a text with a capital letter."""
     return text[:1].upper() + text[1:]
-
-
-def format_time(t: float, sigma: float = nan) -> str:
-    """Format the time (s) of a moment of the clip, with its standard deviation in ms where it is known."""
-    return f"{t:.4f} s" + (f" ± {1000 * sigma:.1f} ms" if isfinite(sigma) else "")
 
 
 def format_event_time(events: Events, k: int) -> str:

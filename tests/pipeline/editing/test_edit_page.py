@@ -176,7 +176,7 @@ def test_a_contradicted_correction_is_removed_where_the_contradiction_is_shown(
     with serve_synthetic_run(tmp_path, outcomes=(outcome,)) as server:
         open_editor(browser, server)
         line = browser.find_element(By.CSS_SELECTOR, "#changes .against")
-        assert line.text.startswith("The contact of white and the right short rail at 0.50 s was deleted by hand")
+        assert line.text.startswith("The contact of white and the right short rail at about 0.5 s was deleted by hand")
         line.find_element(By.TAG_NAME, "button").click()
         wait_on(browser).until(lambda _: read_corrections(tmp_path / "shot.mp4").revision == 2)
     assert read_corrections(tmp_path / "shot.mp4").corrections.contacts == (other,)

@@ -23,7 +23,7 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
 from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.run_views import read_shot_record
+from pipeline.io.run_views import read_shot_record, view_run
 from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
 from pipeline.io.shot_laws import find_laws, keep_laws
 
@@ -125,6 +125,7 @@ def test_a_record_of_a_run_folder_is_that_of_its_shot(shot: Shot, tmp_path: Path
     save_shot(shot, tmp_path)
     record, events = read_shot_record(tmp_path), view_shot(shot).events
     np.testing.assert_array_equal(record.events.t, events.t)
+    np.testing.assert_array_equal(record.events.speed, view_run(shot).events.speed)
     np.testing.assert_array_equal(record.frame, shot.tracks.frame)
 
 

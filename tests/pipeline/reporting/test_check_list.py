@@ -61,7 +61,8 @@ def test_an_undecided_contact_is_a_place_with_its_hypotheses_and_missed_frames()
     assert (place.frame, place.balls) == (10, ("white", "red"))
     assert place.uncertainty == pytest.approx(0.39)
     assert format_check_place(place, Naming()) == (
-        "White: what it met at 0.33 s is unsure: red 61 %, unknown cause 39 %; it was not detected for 2 frames."
+        "White: what it met at 0.3300 s ± 1.0 ms is unsure: red 61 %, unknown cause 39 %;"
+        " it was not detected for 2 frames."
     )
 
 
@@ -81,7 +82,8 @@ def test_places_of_one_ball_within_two_frames_are_one() -> None:
     first, same, later = (moment("white", t, *touch("red", 0.6)) for t in (0.30, 0.35, 0.50))
     assert codes(select(make_case(), first, same, later)) == [["undecided", "undecided"], ["undecided"]]
     (place, _) = select(make_case(), first, same, later)
-    assert format_check_place(place, Naming()).endswith("; also unsure at 0.35 s: red 60 %, unknown cause 40 %.")
+    sentence = format_check_place(place, Naming())
+    assert sentence.endswith("; also unsure at 0.3500 s ± 1.0 ms: red 60 %, unknown cause 40 %.")
 
 
 def test_a_rest_without_another_cause_is_no_place_to_check() -> None:
@@ -93,7 +95,8 @@ def test_a_change_of_velocity_without_a_cause_is_named() -> None:
     (place,) = select(make_case(), moment("white", 0.3, CauseHypothesis("unexplained", "", 1.0), doubts=("no_cause",)))
     assert place.uncertainty == 1.0
     assert (
-        format_check_place(place, Naming()) == "White: it changes its speed or direction at 0.30 s for no known cause."
+        format_check_place(place, Naming())
+        == "White: it changes its speed or direction at 0.3000 s ± 1.0 ms for no known cause."
     )
 
 
@@ -104,16 +107,17 @@ def test_a_sure_contact_explains_the_change_of_the_other_ball_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hypotheses", "words"),
+    ("hypotheses", "question", "answer"),
     [
-        ((("none", "", 0.8), ("ball", "red", 0.2)), "whether it touched another ball at 0.30 s is unsure: no contact"),
-        ((("strike", "", 0.7), ("none", "", 0.3)), "whether it was struck at 0.30 s is unsure: strike 70 %, not str"),
-        ((("pocket", "top", 0.7), ("none", "", 0.3)), "whether it fell into a pocket at 0.30 s is unsure: far-side p"),
+        ((("none", "", 0.8), ("ball", "red", 0.2)), "whether it touched another ball", "no contact"),
+        ((("strike", "", 0.7), ("none", "", 0.3)), "whether it was struck", "strike 70 %, not str"),
+        ((("pocket", "top", 0.7), ("none", "", 0.3)), "whether it fell into a pocket", "far-side p"),
     ],
 )
-def test_the_sentence_asks_what_the_moment_leaves_open(hypotheses: tuple, words: str) -> None:
+def test_the_sentence_asks_what_the_moment_leaves_open(hypotheses: tuple, question: str, answer: str) -> None:
     (place,) = select(make_case(), moment("white", 0.3, *(CauseHypothesis(*one) for one in hypotheses)))
-    assert format_check_place(place, Naming()).startswith(f"White: {words}")
+    sentence = format_check_place(place, Naming())
+    assert sentence.startswith(f"White: {question} at 0.3000 s ± 1.0 ms is unsure: {answer}")
 
 
 def test_long_gaps_of_moving_balls_are_places_and_those_of_resting_ones_are_none() -> None:

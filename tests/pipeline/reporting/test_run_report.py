@@ -28,7 +28,8 @@ from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
-from pipeline.io.run_views import assess_run_trust, state_strike_speeds
+from models.estimation.shot_numbers.measure_shots import state_strike_speeds
+from pipeline.io.run_views import assess_run_trust
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
@@ -155,7 +156,7 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
     assert middle.max() > 200, "the white ball is in the middle of its close-up"
     assert "frame 15 · 0.50 s · 39 % unsure" in unsure_page
     assert (
-        "White: what it met at 0.50 s is unsure: right short rail 61 %, unknown cause 39 %; too few frames"
+        "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, unknown cause 39 %; too few frames"
         in unsure_page
     )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
@@ -176,7 +177,7 @@ def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
 
 def test_the_trust_level_of_the_page_names_undecided_events(unsure_page: str) -> None:
     assert "Trust: amber" in unsure_page
-    assert "Undecided: white touches red at 0.70 s (20 %)." in unsure_page
+    assert "Undecided: white touches red at 0.7000 s ± 1.0 ms (20 %)." in unsure_page
     assert "Trust level of the clip: amber." in unsure_page
 
 
@@ -205,7 +206,7 @@ def test_the_probability_of_a_call_is_that_of_the_call_and_an_order_has_no_margi
 def test_what_did_not_happen_has_the_moment_of_the_smallest_distance() -> None:
     no = CallAnswer("pocket", ("white", "top"), 0.001, 0.5, math.nan, 15.0, 0.2, 0.001)
     assert format_call(no, Naming()).statement == (
-        "white stayed on the table; 200.0 ± 1.0 mm short of the mouth of the pocket at 0.5000 s, frame 15.0"
+        "white stayed on the table; 200.0 ± 1.0 mm short of the mouth of the pocket at about 0.5 s, frame 15.0"
     )
     yes = format_call(replace(no, probability=0.99, margin=-0.0157), Naming())
     assert yes.statement.endswith("; 15.7 ± 1.0 mm inside the mouth of the pocket")
@@ -337,8 +338,8 @@ def test_undecided_contacts_reduce_green_to_amber_and_no_further(level: TrustLev
     assert trust.level == expected
     assert trust.reasons == (
         "why",
-        "Undecided: white touches red at 2.00 s (50 %), white touches red at 1.00 s (20 %), "
-        "white touches red at 4.00 s (80 %) and 1 more.",
+        "Undecided: white touches red at 2.0000 s ± 1.0 ms (50 %), white touches red at 1.0000 s ± 1.0 ms (20 %), "
+        "white touches red at 4.0000 s ± 1.0 ms (80 %) and 1 more.",
     )
 
 

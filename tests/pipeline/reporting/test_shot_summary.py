@@ -116,7 +116,7 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "White hit red first, after the far long rail." in before.first
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
-    assert "Then it touched the far long rail at 1.5000 s." in after.after
+    assert "Then it touched the far long rail at 1.5000 s ± 1.0 ms." in after.after
     assert "Least sure of all else: white hits the far long rail (80 %)." in after.confidence
     tracks, fit = make_shot((0.0, 0.5))
     (struck,) = summarize(tracks, replace(fit, events=replace(fit.events, probability=np.array([0.98, 0.997]))))
@@ -159,7 +159,7 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
         ("", "white", *("top",) * more, "red"), np.zeros((len(t), 2)), one, -0.01 * one, 1e-3 * one, one,
     )  # fmt: skip
     (summary,) = summarize(tracks, replace(fit, events=many))
-    assert "the far long rail at 1.4000 s and red at 1.7000 s and 2 more." in summary.after
+    assert "the far long rail at 1.4000 s ± 1.0 ms and red at 1.7000 s ± 1.0 ms and 2 more." in summary.after
     assert "All else: above 99.9 %." in summary.confidence
 
 

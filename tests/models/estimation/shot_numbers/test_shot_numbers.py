@@ -9,13 +9,18 @@ import pytest
 from support.filmed_pot import FPS, LEAD, SCENE, film_pot, true_numbers
 
 from models.core.errors import TrackError
-from models.core.fit_result import WholeShotSolution
+from models.core.fit_result import Fit, WholeShotSolution
 from models.core.scene import Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.shot_numbers.measure_shots import classify_spin, evaluate_contact, measure_shots
+from models.estimation.shot_numbers.measure_shots import (
+    add_shot_numbers,
+    classify_spin,
+    evaluate_contact,
+    measure_shots,
+)
 from models.estimation.shot_numbers.strike_numbers import rewind_samples
 from models.estimation.what_if.changed_shot import draw_struck_ensemble
 from models.physics.billiards.cushion_geometry import find_mouth_line
@@ -95,12 +100,14 @@ def test_the_mouth_of_a_pocket_is_square_to_its_centre_line() -> None:
 
 
 @pytest.fixture(scope="module")
-def shot() -> ShotNumbers:
-    tracks = film_pot(3)
-    explained = explain(tracks, SCENE)
-    fit, solution = view_shot(explained), explained.solution
-    assert solution is not None
-    (one,) = measure_shots(fit, solution, tracks, SCENE.table)
+def fit() -> Fit:
+    explained = explain(film_pot(3), SCENE)
+    return add_shot_numbers(view_shot(explained), explained.solution, explained.tracks, SCENE.table)
+
+
+@pytest.fixture(scope="module")
+def shot(fit: Fit) -> ShotNumbers:
+    (one,) = fit.shot_numbers
     return one
 
 
@@ -120,6 +127,14 @@ def test_a_filmed_pot_has_the_numbers_of_the_engine(shot: ShotNumbers) -> None:
         assert abs(one.value - truth[name]) < 4 * one.sigma + 1e-3, name
     assert number(shot, "cut_angle").value > 0
     assert number(shot, "cushions", "red").value == 0
+
+
+def test_the_length_of_a_path_is_that_of_the_trajectory_into_the_pocket(fit: Fit, shot: ShotNumbers) -> None:
+    red = fit.trajectory.ids.index("red")
+    xy = fit.trajectory.at(np.linspace(0.0, float(fit.trajectory.end.max()), 20_001)).xy[:, red]
+    steps = np.diff(xy[np.isfinite(xy).all(axis=1)], axis=0)
+    assert number(shot, "length", "red").value == pytest.approx(np.linalg.norm(steps, axis=1).sum(), abs=1e-3)
+    assert fit.events.speed[fit.events.kind.index("strike")] == number(shot, "cue_speed").value
 
 
 def test_the_passage_of_the_pocket_is_measured(shot: ShotNumbers) -> None:
