@@ -91,7 +91,6 @@ def build_app(session: EditSession, token: str) -> Starlette:
         Route(f"/{token}/undo", handlers.undo, methods=["POST"]),
         Route(f"/{token}/redo", handlers.redo, methods=["POST"]),
         Route(f"/{token}/finish", handlers.finish, methods=["POST"]),
-        Route(f"/{token}/export", handlers.export, methods=["POST"]),
     ]
     middleware = [
         Middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"], www_redirect=False),
@@ -177,13 +176,6 @@ class _SessionHandlers:
         """Start the stages that write video, report and recording."""
         self._session.finish()
         return JSONResponse(asdict(self._session.status))
-
-    async def export(self, request: Request) -> Response:
-        """Write training data."""
-        try:
-            return JSONResponse({"note": await run_in_threadpool(self._session.export)})
-        except OSError as error:
-            return _refuse(500, f"The training data could not be written: {error.strerror}.")
 
     async def _change(self, request: Request, change: Callable[[int], Any]) -> Response:
         """Make a change to the revision that the request names."""

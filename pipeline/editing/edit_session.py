@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from models.core.corrections import BallPlace, Corrections
+from models.core.corrections import Corrections
 from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
@@ -19,15 +15,12 @@ from pipeline.batch.long_clip import read_recording_shot
 from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
-from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
-from pipeline.io.image_file import write_image
 from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
 from pipeline.stages.shot_stages import ClipShot
-from video.io.clip import read_frames
 
 CLOSE_WAIT_S = 3.0
 """Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given
@@ -165,20 +158,6 @@ class EditSession:
         with self._lock:
             self._wanted = "all"
             self._lock.notify_all()
-
-    def export(self) -> str:
-        """Write the placed and false balls as training data.
-
-        Returns:
-            A sentence on what was written.
-        """
-        with self._lock:
-            run, corrections = self._run, self._file.corrections
-        if run is None:
-            return "The run is not finished yet."
-        offset = self.edited.first or 0
-        own = corrections if self.edited.stop is None else corrections.extract_span(offset, self.edited.stop)
-        return export_training_data(run, own, self.edited.folder / "training")
 
     def close(self) -> None:
         """End the session; a run in progress is given up."""
@@ -318,72 +297,3 @@ class _SessionWatcher:
         """Note that a stage is done."""
         self._note(stage, 1.0)
         self.ran += [] if cached else [stage]
-
-
-COLUMNS = ("image", "x_px", "y_px", "radius_px", "kind", "score", "sigma")
-"""Columns as of `trueroll detect`."""
-BALLS_FILE, FALSE_FILE = "balls.csv", "false_balls.csv"
-
-
-def export_training_data(run: ClipRun, corrections: Corrections, folder: Path) -> str:
-    """Export the frames with placed and false balls.
-
-    Args:
-        run: The corrected run.
-        corrections: Its corrections, with frames of its clip.
-        folder: Folder of the images and tables; created if it does not exist.
-
-    Returns:
-        A sentence on what was written.
-    """
-    frames = sorted({_find_frame(run, mark.ball) for mark in corrections.balls})
-    if not frames:
-        return "There is nothing to export: no ball was placed and none was marked as false."
-    folder.mkdir(parents=True, exist_ok=True)
-    for frame, rgb in read_frames(run.clip, indices=np.array(frames)):
-        write_image(rgb, folder / _name_image(run, frame))
-    balls = [row for frame in frames for row in _list_balls(run, frame)]
-    false = [
-        _make_row(run, _find_frame(run, mark.ball), mark.ball.x_px, mark.ball.y_px, _median_radius(run), "ball", 0.0)
-        for mark in corrections.balls
-        if mark.kind == "false"
-    ]
-    for name, rows in ((BALLS_FILE, balls), (FALSE_FILE, false)):
-        with replace_file(folder / name) as part, part.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(COLUMNS)
-            table.writerows(rows)
-    return f"{len(balls)} balls and {len(false)} false ones in {len(frames)} images were written to {folder}."
-
-
-def _find_frame(run: ClipRun, place: BallPlace) -> int:
-    """Return the distinct frame that shows a place."""
-    distinct = run.clip.distinct_frames
-    return int(distinct[max(int(np.searchsorted(distinct, place.frame, side="right")) - 1, 0)])
-
-
-def _list_balls(run: ClipRun, frame: int) -> list[tuple[object, ...]]:
-    """List the balls that were detected or placed in a frame."""
-    tracks = run.tracks
-    row = int(np.searchsorted(tracks.frame, frame))
-    return [
-        _make_row(
-            run, frame, tracks.px[row, k, 0], tracks.px[row, k, 1], tracks.radius_px[row, k], tracks.kinds[k], 1.0
-        )
-        for k in np.flatnonzero(tracks.is_observed[row])
-    ]
-
-
-def _make_row(
-    run: ClipRun, frame: int, x: float, y: float, radius: float, kind: str, score: float
-) -> tuple[object, ...]:
-    return (_name_image(run, frame), *(round(float(value), 3) for value in (x, y, radius)), kind, score, 1.0)
-
-
-def _median_radius(run: ClipRun) -> float:
-    return float(np.nanmedian(run.tracks.radius_px))
-
-
-def _name_image(run: ClipRun, frame: int) -> str:
-    """Name the image of a frame; frames of several clips can share a folder."""
-    return f"{run.clip.digest[:8]}-{frame:06d}.png"

@@ -59,9 +59,7 @@ async function change(edit) {
 async function act(path) {
   if (page.busy || !page.state) return;
   const status = await send("POST", path);
-  if (!status) return;
-  if (status.note !== undefined && status.revision === undefined) showMessage(status.note);
-  else if (status.revision !== page.state.revision) await load();
+  if (status && status.revision !== page.state.revision) await load();
 }
 
 async function load() {
@@ -819,7 +817,6 @@ $("cancel").addEventListener("click", cancel);
 $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
 $("finish").addEventListener("click", () => act("finish"));
-$("export").addEventListener("click", () => act("export"));
 $("message").lastElementChild.addEventListener("click", hideMessage);
 $("table").addEventListener("change", () => setOrClear("table", $("table").value));
 $("table-size").addEventListener("change", () => setOrClear("table", $("table-size").value.trim()));

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,7 +39,7 @@ def test_a_name_that_was_bound_to_this_machine_is_refused(host: str, server: Edi
 
 
 def test_another_page_cannot_change_anything(server: EditServer, tmp_path: Path) -> None:
-    for method, path in (("PUT", "corrections"), ("POST", "undo"), ("POST", "finish"), ("POST", "export")):
+    for method, path in (("PUT", "corrections"), ("POST", "undo"), ("POST", "finish")):
         status, content, _ = ask(server, method, path, RENAME, If_Match='"0"', Origin="http://evil.example")
         assert (status, content["error"]) == (403, "Changes are accepted from the page of the editor only.")
     assert not corrections_path(tmp_path / "shot.mp4").exists()
@@ -143,21 +142,6 @@ def test_a_change_must_name_its_revision(server: EditServer) -> None:
     assert ask(server, "PUT", "corrections", RENAME)[0] == 428
     assert ask(server, "PUT", "corrections", RENAME, If_Match="*")[0] == 428
     assert ask(server, "PUT", "corrections", b" " * 2_100_000, If_Match='"0"')[0] == 413
-
-
-def test_placed_and_false_balls_are_exported_as_training_data(server: EditServer, tmp_path: Path) -> None:
-    assert "nothing to export" in ask(server, "POST", "export")[1]["note"]
-    false = {"kind": "false", "ball": {"frame": 4, "x_px": 60.0, "y_px": 30.0}}
-    ask(server, "PUT", "corrections", {"balls": [false]}, If_Match='"0"')
-    wait_for_result(server)
-    note = ask(server, "POST", "export")[1]["note"]
-    assert note.startswith("2 balls and 1 false ones in 1 images were written to ")
-    folder = tmp_path / "out" / "training"
-    rows = list(csv.DictReader((folder / "balls.csv").read_text().splitlines()))
-    assert [row["kind"] for row in rows] == ["white", "red"]
-    (negative,) = csv.DictReader((folder / "false_balls.csv").read_text().splitlines())
-    assert (negative["x_px"], negative["score"]) == ("60.0", "0.0")
-    assert {path.name for path in folder.glob("*.png")} == {negative["image"]} == {row["image"] for row in rows}
 
 
 def test_the_state_holds_what_the_page_shows(server: EditServer) -> None:
