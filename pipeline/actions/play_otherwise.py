@@ -14,9 +14,9 @@ from models.core.errors import OptionError, TrackError
 from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.scene import Scene
+from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.what_if.changed_shot import (
@@ -24,7 +24,6 @@ from models.estimation.what_if.changed_shot import (
     PlayerSpread,
     StrokeChange,
     StruckEnsemble,
-    change_stroke,
     draw_struck_ensemble,
     measure_stroke,
     play_changed_shot,
@@ -35,6 +34,7 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.explained_shot import load_shot
 from pipeline.io.image_file import write_image
+from pipeline.io.run_views import view_run
 from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
@@ -121,7 +121,7 @@ def play_otherwise(
     shot = load_shot(source, None, cache)
     tracks, scene, naming = shot.tracks, shot.scene, shot.naming
     goal = _find_goal(plan, tracks, scene, naming)
-    fit, solution = view_shot(shot), shot.solution
+    fit, solution = view_run(shot), shot.solution
     if solution is None:
         raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
     if learned is None:
@@ -134,7 +134,7 @@ def play_otherwise(
     changed = play_changed_shot(ensemble, plan.change, plan.spread, goal, t, seed)
     document = summarize_changed_shot(
         ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, _did_score(fit, ensemble, goal),
-        (float(tracks.t[-1]), SECONDS),
+        (float(tracks.t[-1]), SECONDS), fit.shot_numbers[stroke],
     )  # fmt: skip
     require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -193,12 +193,14 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, 
 
 
 SCHEMA = "trueroll.what-if/1"
+STROKE_NUMBERS = {"speed": "cue_speed", "side": "side_spin_share", "top": "top_spin_share"}
+"""Numbers of the shot that describe its stroke."""
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 
 
 def summarize_changed_shot(
     ensemble: StruckEnsemble, change: StrokeChange, spread: PlayerSpread, spread_source: str, goal: ShotGoal,
-    real: ChangedShot, changed: ChangedShot, did_score: bool, ends: tuple[float, float],
+    real: ChangedShot, changed: ChangedShot, did_score: bool, ends: tuple[float, float], numbers: ShotNumbers,
 ) -> dict[str, Any]:  # fmt: skip
     """Build the content of what_if.json.
 
@@ -212,10 +214,12 @@ def summarize_changed_shot(
         changed: The shot with the change.
         did_score: Whether the real shot scored.
         ends: s of the clip at which it ends, and s after the strike at which the drawn plays end at the latest.
+        numbers: What the run states of the stroke.
 
     Returns:
         A tree of JSON values with the schema `trueroll.what-if/1`.
     """
+    stroke = _describe_stroke(ensemble, numbers)
     return {
         "schema": SCHEMA,
         "t": ensemble.t,
@@ -223,7 +227,7 @@ def summarize_changed_shot(
         "draws": len(ensemble.members),
         "model": "whole_shot" if ensemble.is_whole_shot else "segments",
         "change": asdict(change),
-        "stroke": {"real": _describe_stroke(ensemble, StrokeChange()), "changed": _describe_stroke(ensemble, change)},
+        "stroke": {"real": stroke, "changed": _describe_changed_stroke(stroke, change)},
         "clip_end": ends[0],
         "play_end": ensemble.t + ends[1],
         "spread": {"speed": spread.speed, "angle_deg": spread.angle, "source": spread_source},
@@ -258,16 +262,28 @@ def _compute_quantiles(places: FloatArray) -> FloatArray:
     return np.asarray(np.nanquantile(filled, list(QUANTILES.values()), axis=0))
 
 
-def _describe_stroke(ensemble: StruckEnsemble, change: StrokeChange) -> dict[str, float]:
-    """Describe the median stroke of the ensemble with a change: speed (m/s), side spin and top spin as shares."""
-    strokes = []
-    for member in ensemble.members:
-        radius = float(member.balls.radius[ensemble.cue])
-        struck = change_stroke(member.balls.state[ensemble.cue], radius, change, 1.0, 0.0)
-        strokes.append(measure_stroke(struck, radius))
-    names = ("speed", "side", "top")
-    sigmas = zip((f"{name}_sigma" for name in names), np.std(strokes, axis=0).tolist(), strict=True)
-    return {**dict(zip(names, np.median(strokes, axis=0).tolist(), strict=True)), **dict(sigmas)}
+def _describe_stroke(ensemble: StruckEnsemble, numbers: ShotNumbers) -> dict[str, float]:
+    """Describe the real stroke as the run states it, else by the median of the plays: speed (m/s), spins as shares."""
+    balls, cue = [member.balls for member in ensemble.members], ensemble.cue
+    strokes = [measure_stroke(one.state[cue], float(one.radius[cue])) for one in balls]
+    stroke: dict[str, float] = {}
+    for k, (name, number) in enumerate(STROKE_NUMBERS.items()):
+        played, stated = [one[k] for one in strokes], numbers.find_number(number, numbers.cue)
+        one = (stated.value, stated.sigma) if stated is not None and stated.observable else None
+        stroke[name], stroke[f"{name}_sigma"] = one or (float(np.median(played)), float(np.std(played)))
+    return stroke
+
+
+def _describe_changed_stroke(real: dict[str, float], change: StrokeChange) -> dict[str, float]:
+    """Describe a stroke with a change by the real one."""
+    replaced = {"speed": change.speed, "side": change.side, "top": change.top}
+    factors, added = {"speed": change.speed_factor}, {"side": change.side_added, "top": change.top_added}
+    changed: dict[str, float] = {}
+    for name, value in replaced.items():
+        factor, sigma = factors.get(name, 1.0), real[f"{name}_sigma"]
+        changed[name] = real[name] * factor + added.get(name, 0.0) if value is None else value
+        changed[f"{name}_sigma"] = sigma * factor if value is None else 0.0
+    return changed
 
 
 def _summarize_play(ensemble: StruckEnsemble, shot: ChangedShot) -> dict[str, Any]:

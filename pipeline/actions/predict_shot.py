@@ -19,7 +19,7 @@ from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.explained_shot import explain_tracks
+from pipeline.io.explained_shot import explain_tracks, load_shot
 from pipeline.io.image_file import write_image
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.strict_json import write_json
@@ -60,7 +60,11 @@ def predict_shot(
     t = _choose_start_time(tracks, at)
     times = _list_prediction_times(tracks, t, seconds)
     naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
-    state = estimate_state(tracks, scene, t, learned, lambda past, place: explain_tracks(past, place, cache))
+    is_whole = t >= tracks.t[-1]
+    state = estimate_state(
+        tracks, scene, t, learned,
+        lambda past, place: load_shot(source, number, cache) if is_whole else explain_tracks(past, place, cache),
+    )  # fmt: skip
     prediction = forecast_shot(state, times, seed, draws)
     later = check_prediction(prediction, tracks)
     document = summarize_prediction(prediction, number, later if len(later.t) else None, naming)

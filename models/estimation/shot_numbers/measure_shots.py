@@ -67,9 +67,12 @@ def add_shot_numbers(fit: Fit, solution: JointSolution | None, tracks: Tracks, t
 
     Args:
         fit: Fit of the clip, with the fit of whole shots where there is one.
-        solution: Joint fit behind it, with covariance; None if there is none, which leaves the fit as it is.
+        solution: Joint fit behind it, with covariance; None if there is none.
         tracks: Tracks of T frames and N balls.
         table: Dimensions of the table.
+
+    Returns:
+        The fit with them; as it is without a joint fit.
     """
     if solution is None:
         return fit
@@ -83,6 +86,9 @@ def state_strike_speeds(events: Events, shots: Sequence[ShotNumbers]) -> Events:
     Args:
         events: Events of the clip.
         shots: Numbers of its shots.
+
+    Returns:
+        The events with these speeds.
     """
     speed = events.speed.copy()
     for shot in shots:

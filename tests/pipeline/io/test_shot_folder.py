@@ -16,9 +16,12 @@ from support.synthetic_run import save_shot
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
 from models.core.errors import OptionError
 from models.core.fit_result import WholeShotFit
+from models.core.scene import Scene
 from models.core.shot import Note, Shot
+from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
+from pipeline.actions import predict_shot
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import load_shot
 from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value
@@ -127,6 +130,23 @@ def test_a_record_of_a_run_folder_is_that_of_its_shot(shot: Shot, tmp_path: Path
     np.testing.assert_array_equal(record.events.t, events.t)
     np.testing.assert_array_equal(record.events.speed, view_run(shot).events.speed)
     np.testing.assert_array_equal(record.frame, shot.tracks.frame)
+
+
+def test_a_prediction_from_the_last_observation_starts_from_the_saved_shot(
+    shot: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_shot(shot, tmp_path)
+    explained: list[float] = []
+
+    def explain_again(tracks: Tracks, scene: Scene, _: ResultCache) -> Shot:
+        explained.append(float(tracks.t[-1]))
+        return explain(tracks, scene)
+
+    monkeypatch.setattr(predict_shot, "explain_tracks", explain_again)
+    last, cache = float(shot.tracks.t[-1]), ResultCache(tmp_path / "cache")
+    for at, expected in ((None, []), (last, []), (last - 0.1, [pytest.approx(last - 0.1, abs=0.05)])):
+        predict_shot.predict_shot(tmp_path, 0.1, at, None, None, 0, 256, tmp_path / "out", cache)
+        assert explained == expected
 
 
 @dataclass(frozen=True)

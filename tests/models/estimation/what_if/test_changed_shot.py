@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
+from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.forecast.ensemble_prediction import EventKey
 from models.estimation.what_if.changed_shot import (
     ChangedShot,
@@ -14,10 +15,12 @@ from models.estimation.what_if.changed_shot import (
     StruckEnsemble,
     StruckMember,
     change_stroke,
+    measure_stroke,
     play_changed_shot,
 )
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from pipeline.actions.play_otherwise import summarize_changed_shot
 
 R = 0.028575
 STATE = np.array([0.5, 0.6, 2.0, 0.0, 0.0, 0.6 * 2.0 / R, -0.3 * 2.0 / R])
@@ -93,11 +96,32 @@ def test_a_potted_cue_ball_never_scores() -> None:
     assert not is_scored([[], [], order[2]], IDS, 0, ShotGoal("pot", "red", "top"))
 
 
-def play(change: StrokeChange, spread: PlayerSpread = EXACT, seed: int = 0, count: int = 60) -> ChangedShot:
+def make_ensemble(count: int) -> StruckEnsemble:
     shot = play_pot()
     member = StruckMember(shot.balls, shot.physics, np.zeros(4), NO_CORRECTION, np.zeros((0, 5)))
-    ensemble = StruckEnsemble(0.2, ("cue", "red"), 0, SCENE.table, (member,) * count, True)
-    return play_changed_shot(ensemble, change, spread, ShotGoal("pot"), T, seed)
+    return StruckEnsemble(0.2, ("cue", "red"), 0, SCENE.table, (member,) * count, True)
+
+
+def play(change: StrokeChange, spread: PlayerSpread = EXACT, seed: int = 0, count: int = 60) -> ChangedShot:
+    return play_changed_shot(make_ensemble(count), change, spread, ShotGoal("pot"), T, seed)
+
+
+def test_a_what_if_states_the_stroke_of_the_run_and_where_it_states_none_that_of_the_plays() -> None:
+    change, ensemble = StrokeChange(speed_factor=0.9, top_added=0.2, side=0.3), make_ensemble(2)
+    stated = (
+        ShotNumber("cue_speed", 2.29, 0.02, "m/s", True, "cue"),
+        ShotNumber("top_spin_share", -0.31, 0.01, "", True, "cue"),
+        ShotNumber("side_spin_share", float("nan"), 0.5, "", False, "cue"),
+    )
+    numbers, shot = ShotNumbers(0.2, "cue", "red", "unknown", (), (), (), stated), play(change)
+    document = summarize_changed_shot(
+        ensemble, change, EXACT, "none", ShotGoal("pot"), shot, shot, True, (1.0, 6.0), numbers
+    )
+    real, changed = document["stroke"]["real"], document["stroke"]["changed"]
+    balls = ensemble.members[0].balls
+    assert (real["speed"], real["top"], real["speed_sigma"]) == (2.29, -0.31, 0.02)
+    assert real["side"] == pytest.approx(measure_stroke(balls.state[0], float(balls.radius[0]))[1])
+    assert (changed["speed"], changed["top"], changed["side"]) == pytest.approx((0.9 * 2.29, -0.11, 0.3))
 
 
 def test_the_shot_as_it_was_scores_and_one_aimed_elsewhere_does_not() -> None:
