@@ -31,7 +31,12 @@ from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
-QUESTIONS = ("contact", "first", "cushion-first", "pocket", "line", "score", "foul")
+ABOUT_ONE_BALL: dict[str, Callable[[ShotRecord, str], CallAnswer]] = {
+    "first": call_answers.answer_first_contact, "cushion-first": call_answers.answer_cushion_first,
+    "score": answer_score,
+}  # fmt: skip
+"""Answers to the questions that name a ball alone."""
+QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on solids or --on red."
@@ -65,24 +70,19 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
         raise OptionError(f"--on belongs to foul; got {' '.join(words)!r}")
     naming = record.naming
     try:
-        if kind == "score":
-            return answer_score(record, _require_ball(naming, rest) if rest else "")
-        if kind == "foul":
-            return answer_foul(record, _require_ball(naming, rest) if rest else "", naming.find_ball(on) or on)
+        if kind == "contact":
+            return call_answers.answer_contact(record, *_split_words(naming, rest, naming.find_ball, ""))
+        if kind == "pocket":
+            pockets = ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
+            words = _split_words(naming, rest, naming.find_pocket, f"a pocket is one of {pockets}")
+            return call_answers.answer_pocket(record, *words)
         if kind == "line":
             axis, at = _parse_line(rest[0])
             return call_answers.answer_line(record, _require_ball(naming, rest[1:]), axis, at, edge)
-        if kind == "first":
-            return call_answers.answer_first_contact(record, _require_ball(naming, rest))
-        if kind == "cushion-first":
-            return call_answers.answer_cushion_first(record, _require_ball(naming, rest))
-        if kind == "pocket":
-            if not record.table.pockets:
-                raise OptionError("this table has no pockets")
-            return call_answers.answer_pocket(
-                record, *_split_words(naming, rest, naming.find_pocket, _list_pockets(naming))
-            )
-        return call_answers.answer_contact(record, *_split_words(naming, rest, naming.find_ball, ""))
+        ball = _require_ball(naming, rest) if rest else ""
+        if kind == "foul":
+            return answer_foul(record, ball, naming.find_ball(on) or on)
+        return ABOUT_ONE_BALL[kind](record, ball)
     except ValueError as error:
         raise OptionError(str(error)) from error
 
@@ -108,11 +108,6 @@ def _split_words(
         return readings.pop()
     problem = "these words can be split in several ways" if readings else f"got {' '.join(words)!r}"
     raise OptionError(f"{second and f'{second}; '}a ball is one of {naming.list_balls()}; {problem}")
-
-
-def _list_pockets(naming: Naming) -> str:
-    """List the pockets by both names."""
-    return "a pocket is one of " + ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
 
 
 def answer_call(

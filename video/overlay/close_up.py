@@ -79,14 +79,8 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
     Returns:
         Image of `CLOSE_UP_SIZE` with the text below it.
     """
-    view, scale, corner = magnify_image(frame.image, CLOSE_UP_SIZE, _enclose_balls([frame]))
-    if frame.line is not None:
-        draw_polyline(view, scale * (frame.line - corner), 2)
-    for outline in frame.moment_outlines:
-        draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
-    _draw_balls(view, frame, scale, corner, 2.0)
+    view, scale, corner = _draw_named_balls(frame, CLOSE_UP_SIZE, _enclose_balls([frame]))
     _draw_gap(view, frame, scale, corner)
-    _draw_ball_names(view, frame, scale, corner)
     lines = [*lines, f"frame {frame.frame} at {frame.t:.4f} s", "dashed: the moment of the call"]
     return append_footer(view, "\n".join([caption, *lines]))
 
@@ -131,12 +125,21 @@ def draw_place(frame: CloseUpFrame, place: FloatArray, radius: float) -> ImageAr
     """
     reach = np.array([PLACE_RADII * radius, *(MARGIN_RADII * outline.radius for outline in frame.outlines)])
     places = np.stack([place, *(outline.centre for outline in frame.outlines)])
-    view, scale, corner = magnify_image(frame.image, PLACE_SIZE, find_window(places, reach[:, None]))
+    return _draw_named_balls(frame, PLACE_SIZE, find_window(places, reach[:, None]))[0]
+
+
+def _draw_named_balls(
+    frame: CloseUpFrame, size: tuple[int, int], window: Window
+) -> tuple[ImageArray, float, FloatArray]:
+    """Draw a window of a frame with the balls, their names and a line; return its magnification and corner too."""
+    view, scale, corner = magnify_image(frame.image, size, window)
+    if frame.line is not None:
+        draw_polyline(view, scale * (frame.line - corner), 2)
     for outline in frame.moment_outlines:
-        draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.2, WHITE, 0.7, DASHES // 2)
+        draw_ring(view, scale * (outline.centre - corner), scale * outline.radius, 1.5, WHITE, 0.7, DASHES)
     _draw_balls(view, frame, scale, corner, 2.0)
     _draw_ball_names(view, frame, scale, corner)
-    return view
+    return view, scale, corner
 
 
 def _free_corner(frames: Sequence[CloseUpFrame], window: Window) -> tuple[int, int]:

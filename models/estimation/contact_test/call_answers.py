@@ -46,20 +46,9 @@ POCKET_MOUTH_RADII = 1.6
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
 """Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion."""
 QuestionKind = Literal[
-    "contact",
-    "first",
-    "cushion-first",
-    "pocket",
-    "line",
-    "score",
-    "cushions",
-    "foul",
-    "no-contact",
-    "wrong-ball",
-    "no-rail",
-    "scratch",
-    "frozen",
-]
+    "contact", "first", "cushion-first", "pocket", "line",
+    "score", "cushions", "foul", "no-contact", "wrong-ball", "no-rail", "scratch", "frozen",
+]  # fmt: skip
 """Questions of an umpire; those from `score` on are of the rules, see `rule_answers`."""
 
 
