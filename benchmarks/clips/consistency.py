@@ -114,6 +114,16 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
     return Statement(key, value, source, *ends, unit, side, len(decimals))
 
 
+def read_direction(shown: str) -> str:
+    """Turn an angle to rails, towards two of them, into one from the x axis towards `bottom`; else leave the text."""
+    form = rf"({NUMBER}) ± [\d.]+° to the (long|short) \w+, towards «(\w+)» and «(\w+)»"
+    if (found := re.fullmatch(form, shown)) is None:
+        return shown
+    angle = float(found[1]) if found[2] == "long" else 90 - float(found[1])
+    angle = 180 - angle if "left" in found.groups() else angle
+    return f"{-angle if 'top' in found.groups() else angle:.{len(found[1].partition('.')[2])}f}°"
+
+
 class PageRows(HTMLParser):
     """Rows of text of a page: cells and inline texts are separated by bars, blocks by line ends."""
 
@@ -189,6 +199,7 @@ class RunStatements:
                 kind, found = clauses[0]
                 body = next((found[g] for g in ("b", "c", "d") if g in found.re.groupindex and found[g]), "")
                 t = float(values["time"][0].split()[0])
+                kind = "cushion" if kind == "ball" and body in CUSHIONS else kind
                 key = self.find_event(kind, found["a"], body, t)
                 yield state(("event", key), "there", source)
                 for name, all_found in values.items():
@@ -198,7 +209,7 @@ class RunStatements:
                         yield state((name, key), all_found[0], source)
             cells = [one.strip() for one in text.split("|") if one.strip()]
             if len(cells) == 3 and cells[0] in NUMBER_NAMES.values() and cells[2] != "not measurable":
-                yield state(("number", cells[0], cells[1].strip("«»")), cells[2], source)
+                yield state(("number", cells[0], cells[1].strip("«»")), read_direction(cells[2]), source)
             yield from self.read_story(text, source)
 
     def read_shot_line(self, text: str, ball: str, source: str) -> Iterator[Statement]:

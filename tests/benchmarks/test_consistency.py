@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.clips.consistency import RunStatements, find_contradictions
+from benchmarks.clips.consistency import RunStatements, find_contradictions, read_direction
 from models.core.ball_look import BallLook
 from models.core.naming import Naming
 
@@ -29,6 +29,21 @@ def find_kinds(report: tuple[str, ...], terminal: str) -> set[str]:
     run = RunStatements(Path(), NAMING, EVENTS)
     statements = [*run.read_events(), *run.read_rows(report, "report"), *run.read_rows([terminal], "terminal of run")]
     return {kind for kind, *_ in find_contradictions(statements)}
+
+
+def test_a_rail_that_a_ball_touches_is_no_ball() -> None:
+    run = RunStatements(Path(), NAMING, [{**EVENTS[1], "kind": "cushion", "b": "top"}])
+    found = list(run.read_rows([f"The cue ball touched {NAMING.say('top')} at 0.5388 s ± 0.1 ms."], "report"))
+    assert {one.key[1] for one in found if one.key[0] == "event"} == {"cushion cue top 0"}
+
+
+@pytest.mark.parametrize(
+    ("shown", "angle"),
+    [("15.4 ± 0.1° to the long rails, towards «right» and «bottom»", "15.4°"),
+     ("10 ± 1° to the short rails, towards «top» and «left»", "-100°"), ("2 cushions", "2 cushions")],
+)  # fmt: skip
+def test_a_direction_by_rails_is_an_angle(shown: str, angle: str) -> None:
+    assert read_direction(shown) == angle
 
 
 def test_outputs_that_agree_contradict_each_other_nowhere() -> None:
