@@ -57,8 +57,8 @@ EVENT_VERBS = {
 """Clauses on an event, by its kind; names are ids in «»."""
 ROW_VALUES = {
     "time": rf"({NUMBER} s)(?: ±|,| \(|\b)", "time sigma": rf"\d s ± ({NUMBER} ms)", "speed": rf"at ({NUMBER} m/s)",
-    "speed in km/h": rf"\(({NUMBER} km/h)\)", "probability": rf"({NUMBER} %)",
-    "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) (?:from a miss|of air)", "frame": rf"(?<!around )frame ({NUMBER})",
+    "speed in km/h": rf"\(({NUMBER} km/h)\)", "probability": rf"({NUMBER} %)(?! of the ball)",
+    "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) from a (?:miss|touch)", "frame": rf"(?<!around )frame ({NUMBER})",
 }  # fmt: skip
 """Values that a row with one event states of it."""
 PLACE = rf"({NUMBER} cm) from «(\w+)»"

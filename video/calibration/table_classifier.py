@@ -121,7 +121,10 @@ def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple
     likely = [name for name in others if probabilities[name] > MIN_ALTERNATIVE_PROBABILITY] or others[:1]
     alternatives = " or ".join(f"{name} ({_describe_difference(TABLE_PRESETS[name], table)})" for name in likely)
     share = format_probability(probabilities[table.name])
-    return (f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {share} probable; give --table.",)
+    return (
+        f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {share} probable."
+        " If you know the size, run it again with it, such as --table 2.54x1.27 (m).",
+    )
 
 
 def _describe_difference(other: Table, table: Table) -> str:

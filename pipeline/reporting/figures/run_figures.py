@@ -25,7 +25,10 @@ from pipeline.reporting.text.text_formatting import (
 from video.drawing.palette import INK, Colour, mix_colours
 
 PLOT_HZ = 60.0
-HOVER_TEMPLATE = "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s, x %{customdata[2]:.3f} m, y %{customdata[3]:.3f} m"
+HOVER_TEMPLATE = (
+    "%{customdata[0]:.3f} s, %{customdata[1]:.2f} m/s<br>%{customdata[2]:.3f} m from the left"
+    "<br>%{customdata[3]:.3f} m from the far side"
+)
 MARKED_KINDS = ("strike", "ball", "cushion", "pocket")
 PARAMETER_ROW_PX = 92
 """Height of the row of one parameter, px."""
@@ -66,8 +69,8 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
     t = sample_times(fit.trajectory, PLOT_HZ)
     state = fit.trajectory.at(t)
     times = np.broadcast_to(t[:, None], state.xy.shape[:2])
-    hover = np.concatenate([np.stack([times, np.linalg.norm(state.v, axis=-1)], axis=-1), state.xy], axis=-1)
     places = view.turn_points(state.xy, table)
+    hover = np.concatenate([np.stack([times, np.linalg.norm(state.v, axis=-1)], axis=-1), places], axis=-1)
     moves = find_moving_balls(state.xy, table.ball_radius)
     for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
         there = np.flatnonzero(np.isfinite(state.xy[:, k, 0]))
@@ -203,7 +206,7 @@ def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str], na
 
 
 def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
-    """Build a plot with one row per parameter: value, two standard deviations and textbook range.
+    """Build a plot with one row per parameter: value, standard deviation and textbook range.
 
     Args:
         parameters: Fitted parameters.
@@ -215,12 +218,12 @@ def build_parameter_figure(parameters: Sequence[Parameter]) -> go.Figure:
     for row, p in enumerate(parameters, start=1):
         colour = "#6b7280" if p.prior_only else "#0f5c42"
         figure.add_scatter(
-            x=[p.value], y=[""], error_x={"type": "data", "array": [2 * p.sigma], "color": colour}, row=row, col=1,
+            x=[p.value], y=[""], error_x={"type": "data", "array": [p.sigma], "color": colour}, row=row, col=1,
             mode="markers", marker={"color": colour, "size": 10, "symbol": "circle-open" if p.prior_only else "circle"},
             showlegend=False, name=p.name,
             hovertemplate=f"{format_with_sigma(p.value, p.sigma)}<extra>{format_parameter_name(p.name)}</extra>",
         )  # fmt: skip
-        ends = [p.value - 2 * p.sigma, p.value + 2 * p.sigma]
+        ends = [p.value - p.sigma, p.value + p.sigma]
         usual = TEXTBOOK_RANGES.get(p.name)
         if usual is not None:
             figure.add_vrect(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from PIL import Image
 from plotly.io import templates
 from plotly.io.json import to_json_plotly
@@ -43,9 +44,10 @@ def render_template(template: str, **values: object) -> str:
     return environment.get_template(template).render(**values)
 
 
-def _keep_units(text: str) -> str:
-    """Keep units on the line of their number."""
-    return re.sub(r"(?<=\d) (?=(?:s|c?mm?|m/s|km/h|mrad|rad/s|diamonds|frames?)\b|%|±)", "\N{NO-BREAK SPACE}", text)
+def _keep_units(text: str) -> Markup:
+    """Keep units on the line of their number, and an option of the command line in one piece."""
+    text = re.sub(r"(?<=\d) (?=(?:s|c?mm?|m/s|km/h|mrad|rad/s|diamonds|frames?)\b|%|±)", "\N{NO-BREAK SPACE}", text)
+    return Markup(re.sub(r"--[a-z][\w-]*", r"<span class=option>\g<0></span>", str(escape(text))))
 
 
 def pack_plotly_source() -> str:

@@ -115,7 +115,9 @@ def write_report(
     calls = answer_standard_questions(
         make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
     )
-    doubts = [doubt for doubt in scene.warnings if doubt.startswith(ALTERNATIVES_PREFIX)]
+    is_guess = any(doubt.startswith(ALTERNATIVES_PREFIX) for doubt in scene.warnings)
+    doubts = ["Lengths and speeds hold for the guessed table size (see above)."] if is_guess else []
+    shot_numbers = [(one.t, list_number_rows(one, fit.naming, scene.table.ball_radius)) for one in fit.shot_numbers]
     html = render_template(
         "report.html",
         name=title,
@@ -126,17 +128,17 @@ def write_report(
         video=files.slow,
         slow=files.slow_factor,
         start=files.start,
-        events=build_event_rows(fit, files),
+        events=build_event_rows(fit, files, scene.table.ball_radius),
+        counts=[fit.events.kind.count(kind) for kind in ("ball", "cushion", "pocket")],
         least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
-        plan_size=fit.naming.view.find_size(scene.table),
         speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
         calls=[format_call(call, fit.naming) for call in calls],
-        shot_numbers=[
-            (shot.t, list_number_rows(shot, fit.naming, scene.table.ball_radius)) for shot in fit.shot_numbers
-        ],
+        shot_numbers=shot_numbers,
+        terms=" ".join(f"{what} {value}" for _, rows in shot_numbers for what, _, value, _ in rows),
+        prior_only=any(p.prior_only for p in fit.parameters),
         rail=fit.naming.rail_word,
         plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
@@ -146,7 +148,9 @@ def write_report(
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, tracks, fit),
         notes=[
-            note for note in dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes]) if note not in by_hand
+            note
+            for note in dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes])
+            if note not in (*by_hand, *fit.trust.reasons)
         ],
         by_hand=[note.removeprefix(HAND_PREFIX) for note in by_hand],
         settings=list(settings),
@@ -189,8 +193,10 @@ def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, st
     return embed_figure(build_forecast_figure(errors, colours, naming), "forecast", 330)
 
 
-def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float | bool]]:
-    """Build the rows of the event list; each seeks the video to shortly before its event."""
+def build_event_rows(
+    fit: Fit, files: ReportFiles, radius: float = np.nan
+) -> list[dict[str, str | float | bool]]:  # fmt: skip
+    """Build the rows of the event list for balls of a radius (m); each seeks the video to shortly before its event."""
     events, naming = fit.events, fit.naming
     rows: list[dict[str, str | float | bool]] = []
     for k in range(len(events)):
@@ -202,7 +208,7 @@ def build_event_rows(fit: Fit, files: ReportFiles) -> list[dict[str, str | float
                 "time": f"{events.t[k]:.4f}",
                 "sigma": f"{1000 * events.t_sigma[k]:.1f}",
                 "sentence": format_event(events, k, naming),
-                "gap": format_gap(events.gap[k], events.gap_sigma[k]) if events.kind[k] == "ball" else "",
+                "gap": format_gap(events.gap[k], events.gap_sigma[k], radius) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),
                 "undecided": bool(alternatives) and is_undecided(events.probability[k]),
                 "alternatives": alternatives,
@@ -266,7 +272,6 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     low, high = fit.chi2_range
     chi2 = f"{fit.chi2_per_dof:.2f} ({low:.2f} to {high:.2f} agree with the noise)"
     doubts = [one for one in fit.trust.reasons if not one.startswith(EXPLAINED) and one not in scene.warnings]
-    is_green = fit.trust.level == "green"
     return [
         QualityFlag("Clip", "complete" if not clip.notes else " ".join(clip.notes), not clip.notes),
         QualityFlag("Frames", frames, True),
@@ -276,7 +281,7 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
         QualityFlag("Noise of a measured position", noise, fit.noise / scale <= MAX_NOISE_PX),
         QualityFlag("Chi-square per degree of freedom", chi2, low <= fit.chi2_per_dof <= high),
         QualityFlag("Capture times", "regular" if is_regular else "irregular", is_regular),
-        QualityFlag("Other doubts", "none" if is_green else " ".join(doubts) or "none", is_green or not doubts),
+        *(QualityFlag("Doubt", doubt, False) for doubt in doubts if fit.trust.level != "green"),
     ]
 
 

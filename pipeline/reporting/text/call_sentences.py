@@ -173,7 +173,7 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
     if call.kind == "frozen":
         return f"before the strike {naming.say(call.subject[1])} {'touched' if is_yes else 'did not touch'} {a}"
     if call.kind == "contact":
-        return f"{a} {'touched' if is_yes else 'did not touch'} {naming.say(call.subject[1])}"
+        return f"{a} {'touched' if is_yes else 'missed'} {naming.say(call.subject[1])}"
     if call.kind == "first":
         nearest = "".join(f", and came nearest to {naming.say(name)}" for name in call.balls[1:])
         return f"{a} touched no ball{nearest}" if call.met == "none" else f"{a} touched {naming.say(call.met)} first"
@@ -201,7 +201,14 @@ def _format_score_fact(call: CallAnswer, naming: Naming) -> str:
         return f"{a} touched {balls[0]} and, after {cushions} in all, {balls[1]}"
     met = {one.other for one in call.path}
     missed = " or ".join(naming.say(name) for name in call.subject[1:] if name not in met)
-    return f"{a} did not touch {missed or balls[1]}; it met {cushions}"
+    return f"{a} met {cushions} and missed {missed or balls[1]}"
+
+
+def format_score(call: CallAnswer, naming: Naming) -> str:
+    """Format whether a carom shot is a point, such as `No point (99 %): the white missed the red`."""
+    words = format_call(call, naming)
+    verdict = {"yes": "Point", "no": "No point"}.get(words.verdict, f"Point {words.verdict}")
+    return f"{verdict} ({words.probability}): {words.statement}."
 
 
 def format_sequence(call: CallAnswer, naming: Naming) -> str:
@@ -250,10 +257,17 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
     return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"
 
 
-def format_gap(gap: float, sigma: float) -> str:
-    """Format how nearly two balls missed or touched each other, by the gap of their free paths (m); empty for NaN."""
-    words = "from a miss" if gap < 0 else "of air between them at the closest"
-    return f"{_format_mm(gap, sigma)} {words}" if np.isfinite(gap) else ""
+def format_gap(gap: float, sigma: float, radius: float = np.nan) -> str:
+    """Format how nearly two balls missed or touched each other, and how much of a ball was covered; empty for NaN.
+
+    Args:
+        gap: m, of their free paths.
+        sigma: m, its standard deviation.
+        radius: m, of a ball; NaN to leave out how much of it was covered.
+    """
+    covered = f", {min(-50 * gap / radius, 100):.0f} % of the ball covered" if -gap / radius > 0 else ""
+    words = "from a miss" if gap < 0 else "from a touch"
+    return f"{_format_mm(gap, sigma)} {words}{covered}" if np.isfinite(gap) else ""
 
 
 def _format_mm(length: float, sigma: float) -> str:

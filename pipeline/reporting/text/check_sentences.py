@@ -84,7 +84,8 @@ def format_least_sure(events: Events, rows: Iterable[int], explanation: ShotExpl
         Such as `yellow 9 falls into the far-left pocket (92 %, else not potted 8 %)`; empty where all are as good as
         certain.
     """
-    k = min(rows, key=lambda row: events.probability[row], default=None)
+    contacts = (row for row in rows if events.kind[row] != "rest")  # the time of a rest is unsure, not the rest
+    k = min(contacts, key=lambda row: events.probability[row], default=None)
     if k is None or events.probability[k] > 1 - EXTREME_PROBABILITY:
         return ""
     return f"{name_event(events, k, naming)} ({format_event_probability(events, k, explanation, naming)})"

@@ -89,7 +89,7 @@ def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:
         return shown if has_sigma else re.sub(r" ± [\d.]+", "", shown)
     sides, unit = SIDES.get(one.name), format_unit(one.unit)
     value, sigma = format_measured(one.value if sides is None else abs(one.value), one.sigma, DECIMALS[one.unit])
-    shown = f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}{' ' * unit.isalnum()}{unit}"
+    shown = f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}{' ' * (unit not in '°')}{unit}"
     if sides is None:
         return shown
     return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NONE_MEASURABLE} ({shown})"
@@ -106,7 +106,9 @@ def format_hit(shot: ShotNumbers) -> str:
     words = []
     if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
         fullness = 1 - abs(math.sin(math.radians(cut.value)))
-        words.append(next(word for least, word in FULLNESS_WORDS if fullness >= least))
+        name = next(word for least, word in FULLNESS_WORDS if fullness >= least)
+        angle = format_with_sigma(abs(cut.value), cut.sigma, DECIMALS["deg"])
+        words.append(f"{name} ({100 * fullness:.0f} % of the ball covered, cut angle {angle}°)")
     elif cut is not None:
         words.append(f"fullness {NOT_OBSERVABLE}")
     if shot.spin_state_probabilities:
@@ -120,10 +122,7 @@ def format_hit(shot: ShotNumbers) -> str:
 def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
     parts = [f"{naming.say(shot.cue)} at {format_time(shot.t)}"]
-    labels = {
-        "cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue ",
-        "cut_angle": "cut ",
-    }  # fmt: skip
+    labels = {"cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue "}
     parts += [
         label + format_number(one)
         for name, label in labels.items()
@@ -146,10 +145,10 @@ def list_number_rows(shot: ShotNumbers, naming: Naming, radius: float) -> list[t
         radius: m, of the balls.
 
     Returns:
-        The rows; where spin was measured, also where the tip of a level cue hit.
+        The rows, without the ways of the balls; where spin was measured, also where the tip of a level cue hit.
     """
     rows = []
-    for one in shot.numbers:
+    for one in (number for number in shot.numbers if number.name not in ("length", "cushions")):
         ball = naming.name_ball(one.ball)
         subject = f"{ball}, {naming.name_pocket(one.place)}" if one.place else ball
         value = format_direction(one, naming) if one.name == "direction" else format_number(one)

@@ -18,10 +18,11 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
+from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
 from pipeline.reporting.text.number_sentences import format_hit, format_number
 from pipeline.reporting.text.table_words import format_place
-from pipeline.reporting.text.text_formatting import format_event_time, start_sentence
+from pipeline.reporting.text.text_formatting import format_event_time, is_repeated, start_sentence
 
 CONTACT_MARGIN = 1e-3
 """s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
@@ -37,6 +38,7 @@ LOST_FRAMES = 2.0
 """Frames without a detection after which a ball is lost."""
 CUE_KINDS = ("cue", "white", "yellow")
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
+MOVING = "still moving"
 MAX_LATER_CONTACTS = 6
 """Later contacts of the ball that are listed one by one; balls take precedence over cushions."""
 NO_ANSWER = "-"
@@ -58,6 +60,10 @@ class ShotSummary:
     """Potted balls and their pockets; empty if there are none."""
     spread: str = ""
     """How a rack burst; empty if none did."""
+    ends: tuple[str, ...] = ()
+    """What still moves at the end, then one line per ball that moved: where it ended."""
+    score: str = ""
+    """Whether it was a point, and why; empty where the game has none."""
 
 
 def summarize_shots(
@@ -89,7 +95,11 @@ def summarize_shots(
         summary = stroke.summarize()
         speed = " ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())])
         spread = " ".join(stroke.format_break(one) for one in fit.explanation.breaks if start <= one.t < end)
-        summaries.append(replace(summary, speed=speed, potted=stroke.format_potted(), spread=spread))
+        points = (format_score(one, fit.naming) for one in calls if one.kind == "score" and one.subject[0] == ball)
+        summaries.append(
+            replace(summary, speed=speed, potted=stroke.format_potted(), spread=spread, ends=stroke.list_ends(),
+                    score=next(points, ""))
+        )  # fmt: skip
     return summaries
 
 
@@ -146,6 +156,12 @@ class _Stroke:
         """Events of the ball after the stroke."""
         return [k for k in self.likely if self.ball in (self.fit.events.a[k], self.fit.events.b[k])]
 
+    @property
+    def numbers(self) -> ShotNumbers | None:
+        """Numbers of the stroke; None where it has none."""
+        played = [shot for shot in self.fit.shot_numbers if shot.cue == self.ball]
+        return min(played, key=lambda shot: abs(shot.t - self.start), default=None)
+
     def summarize(self) -> ShotSummary:
         """Summarize the stroke, without the potted balls."""
         events, naming, strike = self.fit.events, self.fit.naming, self.strike
@@ -162,8 +178,7 @@ class _Stroke:
                 self._format_later_contacts(self.start), self._format_confidence(strike),
             )  # fmt: skip
         t, other = float(events.t[touch]), self._find_partner(touch)
-        played = [shot for shot in self.fit.shot_numbers if (shot.cue, shot.first) == (self.ball, other)]
-        numbers = min(played, key=lambda shot: abs(shot.t - self.start), default=None)
+        numbers = self.numbers if self.numbers is not None and self.numbers.first == other else None
         hit = "" if numbers is None else format_hit(numbers)
         cushions = [naming.say(events.b[k]) for k in self.own if events.kind[k] == "cushion" and events.t[k] < t]
         before = f", after {join_names(cushions)}" if cushions else ""
@@ -248,42 +263,59 @@ class _Stroke:
         return f"{self.name} {slow}{_format_turn(velocities[0], velocities[2])}, {speed}."
 
     def _format_later_contacts(self, t: float) -> str:
-        """Format the contacts of the ball after t (s), balls before cushions if there are many, and its final state."""
+        """Format the contacts of the ball after t (s), balls before cushions if there are many."""
         events = self.fit.events
         later = [k for k in self.own if events.t[k] > t]
         contacts = [k for k in later if events.kind[k] in ("ball", "cushion")]
         first = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
         more = f" and {len(contacts) - len(first)} more" if len(contacts) > len(first) else ""
         words = [
-            f"{self.fit.naming.say(self._find_partner(k))} at {format_event_time(events, k)}"
+            f"{self.fit.naming.say(self._find_partner(k))}{' again' * is_repeated(events, k)}"
+            f" at {format_event_time(events, k)}"
             for k in sorted(first, key=lambda k: float(events.t[k]))
         ]
-        none = "It had no further contact. " if t > self.start else ""
-        then = f"Then it touched {join_names(words)}{more}. " if words else none
-        for k in later:
-            if events.kind[k] == "pocket":
-                pocket = self.fit.naming.name_pocket(events.b[k])
-                return f"{then}It fell into the {pocket} at {format_event_time(events, k)}."
-        return then + self._format_final_state([k for k in later if events.kind[k] == "rest"])
+        none = "It had no further contact." if t > self.start else NO_ANSWER
+        return f"Then it touched {join_names(words)}{more}." if words else none
 
-    def _format_final_state(self, rests: list[int]) -> str:
-        """Format the state of the ball at the end of the stroke, or its last rest."""
-        k, times = self.fit.trajectory.ids.index(self.ball), self.tracks.t
+    def list_ends(self) -> tuple[str, ...]:
+        """List what still moves at the end of the stroke, then where each ball ended that moved."""
+        events, naming = self.fit.events, self.fit.naming
+        during = (self.tracks.t >= self.start) & (self.tracks.t < self.end)
+        active = {body for k in self.likely for body in (events.a[k], events.b[k])} | {self.ball}
+        balls = [ball for k, ball in enumerate(self.tracks.ids) if ball in active or self.fit.moving[during, k].any()]
+        ends = {ball: self._format_end(ball) for ball in balls}
+        moving = [naming.say(ball) for ball in balls if MOVING in ends[ball]]
+        t = min(self.end, float(self.tracks.t[-1]))
+        moment = f"the {'next stroke begins' if t < self.tracks.t[-1] else 'clip ends'}, at {t:.2f} s"
+        still = f"{join_names(moving) or 'no ball'} still move{'s' * (len(moving) < 2)} when {moment}."
+        lines = [start_sentence(still), *(f"{start_sentence(naming.name_ball(ball))}: {ends[ball]}." for ball in balls)]
+        others = join_names(naming.say(ball) for ball in self.tracks.ids if ball not in balls)
+        return *lines, *([start_sentence(f"{others} did not move.")] if others else [])
+
+    def _format_end(self, ball: str) -> str:
+        """Format where a ball ended, in which state, and its way: length and cushions."""
+        events, naming, k, times = self.fit.events, self.fit.naming, self.tracks.ids.index(ball), self.tracks.t
+        counts = [self.numbers and self.numbers.find_number(name, ball) for name in ("length", "cushions")]
+        shown = [format_number(one) for one in counts if one]
+        way = f"; it ran {shown[0]} and met {shown[1]} {naming.rail_word}{'s' * (shown[1] != '1')}" if shown[1:] else ""
+        own = [j for j in self.likely if ball in (events.a[j], events.b[j])]
+        last_event = own[-1] if own else None
+        if last_event is not None and events.kind[last_event] == "pocket":
+            pocket = naming.name_pocket(events.b[last_event])
+            return f"fell into the {pocket} at {format_event_time(events, last_event)}{way}"
         t = min(self.end, float(times[-1]))
-        last = float(times[self.tracks.is_observed[:, self.tracks.ids.index(self.ball)]].max(initial=-np.inf))
+        last = float(times[self.tracks.is_observed[:, k]].max(initial=-np.inf))
         is_seen = t - last < LOST_FRAMES * float(np.median(np.diff(times)))
         t = t if is_seen else last
-        state = self.fit.trajectory.at(t - CONTACT_MARGIN)
-        if not np.isfinite(state.xy[k]).all():
-            return "Its final state is unknown."
-        place, speed = format_place(state.xy[k], np.nan, self.table, self.fit.naming), np.linalg.norm(state.v[k])
-        if rests:
-            return f"It came to rest at {format_event_time(self.fit.events, rests[-1])}, {place}."
-        if speed < REST_SPEED:
-            return f"At {t:.2f} s it was at rest, {place}."
-        moment = f"When the {'next stroke begins' if t < times[-1] else 'clip ends'}, at {t:.2f} s, it still moves"
-        when = moment if is_seen else f"It was last seen at {t:.2f} s, when it moved"
-        return f"{when} at {format_speed(float(speed))}, {place}."
+        state, row = self.fit.trajectory.at(t - CONTACT_MARGIN), self.fit.trajectory.ids.index(ball)
+        if not np.isfinite(state.xy[row]).all():
+            return "its end is unknown"
+        speed = float(np.linalg.norm(state.v[row]))
+        motion = MOVING if is_seen else f"last seen at {t:.2f} s, moving"
+        words = "at rest" if speed < REST_SPEED else f"{motion} at {format_speed(speed)}"
+        if last_event is not None and events.kind[last_event] == "rest":
+            words = f"at rest since {format_event_time(events, last_event)}"
+        return f"{words}, {format_place(state.xy[row], np.nan, self.table, naming)}{way}"
 
     def _format_confidence(self, main: int | None) -> str:
         """Format the probability of the main event and of the others, and the trust level of the clip."""
@@ -294,10 +326,10 @@ class _Stroke:
             firsts = (one for one in self.calls if one.kind == "first" and one.subject == (self.ball,))
             called = (one.probability for one in firsts if abs(one.t - events.t[main]) < SAME_MOMENT_TIME)
             parts.append(f"{what}: {format_probability(next(called, float(events.probability[main])))}.")
-        others = {*self.likely, *(() if self.strike is None else (self.strike,))} - {main}
+        others = {k for k in (*self.likely, self.strike) if k not in (None, main) and events.kind[k] != "rest"}
         worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
         if others:
-            parts.append(f"Least sure of all else: {worst}." if worst else "All else: above 99.9 %.")
+            parts.append(f"Least sure otherwise: {worst}." if worst else "All other contacts: above 99.9 %.")
         return " ".join([*parts, f"Trust level of the clip: {self.fit.trust.level}."])
 
 
@@ -308,5 +340,5 @@ def _format_turn(before: FloatArray, later: FloatArray) -> str:
     if abs(angle) < 0.5:
         return "went straight on"
     if abs(angle) < MAX_STRAIGHT_ANGLE:
-        return f"went on {abs(angle):.0f}° to the {side} of its line"
-    return "came back" if abs(angle) > MIN_RETURN_ANGLE else f"turned {abs(angle):.0f}° to the {side}"
+        return f"went on {abs(angle):.0f}° to the {side} of its own line"
+    return "came back" if abs(angle) > MIN_RETURN_ANGLE else f"turned {abs(angle):.0f}° to its own {side}"

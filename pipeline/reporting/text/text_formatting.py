@@ -43,7 +43,15 @@ def name_event(events: Events, k: int, naming: Naming) -> str:
     """Name event k by its balls and what happened, such as `the cue ball and red 3 touch`."""
     a, b = naming.say(events.a[k]), events.b[k]
     is_touch = events.kind[k] == "ball"  # neither ball did it to the other
-    return f"{a} and {naming.say(b)} touch" if is_touch else f"{a} {format_meeting(events.kind[k], b, naming)}"
+    again = " again" * is_repeated(events, k)
+    return f"{a} and {naming.say(b)} touch{again}" if is_touch else f"{a} {format_meeting(events.kind[k], b, naming)}"
+
+
+def is_repeated(events: Events, k: int) -> bool:
+    """Return whether event k is a contact of two balls that have touched before."""
+    pairs = [{a, b} for a, b in zip(events.a, events.b, strict=True)]
+    earlier = [j for j in range(len(events)) if events.kind[j] == "ball" and events.t[j] < events.t[k]]
+    return events.kind[k] == "ball" and any(pairs[j] == pairs[k] for j in earlier)
 
 
 def format_meeting(kind: str, other: str, naming: Naming) -> str:

@@ -8,7 +8,7 @@ from models.core.fit_result import Fit, WholeShotMisfit, WholeShotSolution
 from models.core.naming import Naming, join_names
 from pipeline.reporting.text.text_formatting import start_sentence
 
-NOT_ASKED = "Nobody asked which published contact models explain the whole shot; trueroll run --laws finds out."
+NOT_ASKED = "Whether one published contact model explains the whole shot was not tested; trueroll run --laws tests it."
 """Reason of a run without them."""
 
 

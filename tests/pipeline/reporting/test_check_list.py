@@ -214,6 +214,8 @@ def test_the_least_sure_event_names_its_alternative(kind: Cause, other: str, wor
     causes = (CauseHypothesis(kind, other, 0.92), CauseHypothesis("none", "", 0.08))
     explanation = ShotExplanation((moment("white", float(events.t[1]), *causes),))
     least = format_least_sure(events, range(2), explanation, Naming())
+    rests = replace(events, kind=("rest", kind), probability=np.array([0.5, 0.92]))
+    assert format_least_sure(rests, range(2), explanation, Naming()) == least, "a rest has an unsure time"
     assert least.startswith("white ")
     assert least.endswith(f" (92 %, else {words} 8 %)")
     assert format_alternatives(events, 0, explanation, Naming()) == "", "no moment stands for it"

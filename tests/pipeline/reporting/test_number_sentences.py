@@ -38,6 +38,12 @@ def test_a_number_whose_error_holds_zero_has_no_side(name: str, unit: str) -> No
     assert format_number(ShotNumber(name, -17.0, 3.4, unit, True)).split()[-1] in ("back", "left")
 
 
+def test_a_number_is_apart_from_its_unit_and_ways_of_balls_stand_elsewhere() -> None:
+    spin, way = ShotNumber("top_spin", 14.7, 0.8, "rad/s", True), ShotNumber("length", 1.5, 0.01, "m", True)
+    assert format_number(spin) == "14.7 ± 0.8 rad/s top"
+    assert [row[2] for row in list_number_rows(make_numbers(spin, way), NAMING, RADIUS)] == ["14.7 ± 0.8 rad/s top"]
+
+
 @pytest.mark.parametrize(("share", "words"), [(1.0, "11.2 ± 0.1 mm above"), (-0.5, "5.6 ± 0.1 mm below")])
 def test_the_tip_hits_where_its_impulse_gives_the_spin(share: float, words: str) -> None:
     """An impulse J at the offset b gives J = m v and J b = 2/5 m R^2 w; a ball hit at 7/5 R above the cloth rolls."""
@@ -76,15 +82,16 @@ def test_cushions_are_whole(count: float, words: str) -> None:
 @pytest.mark.parametrize(
     ("chances", "spin", "words"),
     [
-        ((0.0, 0.0, 0.02, 0.98), "roll", "full, natural roll"),
-        ((0.0, 0.0, 0.78, 0.22), "follow", "full, follow or natural roll"),
-        ((0.3, 0.3, 0.3, 0.1), "draw", "full, spin not measurable"),
-        ((0.0, 0.0, 0.02, 0.98), "unknown", "full, spin not measurable"),
+        ((0.0, 0.0, 0.02, 0.98), "roll", "natural roll"),
+        ((0.0, 0.0, 0.78, 0.22), "follow", "follow or natural roll"),
+        ((0.3, 0.3, 0.3, 0.1), "draw", "spin not measurable"),
+        ((0.0, 0.0, 0.02, 0.98), "unknown", "spin not measurable"),
     ],
 )
 def test_a_hit_always_says_its_spin(chances: tuple[float, ...], spin: SpinState, words: str) -> None:
     cut = ShotNumber("cut_angle", 1.0, 0.4, "deg", True, "red")
-    assert format_hit(make_numbers(cut, spin=spin, chances=chances)) == words
+    full = "full (98 % of the ball covered, cut angle 1.0 ± 0.4°)"
+    assert format_hit(make_numbers(cut, spin=spin, chances=chances)) == f"{full}, {words}"
 
 
 def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -126,6 +127,9 @@ def test_a_report_without_its_slow_motion_says_so(report: Path, browser: webdriv
     open_page(tmp_path / "report.html", browser)
     wait_on(browser).until(lambda b: b.find_element(By.ID, "missing").is_displayed())
     assert not browser.find_element(By.ID, "playing").is_displayed()
+    offers = browser.find_elements(By.CLASS_NAME, "plays")
+    assert offers, "the page says what plays"
+    assert not any(offer.is_displayed() for offer in offers)
     browser.get_log("browser")  # the missing file is reported there, and a later test must not see it
 
 
@@ -153,6 +157,8 @@ def test_a_phone_shows_every_number_of_the_report(report: Path, browser: webdriv
     assert report.stat().st_size < MAX_PAGE_BYTES
 
 
+AFTER_TAP = 0.5
+"""s within which a browser tells a double tap from two taps."""
 TAP_PLACE = """
 const plot = document.querySelector(`#${arguments[0]} .nsewdrag`);
 plot.scrollIntoView({ block: 'center' });
@@ -161,13 +167,17 @@ return [left + 0.3 * width, top + 0.5 * height]"""
 
 
 @pytest.mark.parametrize("browser", WIDTHS[1:], indirect=True)
-@pytest.mark.parametrize("figure", ["speeds", "energies", "parameters"])
+@pytest.mark.parametrize("figure", ["speeds", "energies", "parameters", "plan"])
 def test_a_tap_on_a_figure_shows_the_value_there(report: Path, browser: webdriver.Chrome, figure: str) -> None:
     x, y = open_page(report, browser).execute_script(TAP_PLACE, figure)
+    size = f"const {{ x, y, width, height }} = document.querySelector('#{figure} .nsewdrag').getBoundingClientRect();"
+    before = browser.execute_script(f"{size} return [x, y, width, height]")
     browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
     browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     value = f"return document.querySelector('#{figure} .hoverlayer').textContent"
     assert any(letter.isdigit() for letter in wait_on(browser).until(lambda b: b.execute_script(value)))
+    time.sleep(AFTER_TAP)
+    assert browser.execute_script(f"{size} return [x, y, width, height]") == before, "a tap changes no size"
 
 
 OVERHANG = """

@@ -33,7 +33,7 @@ from pipeline.io.run_views import assess_run_trust
 from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
-from pipeline.reporting.text.call_sentences import format_call
+from pipeline.reporting.text.call_sentences import format_call, format_gap
 from pipeline.reporting.text.text_formatting import format_event
 from video.io.clip import Clip
 from video.overlay import motion_paths
@@ -66,6 +66,18 @@ def test_the_page_loads_nothing_from_outside(page: str) -> None:
 def test_a_file_name_cannot_run_a_script(page: str) -> None:
     assert "<script>alert(1)" not in page
     assert "&lt;script&gt;alert(1)" in page
+
+
+def test_the_page_counts_contacts_and_explains_only_the_terms_that_occur(page: str) -> None:
+    assert "0 contacts of two balls, 1 of a ball and a rail, 0 balls potted." in page
+    assert page.count("± is one standard deviation everywhere.") == 1
+    assert "Cue tip" not in page
+    assert "Doubt</th>" not in page
+
+
+def test_how_much_of_a_ball_a_contact_covers_stands_beside_its_margin() -> None:
+    assert format_gap(-0.0175, 0.0001, 0.0307) == "17.5 ± 0.1 mm from a miss, 29 % of the ball covered"
+    assert format_gap(0.0175, 0.0001, 0.0307) == "17.5 ± 0.1 mm from a touch"
 
 
 def test_each_event_seeks_the_slow_motion_to_a_little_before_it(page: str) -> None:
@@ -235,8 +247,7 @@ def test_a_carom_is_told_with_its_cushions_and_the_margin_of_their_order() -> No
     assert format_call(late, Naming(game="carom")).statement == "2 cushions before the second ball"
     missed = replace(score, probability=0.01, path=path[:3], margin=0.003, margin_sigma=0.001)
     assert format_call(missed, Naming(game="carom")).sentence == (
-        "No (99 %): white did not touch yellow; it met 2 cushions;"
-        " 3.0 ± 1.0 mm of air between them at the closest at 1.5000 s ± 1.0 ms, frame 45.0."
+        "No (99 %): white met 2 cushions and missed yellow; 3.0 ± 1.0 mm from a touch at 1.5000 s ± 1.0 ms, frame 45.0."
     )
 
 

@@ -17,6 +17,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.estimation.contact_test.call_answers import CallAnswer
 from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
+from pipeline.reporting.text.text_formatting import name_event
 
 T = np.linspace(0, 2, 61)
 TOUCH = 0.8
@@ -83,7 +84,7 @@ def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_la
     (summary,) = summarize(replace(tracks, xy=hidden), fit)
     assert summary.spread.startswith("White broke a cluster of 1 balls: 1 of them moved, 0 reached a rail and none")
     assert summary.spread.endswith("until 0.90 s is beyond what the film can show.")
-    assert "It was last seen at 1.50 s, when it moved at 0.64 m/s" in summary.after
+    assert summary.ends[1].startswith("White: last seen at 1.50 s, moving at 0.64 m/s")
 
 
 def test_a_call_that_is_less_sure_states_its_probability_but_drops_no_contact() -> None:
@@ -97,10 +98,10 @@ def test_a_call_that_is_less_sure_states_its_probability_but_drops_no_contact() 
 @pytest.mark.parametrize(
     ("after", "expected"),
     [
-        ((0.3, 0.05), "White went on 9° to the right of its line, at 0.30 m/s (1.1 km/h)"),
+        ((0.3, 0.05), "White went on 9° to the right of its own line, at 0.30 m/s (1.1 km/h)"),
         ((0.3, 0.001), "White went straight on, at 0.30 m/s (1.1 km/h)"),
-        ((0.0, 0.5), "turned 90° to the right, at 0.50 m/s (1.8 km/h)"),
-        ((0.0, -0.5), "turned 90° to the left, at 0.50 m/s (1.8 km/h)"),
+        ((0.0, 0.5), "turned 90° to its own right, at 0.50 m/s (1.8 km/h)"),
+        ((0.0, -0.5), "turned 90° to its own left, at 0.50 m/s (1.8 km/h)"),
         ((-0.4, 0.0), "came back, at 0.40 m/s (1.4 km/h)"),
         ((0.01, 0.0), "stopped at the place of contact"),
     ],
@@ -117,10 +118,10 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.5000 s ± 1.0 ms." in after.after
-    assert "Least sure of all else: white hits the far long rail (80 %)." in after.confidence
+    assert "Least sure otherwise: white hits the far long rail (80 %)." in after.confidence
     tracks, fit = make_shot((0.0, 0.5))
     (struck,) = summarize(tracks, replace(fit, events=replace(fit.events, probability=np.array([0.98, 0.997]))))
-    assert "Least sure of all else: white is struck (98 %)." in struck.confidence
+    assert "Least sure otherwise: white is struck (98 %)." in struck.confidence
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
@@ -136,7 +137,7 @@ def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_
     )  # fmt: skip
     vague = replace(fit.events, t_sigma=np.array([1e-3, 1e-3, 0.02]))
     (summary,) = summarize(tracks, replace(fit, trajectory=still, events=vague))
-    assert "turned 90° to the right, at 0.50 m/s (1.8 km/h)" in summary.after
+    assert "turned 90° to its own right, at 0.50 m/s (1.8 km/h)" in summary.after
     assert "stopped" not in summary.after
 
 
@@ -145,7 +146,7 @@ def test_a_ball_that_is_observed_again_only_later_is_described_from_there() -> N
     motion = fit.trajectory
     again = replace(motion, start=np.where((motion.ball == 0) & (motion.start == TOUCH), 1.0, motion.start))
     (summary,) = summarize(tracks, replace(fit, trajectory=again))
-    assert "White turned 90° to the right, at 0.50 m/s (1.8 km/h) 0.40 s later." in summary.after
+    assert "White turned 90° to its own right, at 0.50 m/s (1.8 km/h) 0.40 s later." in summary.after
 
 
 def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
@@ -159,8 +160,8 @@ def test_contacts_with_balls_are_listed_before_those_with_cushions() -> None:
         ("", "white", *("top",) * more, "red"), np.zeros((len(t), 2)), one, -0.01 * one, 1e-3 * one, one,
     )  # fmt: skip
     (summary,) = summarize(tracks, replace(fit, events=many))
-    assert "the far long rail at 1.4000 s ± 1.0 ms and red at 1.7000 s ± 1.0 ms and 2 more." in summary.after
-    assert "All else: above 99.9 %." in summary.confidence
+    assert "the far long rail at 1.4000 s ± 1.0 ms and red again at 1.7000 s ± 1.0 ms and 2 more." in summary.after
+    assert "All other contacts: above 99.9 %." in summary.confidence
 
 
 def test_speeds_are_those_of_the_table_of_numbers() -> None:
@@ -172,7 +173,8 @@ def test_speeds_are_those_of_the_table_of_numbers() -> None:
     )
     listed = ShotNumbers(0.2, "white", "red", "stun", (0.02, 0.96, 0.02, 0.0), (), (), numbers)
     (summary,) = summarize(tracks, replace(fit, shot_numbers=(listed,)))
-    assert summary.first.startswith("White hit red first: half ball, stun.")
+    hit = "half ball (48 % of the ball covered, cut angle 31.0 ± 0.5°), stun."
+    assert summary.first.startswith(f"White hit red first: {hit}")
     assert "White arrived at 0.98 ± 0.02 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
 
@@ -184,10 +186,43 @@ def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
 
 def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
     (summary,) = summarize(*make_shot((0.0, 0.3)))
-    assert (
-        "When the clip ends, at 2.00 s, it still moves at 0.30 m/s (1.1 km/h), its centre 14 cm (0.6 diamonds) from the"
-        " near long rail and 100 cm (4.0 diamonds) from the left short rail." in summary.after
+    assert summary.ends[:2] == (
+        "White and red still move when the clip ends, at 2.00 s.",
+        "White: still moving at 0.30 m/s (1.1 km/h), its centre 14 cm (0.6 diamonds) from the near long rail and 100 cm"
+        " (4.0 diamonds) from the left short rail.",
     )
+
+
+def test_every_ball_has_its_end_and_its_way() -> None:
+    """Red is potted, and white rests: nothing moves any more; a ball without events and motion did not move."""
+    tracks, fit = make_shot((0.0, 0.3), cushion=1.5)
+    ways = (
+        ShotNumber("length", 1.2, 0.01, "m", True, "white"), ShotNumber("cushions", 2.0, 0.0, "", True, "white"),
+    )  # fmt: skip
+    events = replace(fit.events, kind=("strike", "pocket", "rest"), a=("white", "red", "white"), b=("", "top", ""))
+    moving = np.zeros((len(T), 2), bool)
+    played = replace(fit, events=events, moving=moving, shot_numbers=(ShotNumbers(0.2, "white", "red", "unknown", (),
+                     (), (), ways),))  # fmt: skip
+    (summary,) = summarize(tracks, played)
+    assert summary.ends[0] == "No ball still moves when the clip ends, at 2.00 s."
+    assert summary.ends[1].startswith("White: at rest since 1.5000 s ± 1.0 ms, its centre ")
+    assert summary.ends[1].endswith("; it ran 1.20 ± 0.01 m and met 2 rails.")
+    assert summary.ends[2] == "Red: fell into the far-side pocket at 0.8000 s ± 1.0 ms."
+    strike = replace(fit.events, kind=("strike", "rest", "rest"), a=("white",) * 3, b=("",) * 3)
+    (alone,) = summarize(tracks, replace(fit, events=strike, moving=moving))
+    assert alone.ends[-1] == "Red did not move."
+
+
+def test_a_second_meeting_is_called_so_and_a_carom_shot_says_whether_it_scored() -> None:
+    tracks, fit = make_shot((0.0, 0.5), cushion=1.5)
+    twice = replace(fit.events, kind=("strike", "ball", "ball"), b=("", "white", "red"))
+    score = CallAnswer("score", ("white", "red", "yellow"), 0.0001, 1.5, margin=0.041, margin_sigma=0.001)
+    (summary,) = summarize_shots(tracks, replace(fit, events=twice), shot.make_scene().table, calls=(score,))
+    assert "Then it touched red again at 1.5000 s ± 1.0 ms." in summary.after
+    assert name_event(twice, 2, fit.naming).endswith(" touch again")
+    assert not name_event(twice, 1, fit.naming).endswith(" again")
+    assert summary.score.startswith("No point (above 99.9 %): white met no rails and missed red or yellow;")
+    assert "41.0 ± 1.0 mm from a touch" in summary.score
 
 
 def test_unlikely_events_are_not_mentioned() -> None:
