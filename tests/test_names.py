@@ -11,6 +11,7 @@ from support.code_structure import (
     is_documented,
     is_one_word,
     is_participle,
+    names_bound_twice,
     read_modules,
     shared_functions,
 )
@@ -28,6 +29,11 @@ def test_no_two_modules_share_a_base_name() -> None:
 
 def test_no_two_classes_share_a_name() -> None:
     assert not duplicate_class_names(MODULES)
+
+
+def test_no_module_binds_a_name_twice() -> None:
+    """The second of two constants would silently replace the first in the functions above it."""
+    assert not {module.name: names for module in MODULES if (names := names_bound_twice(module))}
 
 
 def test_every_package_describes_itself() -> None:

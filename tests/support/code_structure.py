@@ -118,6 +118,19 @@ def duplicate_class_names(modules: Iterable[Module]) -> dict[str, int]:
     return _repeated(node.name for module in modules for node in module.classes())
 
 
+def names_bound_twice(module: Module) -> dict[str, int]:
+    """Count the names that a module defines or assigns more than once at its top level, so that the last one wins."""
+    names = []
+    for node in module.tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.append(node.name)
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        for target in targets:
+            elements = target.elts if isinstance(target, ast.Tuple) else [target]
+            names += [element.id for element in elements if isinstance(element, ast.Name)]
+    return _repeated(names)
+
+
 def modules_per_folder(modules: Iterable[Module]) -> Counter[Path]:
     """Count the modules of every folder, without `__init__`."""
     return Counter(module.path.parent for module in modules if module.path.stem not in ("__init__", "__main__"))

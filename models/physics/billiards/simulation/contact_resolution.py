@@ -136,7 +136,7 @@ def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: i
     out[11], out[12], out[13] = nx * wbn - ny * wbt, ny * wbn + nx * wbt, wbz
 
 
-_E_0, _E_1, _GRIP_0, _GRIP_1 = IMPULSE_PARAMETERS
+_IMPULSE_E_0, _IMPULSE_E_1, _IMPULSE_GRIP_0, _IMPULSE_GRIP_1 = IMPULSE_PARAMETERS
 
 
 @compile_kernel
@@ -156,10 +156,11 @@ def _change_impulse(  # type: ignore[no-untyped-def]
         return after
     reduced, closing = ma * mb / (ma + mb), van - vbn
     st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
-    share = reduced * (p[_GRIP_0] + p[_GRIP_1] * closing / np.sqrt(closing * closing + st * st + sz * sz))
+    grip = p[_IMPULSE_GRIP_0] + p[_IMPULSE_GRIP_1] * closing / np.sqrt(closing * closing + st * st + sz * sz)
+    share = reduced * grip
     a = apply_ball_impulse(
         after[0], after[1], after[2], after[3], after[4], after[5], after[6], after[7], after[8], after[9],
-        ra, rb, ma, mb, reduced * (p[_E_0] + p[_E_1] * closing) * closing, -share * st, -share * sz,
+        ra, rb, ma, mb, reduced * (p[_IMPULSE_E_0] + p[_IMPULSE_E_1] * closing) * closing, -share * st, -share * sz,
     )  # fmt: skip
     energy = ma.real * sphere_energy(a[0], a[1], a[2], a[3], a[4], ra)
     energy += mb.real * sphere_energy(a[5], a[6], a[7], a[8], a[9], rb)
@@ -169,7 +170,7 @@ def _change_impulse(  # type: ignore[no-untyped-def]
     return a
 
 
-_E_0, _E_1, _E_2, _GRIP_0, _GRIP_1, _ROLL = REBOUND_PARAMETERS
+_REBOUND_E_0, _REBOUND_E_1, _REBOUND_E_2, _REBOUND_GRIP_0, _REBOUND_GRIP_1, _REBOUND_ROLL = REBOUND_PARAMETERS
 
 
 @compile_kernel
@@ -196,13 +197,13 @@ def _change_rebound(vn, vt, wn, wt, wz, radius, p, after):  # type: ignore[no-un
     if not acts:
         return after
     slip = vt + radius * wz
-    restitution = p[_E_0] + p[_E_1] * vn + p[_E_2] * vt * vt / (vn * vn + vt * vt)
-    along = -(p[_GRIP_0] + p[_GRIP_1] * vn / np.sqrt(vn * vn + slip * slip)) * slip
+    restitution = p[_REBOUND_E_0] + p[_REBOUND_E_1] * vn + p[_REBOUND_E_2] * vt * vt / (vn * vn + vt * vt)
+    along = -(p[_REBOUND_GRIP_0] + p[_REBOUND_GRIP_1] * vn / np.sqrt(vn * vn + slip * slip)) * slip
     changed = (
         after[0] - restitution * vn,
         after[1] + along,
         after[2],
-        after[3] - p[_ROLL] * wt,
+        after[3] - p[_REBOUND_ROLL] * wt,
         after[4] + 2.5 / radius * along,
     )
     energy = sphere_energy(changed[0], changed[1], changed[2], changed[3], changed[4], radius)
