@@ -238,10 +238,11 @@ def _measure_ball(
     measures = () if is_white else (distance,) if is_black else (purity, distance)  # black has no hue
 
     def select(pixels: BoolArray) -> BoolArray:
-        purest = [one >= MIN_PURE_SHARE * np.quantile(one[pixels], PUREST_QUANTILE) for one in measures]
-        pure = np.all([pixels, *purest], axis=0)
-        low, high = np.quantile(lightness[pure], [0.0 if is_black else SHADE_QUANTILE, GLARE_QUANTILE])
-        return np.asarray(pure & (lightness >= low) & (lightness <= high))
+        for measure in measures:  # one after the other, and bounds that are pixels: some are left in any case
+            pixels = pixels & (measure >= MIN_PURE_SHARE * np.quantile(measure[pixels], PUREST_QUANTILE))
+        low = np.quantile(lightness[pixels], 0.0 if is_black else SHADE_QUANTILE, method="lower")
+        high = np.quantile(lightness[pixels], GLARE_QUANTILE, method="higher")
+        return np.asarray(pixels & (lightness >= low) & (lightness <= high))
 
     own = painted & ~_is_cloth(rgb2lab(discs / 255), cloth_lab)
     sets = (painted, own) if own.sum() > MIN_OWN_SHARE * painted.sum() else (painted,)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
-from support.rendered_sets import name_as_person, render_set
 
+from benchmarks.detection.rendered_sets import measure_set, name_as_person, render_set
 from models.core.ball_look import UNKNOWN_COLOUR
 
 BLUE, GREEN, TAN = (0.13, 0.47, 0.68), (0.10, 0.50, 0.27), (0.62, 0.50, 0.33)
@@ -76,3 +76,10 @@ def test_coarse_chroma_and_overexposed_pixels_do_not_dilute_the_colour_of_a_ball
         rgb2lab(np.array([[look.colour for look in looks]]) / 255)[0] for looks in (rendered.describe(), spoiled_looks)
     ]
     assert deltaE_ciede2000(*colours)[1:].max() < MAX_DIFFERENCE
+
+
+@pytest.mark.filterwarnings("error")
+def test_small_balls_in_an_oblique_view_leave_pixels_to_measure() -> None:
+    rows = measure_set(9, 11)
+    assert np.isfinite([difference for _, difference, _ in rows]).all()
+    assert not [row for row in rows if row[2] == "WRONG NUMBER"]
