@@ -7,6 +7,7 @@ from typing import Any
 
 from models.core.naming import Naming
 from models.core.number_format import format_doubt, format_speed
+from pipeline.reporting.text.number_sentences import SURE_SIGMAS
 from pipeline.reporting.text.text_formatting import format_meeting
 
 MIN_PROBABILITY = 0.1
@@ -63,8 +64,8 @@ def format_what_if(document: dict[str, Any], naming: Naming) -> tuple[str, ...]:
     ]
     lines.append(f"Played so: {', '.join(events)}." if events else "Played so, nothing is met.")
     lines.append(
-        f"The real paths end with the clip, at {document['clip_end']:.2f} s; the others go on until the balls rest, at"
-        f" most to {document['play_end']:.2f} s."
+        f"In the image the real paths end with the clip, at {document['clip_end']:.2f} s; the others go on until the"
+        f" balls rest, at most to {document['play_end']:.2f} s."
     )
     if document["model"] == "segments":
         lines.append(SIDE_SPIN_WARNING)
@@ -106,7 +107,8 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
             continue
         if real[f"{name}_sigma"] < MAX_SPIN_SIGMA:
             new, old = (f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real))
-            parts.append(f"{new} spin instead of {old} spin")
+            is_sure = abs(real[name]) >= SURE_SIGMAS * real[f"{name}_sigma"]
+            parts.append(f"{new} spin instead of {old if is_sure else f'no measurable {name}'} spin")
         else:
             added = changed[name] if change[name] is not None else change[f"{name}_added"]
             more = "" if change[name] is not None else " more than in the real stroke"

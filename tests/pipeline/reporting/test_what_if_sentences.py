@@ -81,6 +81,13 @@ def test_events_have_times_and_the_ends_of_the_paths_are_stated() -> None:
         "Played so: 0.97 s the white touches the yellow, 1.50 s the yellow hits the far short cushion (40 %)." in lines
     )
     assert (
-        "The real paths end with the clip, at 4.94 s; the others go on until the balls rest, at most to 6.45 s."
-        in lines
+        "In the image the real paths end with the clip, at 4.94 s; the others go on until the balls rest, at most to"
+        " 6.45 s." in lines
     )
+
+
+def test_a_spin_whose_side_is_not_known_is_none_that_is_measurable() -> None:
+    more = make_document(0.5, 0.02, {}, {"speed": 2.88, "side": 0.1, "top": 0.2}, spin_sigma=0.2)
+    assert "0.10 right side spin instead of 0.50 left side spin" in format_what_if(more, NAMING)[0]
+    more["stroke"]["real"]["side"] = -0.3
+    assert "0.10 right side spin instead of no measurable side spin" in format_what_if(more, NAMING)[0]
