@@ -5,7 +5,8 @@
 Every output becomes rows of text in which names are replaced by ids: the report, what `run` printed (DIR.log, if it is
 there), and sentences, tables, JSON and image texts of the commands. A statement is a quantity of named things with an
 interval: 0.54 s lies between 0.535 and 0.545 s. Two statements on the same thing contradict each other if their words
-differ or their intervals do not meet. Prints one row per folder, then the contradictions.
+differ or their intervals do not meet. Prints one row per folder, the contradictions, and what was compared with
+nothing: a command that refuses, and one in whose outputs no statement was found that any other output makes too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import re
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from itertools import combinations
@@ -28,16 +29,22 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
+
 import trueroll
 from models.core.answer import Answer
 from models.core.errors import TruerollError
 from models.core.naming import Naming
-from models.core.scene import CUSHIONS, POCKETS
-from pipeline.actions import answer_call
+from models.core.scene import CUSHIONS, POCKETS, Table
+from models.estimation.ball_placement.ball_places import measure_cushion_distances
+from pipeline.actions.play_otherwise import MIN_PROBABILITY
+from pipeline.io.certificate_files import NAMES
 from pipeline.io.run_folder import list_folders_with
 from pipeline.io.run_views import read_shot_record
-from pipeline.reporting.text.number_sentences import NUMBER_NAMES
+from pipeline.reporting.pages.certificate_page import FALLS
+from pipeline.reporting.text.number_sentences import NUMBER_NAMES, SURE_SIGMAS
 from pipeline.terminal import command_line
+from video.overlay.close_up import draw_close_up
 
 COMMANDS = ("call", "put-back", "compare", "predict", "what-if", "certify")
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "%": 1e-2, "°": 1.0,
@@ -61,7 +68,13 @@ ROW_VALUES = {
     "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) from a (?:miss|touch)", "frame": rf"(?<!around )frame ({NUMBER})",
 }  # fmt: skip
 """Values that a row with one event states of it."""
-PLACE = rf"({NUMBER} cm) from «(\w+)»"
+PLACE = rf"({NUMBER} cm)(?: \([^)]*\))? from «(\w+)»"
+CLOSE_UP = "pipeline.actions.answer_call.draw_close_up"
+CERTIFICATE_CLAUSES = {
+    "restitution": rf"its cushions return ({NUMBER}) ± ({NUMBER}) of the speed",
+    "roll_out": rf"a ball of 2 m/s rolls ({NUMBER}) ± ({NUMBER}) m",
+}
+"""Numbers of a certificate in its sentence, with their standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +124,7 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
     ends = sorted((scale * (float(number) + low), scale * (float(number) + high)))
     if side == "either way":
         ends = [-max(map(abs, ends)), max(map(abs, ends))]
-    return Statement(key, value, source, *ends, unit, side, len(decimals))
+    return Statement(key, value, source, ends[0], ends[1], unit, side, len(decimals))
 
 
 def read_direction(shown: str) -> str:
@@ -244,14 +257,6 @@ class RunStatements:
                 kind = "cushion" if later[1] in CUSHIONS else "ball"
                 event = self.find_event(kind, then[1], later[1], float(later[2].split()[0]))
                 yield from (state(("event", event), "there", source), state(("time", event), later[2], source))
-        ball = re.match(r"«([^»]+)»", text)
-        when = re.search(r"stays at rest|(?:comes|came) to rest at|keeps moving|is at rest", text)
-        if ball and when:
-            moves = any(ball[1] in (one["a"], one["b"]) for one in self.events)
-            moment = "at the end" if moves else "always"
-            if when[0] == "stays at rest":
-                yield from (state(("distance", ball[1], rail, moment), shown, source)
-                            for shown, rail in re.findall(PLACE, text))  # fmt: skip
 
     def read_numbers(self, numbers: list[dict[str, Any]], source: str) -> Iterator[Statement]:
         """Read the numbers of a shot from JSON."""
@@ -259,6 +264,9 @@ class RunStatements:
             if one.get("observable", True) and not one["place"] and one["value"] is not None:
                 value = float(one["value"]) * UNITS.get(one["unit"], 1)
                 yield state(("number", NUMBER_NAMES[one["name"]], one["ball"]), value, source)
+            if not one["place"]:
+                is_measurable = "yes" if one.get("observable", True) else "no"
+                yield state(("measurable", NUMBER_NAMES[one["name"]], one["ball"]), is_measurable, source)
 
     def read_calls(self, document: dict[str, Any], printed: str, figure: list[str]) -> Iterator[Statement]:
         """Read a call from its JSON, its terminal and its image."""
@@ -317,6 +325,164 @@ class RunStatements:
             if cells[0] in by_words and len(cells) > 4:
                 yield state(("number", cells[0], by_words[cells[0]]), cells[2], "terminal of compare")
 
+    def read_session_page(self, rows: list[str], table: list[dict[str, str]], shots: list[Any]) -> Iterator[Statement]:
+        """Read the shots on the page of compare, with their names, its CSV, and what scene.json has of them."""
+        cells = [[cell.strip() for cell in row.strip("| ").split("|")] for row in rows]
+        headings = next((one for one in cells if "first ball" in one), [])
+        listed = [one for one in cells if headings and len(one) == len(headings) and one is not headings]
+        for k, shot in enumerate(shots):
+            potted = "; ".join(f"«{one['ball']}» «{one['pocket']}»" for one in shot["potted"])
+            yield state(("first of shot", f"{k}"), f"«{shot['first']}»" if shot["first"] else "", "scene.json")
+            yield state(("potted in shot", f"{k}"), potted, "scene.json")
+            yield state(("spin in shot", f"{k}"), shot["spin_state"], "scene.json")
+        for k, (row, one) in enumerate(zip(listed, table, strict=True)):
+            shown = dict(zip(headings, row, strict=True))
+            for name, heading, column in (("first of shot", "first ball", "first_name"),
+                                          ("potted in shot", "potted", "potted_names"),
+                                          ("spin in shot", "spin there", "spin_state")):  # fmt: skip
+                yield state((name, f"{k}"), self.identify(shown[heading]), "page of compare")
+                yield state((name, f"{k}"), self.identify(one[column]), "CSV of compare")
+            if len(shots) == 1:
+                of_cue_last = sorted(shots[0]["numbers"], key=lambda one: one["ball"] == shots[0]["cue"])
+                by_words = {NUMBER_NAMES[number["name"]]: number["ball"] for number in of_cue_last}
+                for words in filter(by_words.get, headings):
+                    if shown[words]:
+                        yield state(("number", words, by_words[words]), shown[words], "page of compare")
+
+    def read_predictions(self, document: dict[str, Any], sentences: Iterable[str], table: Table) -> Iterator[Statement]:
+        """Read motions, rests and places of predict from its JSON and its sentences."""
+        moved = {body for one in self.events for body in (one["a"], one["b"])}
+        rests = {one["a"]: one["t"] for one in document["events"] if one["kind"] == "rest" and one["probability"] > 0.5}
+        last = {body: one["kind"] for one in self.events for body in (one["a"], one["b"])}
+        yield state(("end of the observations",), document["t"], "JSON of predict")
+        for ball, text in zip(document["balls"], map(self.identify, sentences), strict=True):
+            name = re.match(r"«([^»]+)»", text)
+            yield state(("ball of a sentence", ball["id"]), name[1] if name else text, "terminal of predict")
+            yield state(("ball of a sentence", ball["id"]), ball["id"], "JSON of predict")
+            verb = re.search(r"stays at rest|is at rest|keeps moving", text)
+            if verb:
+                motion = "moves" if verb[0] == "keeps moving" else "rests"
+                yield state(("motion at the end", ball["id"]), motion, "terminal of predict")
+            if last.get(ball["id"], "rest") == "rest":
+                yield state(("motion at the end", ball["id"]), "rests", "events.csv")
+            if shown := re.search(rf"comes to rest at ({NUMBER} s)", text):
+                yield state(("predicted rest", ball["id"]), shown[1], "terminal of predict")
+                yield state(("predicted rest", ball["id"]), rests.get(ball["id"], "none"), "JSON of predict")
+            if ball["end"]:
+                place = measure_cushion_distances(table, np.array([[ball["end"]["x"], ball["end"]["y"]]]))[0]
+                for rail, distance in zip(CUSHIONS, place, strict=True):
+                    yield state(("distance", ball["id"], rail, "predicted"), float(distance), "JSON of predict")
+            for distance, rail in re.findall(PLACE, text):
+                yield state(("distance", ball["id"], rail, "predicted"), distance, "terminal of predict")
+                if ball["id"] not in moved:
+                    yield state(("distance", ball["id"], rail, "always"), distance, "terminal of predict")
+
+    def read_what_if(self, document: dict[str, Any], sentences: Iterable[str], is_single: bool) -> Iterator[Statement]:
+        """Read what a what-if states of the real stroke, of its plays, and of a shot as it was struck."""
+        cue, source = document["cue"], "terminal of what-if"
+        text = " ".join(map(self.identify, sentences))
+        is_real = "nothing is changed" in text
+        named = {"cue_speed": rf"instead of ({NUMBER} m/s \([^)]*\))",
+                 "top_spin_share": rf"instead of ({NUMBER} (?:top|back)) ",
+                 "side_spin_share": rf"instead of ({NUMBER} (?:left|right)) side"}  # fmt: skip
+        for name, pattern in named.items():
+            if is_single and (found := re.search(pattern, text)):
+                yield state(("number", NUMBER_NAMES[name], cue), found[1], source)
+                yield state(("measurable", NUMBER_NAMES[name], cue), "yes", source)
+        for name, side in (("top_spin_share", "top|back"), ("side_spin_share", "(?:left|right) side")):
+            if is_single and re.search(rf"(?:{side}) spin[^;]*, where it is not measurable", text):
+                yield state(("measurable", NUMBER_NAMES[name], cue), "no", source)
+        form = rf"with a probability (?:of )?({NUMBER}(?: ± {NUMBER})? %)"
+        for what, begin in (("changed", "Played so, "), ("real", "As it was struck, ")):
+            if found := re.search(rf"{begin}[^.]*?{form}", text):
+                yield state(("chance", "real" if is_real else what, f"{is_real}"), found[1], source)
+            chance = document[what]["probability"]
+            yield state(("chance", "real" if is_real else what, f"{is_real}"), chance, "JSON of what-if")
+        result = re.search("the real shot (scored|did not)", text)
+        if document["goal"]["game"] == "pot" and is_single and result:
+            is_potted = any(one["kind"] == "pocket" and one["a"] != cue and float(one["probability"]) >= MIN_PROBABILITY
+                            for one in self.events)  # fmt: skip
+            yield state(("scored",), "scored" if is_potted else "did not", "events.csv")
+            yield state(("scored",), result[1], source)
+        if found := re.search(rf"end with the clip, at ({NUMBER} s).* at most to ({NUMBER} s)", text):
+            yield state(("end of the observations",), found[1], source)
+            yield state(("end of the plays", f"{is_real}"), found[2], source)
+            yield state(("end of the plays", f"{is_real}"), document["play_end"], "JSON of what-if")
+        yield from self.read_plays(document, text, is_real and is_single, f"{is_real}")
+
+    def read_plays(self, document: dict[str, Any], text: str, is_real: bool, about: str) -> Iterator[Statement]:
+        """Read the events of a what-if; of a shot as it was struck, they are those of the run while the film lasts."""
+        met = set()
+        times = [(one["kind"], {one["a"], one["b"]} - {""}, one["t"]) for one in document["changed"]["events"]]
+        listed = text.partition("Played so: ")[2].partition("In the image")[0]
+        for shown in re.findall(rf"{NUMBER} s [^,:.]+", listed):
+            found = next(((kind, one) for kind, verb in EVENT_VERBS.items() if (one := re.search(verb, shown))), None)
+            if found is None:
+                yield state(("form of a play", about), shown, "terminal of what-if")
+                yield state(("form of a play", about), "an event", "JSON of what-if")
+                continue
+            kind, bodies, t = found[0], [one for one in found[1].groups() if one], float(shown.split()[0])
+            moment = f"{t:.2f} s"
+            own = [one[2] for one in times if one[0] == kind and one[1] == set(bodies)]
+            key = f"{kind} {' '.join(bodies)} {moment}"
+            yield state(("played time", key, about), moment, "terminal of what-if")
+            nearest = min(own, key=lambda one: abs(one - t), default="none")
+            yield state(("played time", key, about), nearest, "JSON of what-if")
+            if is_real and t < document["clip_end"]:
+                event = self.find_event(kind, bodies[0], bodies[-1], t)
+                met.add(event)
+                yield state(("event, played again", event), "there", "terminal of what-if")
+                yield state(("time, played again", event), moment, "terminal of what-if")
+        for row in self.events if is_real else ():
+            t = float(row["t"])
+            if row["kind"] in ("ball", "cushion", "pocket") and float(row["probability"]) >= MIN_PROBABILITY:
+                event = self.find_event(row["kind"], row["a"], row["b"], t)
+                yield state(("event, played again", event), "there", "events.csv")
+                reach = SURE_SIGMAS * float(row["t_sigma"])  # the plays differ by the uncertainty of the measurement
+                words = f"{t:.4f} ± {reach:.4f} s"
+                yield Statement(("time, played again", event), words, "events.csv", t - reach, t + reach)
+                if event not in met:
+                    yield state(("event, played again", event), "absent", "terminal of what-if")
+
+
+def read_certificate(
+    document: dict[str, Any], table: Iterable[Iterable[str]], sentence: str, page: list[str]
+) -> Iterator[Statement]:
+    """Read a certificate from its JSON, the table and the sentence of its terminal, and its page."""
+    ids = {words: name for name, words in NAMES.items()}
+    for name, one in document["numbers"].items():
+        for what in ("value", "sigma"):
+            number = one[what] if one["value"] is not None else "not determined"
+            yield state(("certificate", name, what), number, "JSON of certify")
+        yield state(("certificate", name, "unit"), one["unit"], "JSON of certify")
+    beneath = page[: next((k for k, row in enumerate(page) if row.startswith("Pocket openings")), len(page))]
+    rows = [("page of certify", [cell.strip() for cell in row.strip("| ").split("|")]) for row in beneath]
+    for source, cells in (*(("terminal of certify", [*row]) for row in table), *rows):
+        if cells[0] in ids and len(cells) >= 4:
+            name, (value, sigma, unit) = ids[cells[0]], cells[1:4]
+            negative = f" {FALLS[name][1]}" if name in FALLS else "no direction"
+            is_negative = value.endswith(negative)
+            for end in FALLS.get(name, ()):
+                value = value.removesuffix(f" {end}")
+            value = "not determined" if value.startswith("not determined") else f"{'-' * is_negative}{value}"
+            yield state(("certificate", name, "value"), value, source)
+            yield state(("certificate", name, "sigma"), "not determined" if sigma == "–" else sigma, source)
+            yield state(("certificate", name, "unit"), unit, source)
+    counts = {"shots": r"^(\d+) shots?", "cushion_contacts": r"with (\d+) cushion contacts?"}
+    for source, text in (("terminal of certify", sentence), *(("page of certify", row.strip("| ")) for row in page)):
+        if "on this table" in text:
+            for name, pattern in counts.items():
+                yield from (state(("certificate", name), one, source) for one in re.findall(pattern, text))
+                yield state(("certificate", name), document[name], "JSON of certify")
+            for name, pattern in CERTIFICATE_CLAUSES.items():
+                for value, sigma in re.findall(pattern, text):
+                    yield state(("certificate", name, "value"), value, source)
+                    yield state(("certificate", name, "sigma"), sigma, source)
+            for size in re.findall(rf"it falls by ({NUMBER}) mm/m", text):
+                slope = (document["numbers"][name]["value"] for name in FALLS)
+                yield state(("certificate", "slope"), size, source)
+                yield state(("certificate", "slope"), math.hypot(*slope), "JSON of certify")
+
 
 def ask(answer: Answer) -> tuple[dict[str, Any], str]:
     """Print an answer as the terminal and as JSON."""
@@ -340,55 +506,78 @@ def list_questions(events: list[dict[str, str]], balls: list[str], pockets: bool
     return questions + [("line", "x=0.8", ball) for ball in moved[:1]]
 
 
-def collect_statements(folder: Path, commands: Iterable[str]) -> list[Statement]:
-    """Collect the statements of all outputs of one run folder."""
+def collect_statements(folder: Path, commands: Iterable[str]) -> tuple[list[Statement], dict[str, str]]:
+    """Collect the statements of all outputs of one run folder, and why commands refuse."""
     record = read_shot_record(folder, 0, None)
     with (folder / "events.csv").open(newline="", encoding="utf-8") as file:
         events = list(csv.DictReader(file))
+    with (folder / "tracks.csv").open(newline="", encoding="utf-8") as file:
+        end = max(float(row["t"]) for row in csv.DictReader(file))
     run = RunStatements(folder, record.naming, events)
-    scene = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
-    numbers = [one for shot in scene["shot_numbers"][:1] for one in shot["numbers"]]
-    found = [*run.read_events(), *run.read_numbers(numbers, "scene.json")]
+    shots = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["shot_numbers"]
+    found = [*run.read_events(), state(("end of the observations",), end, "tracks.csv")]
+    found += run.read_numbers([one for shot in shots[:1] for one in shot["numbers"]], "scene.json")
     found += run.read_rows(PageRows((folder / "report.html").read_text(encoding="utf-8")).rows(), "report")
     log = folder.parent / f"{folder.name}.log"
     if log.is_file():
         found += run.read_rows(log.read_text(encoding="utf-8").splitlines(), "terminal of run")
+    refusals = {}
     with tempfile.TemporaryDirectory() as out:
         for command in commands:
-            with contextlib.suppress(TruerollError):
-                is_single = len(scene["shot_numbers"]) == 1
-                found += ask_command(run, command, Path(out), record.table.pockets, numbers, is_single)
+            try:
+                found += ask_command(run, command, Path(out), record.table, shots)
+            except TruerollError as error:
+                refusals[command] = str(error)
+    return found, refusals
+
+
+def ask_command(run: RunStatements, command: str, out: Path, table: Table, shots: list[Any]) -> list[Statement]:
+    """Ask one command everything, and read its statements."""
+    found: list[Statement] = []
+    is_single = len(shots) == 1
+    if command == "call":
+        for question in list_questions(run.events, list(run.naming.looks), table.pockets):
+            figure: list[str] = []
+
+            def keep(nearest: Any, head: str, lines: list[str], figure: list[str] = figure) -> Any:
+                figure += [head, *lines]
+                return draw_close_up(nearest, head, lines)
+
+            with patch(CLOSE_UP, keep):
+                document, printed = ask(trueroll.call(run.folder, *question, out=out))
+            found += run.read_calls(document, printed.split("\n")[0], figure)
+    elif command == "put-back":
+        answer = trueroll.put_back(run.folder, out=out)
+        found += run.read_places(ask(answer)[0], [list(row) for row in answer.rows])
+    elif command == "compare":  # the numbers of several shots are not those of one
+        answer = trueroll.compare(run.folder, out=out / "session")
+        numbers = shots[0]["numbers"] if is_single else []
+        found += run.read_session(ask(answer)[0], [list(row) for row in answer.rows], numbers)
+        with (out / "session" / "session.csv").open(newline="", encoding="utf-8") as file:
+            listed = list(csv.DictReader(file))
+        page = PageRows((out / "session" / "session.html").read_text(encoding="utf-8"))
+        found += run.read_session_page(page.rows(), listed, shots)
+    elif command == "predict":
+        document, printed = ask(trueroll.predict(run.folder, out=out))
+        found += run.read_predictions(document, printed.splitlines()[: len(document["balls"])], table)
+    elif command == "what-if":
+        for more in (None, "+10%"):
+            answer = trueroll.what_if(run.folder, out=out, speed=more, side=more, top=more)
+            found += run.read_what_if(ask(answer)[0], ask(answer)[1].splitlines(), is_single)
+    elif command == "certify":
+        answer = trueroll.certify(run.folder, out=out)
+        page = PageRows((out / "certificate.html").read_text(encoding="utf-8"))
+        found += read_certificate(ask(answer)[0], answer.rows, answer.sentences[0], page.rows())
     return found
 
 
-def ask_command(
-    run: RunStatements, command: str, out: Path, pockets: bool, numbers: list[Any], is_single: bool
-) -> list[Statement]:
-    """Ask one command everything, and read its statements."""
-    found: list[Statement] = []
-    if command == "call":
-        for question in list_questions(run.events, list(run.naming.looks), pockets):
-            figure: list[str] = []
-            draw = answer_call.draw_close_up
-
-            def keep(nearest: Any, head: str, lines: list[str], draw: Callable[..., Any] = draw,
-                     figure: list[str] = figure) -> Any:  # fmt: skip
-                figure += [head, *lines]
-                return draw(nearest, head, lines)
-
-            with patch.object(answer_call, "draw_close_up", keep):
-                document, printed = ask(trueroll.call(run.folder, *question, out=out))
-            found += run.read_calls(document, printed.split("\n")[0], figure)
-        return found
-    if command == "put-back":
-        answer = trueroll.put_back(run.folder, out=out)
-        return list(run.read_places(ask(answer)[0], [list(row) for row in answer.rows]))
-    if command == "compare":  # the numbers of several shots are not those of one
-        answer = trueroll.compare(run.folder, out=out / "session")
-        return list(run.read_session(ask(answer)[0], [list(row) for row in answer.rows], numbers if is_single else []))
-    function = {"predict": trueroll.predict, "what-if": trueroll.what_if, "certify": trueroll.certify}[command]
-    _, printed = ask(function(run.folder, out=out))
-    return list(run.read_rows(printed.splitlines(), command)) if command == "predict" else found
+def find_silent(statements: Iterable[Statement], outputs: Iterable[str]) -> list[str]:
+    """Find the outputs of which nothing is compared: whose statements no other output makes, or that have none."""
+    sources: dict[tuple[str, ...], set[str]] = defaultdict(set)
+    for one in statements:
+        sources[one.key].add(one.source)
+    compared = {source for same in sources.values() if len(same) > 1 for source in same}
+    return [one for one in outputs if not any(f" of {source}".endswith(f" of {one}") for source in compared)]
 
 
 def find_contradictions(statements: Iterable[Statement]) -> list[tuple[str, Statement, Statement]]:
@@ -400,7 +589,7 @@ def find_contradictions(statements: Iterable[Statement]) -> list[tuple[str, Stat
     for key, same in by_key.items():
         pairs = [(kind, one, two) for one, two in combinations(same, 2) if (kind := one.find_difference(two))]
         found += pairs[:1]
-        if key[0] == "event" and key[1].endswith("?"):
+        if key[0].startswith("event") and key[1].endswith("?"):
             found.append(("event", same[0], same[0]))
     return found
 
@@ -413,7 +602,8 @@ def main() -> int:
     total = 0
     print(f"{'run':44}{'statements':>12}{'compared':>10}{'contradictions':>16}")
     for folder in list_folders_with("report.html", [one for one in arguments.folders if one.is_dir()]):
-        statements = collect_statements(folder, arguments.commands.split(","))
+        commands = arguments.commands.split(",")
+        statements, refusals = collect_statements(folder, commands)
         counts: dict[tuple[str, ...], set[str]] = defaultdict(set)
         for one in statements:
             counts[one.key].add(one.source)
@@ -424,6 +614,13 @@ def main() -> int:
         for kind, one, two in pairs:
             stated = (f"{found.words} ({found.source})" for found in (one, two))
             print(f"    {kind}: {' / '.join(one.key)}: {', '.join(stated)}", flush=True)
+        answered = [one for one in commands if one not in refusals]
+        silent = find_silent(statements, ["report", "events.csv", *answered])
+        total += len(silent)
+        for command in silent:
+            print(f"    NOTHING COMPARED: no statement of {command} was found in another output", flush=True)
+        for command, why in refusals.items():
+            print(f"    not compared: {command} refuses: {why}", flush=True)
     return int(total > 0)
 
 

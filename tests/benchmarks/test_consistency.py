@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks.clips.consistency import RunStatements, find_contradictions, read_direction
+from benchmarks.clips import consistency
+from benchmarks.clips.consistency import (
+    PageRows,
+    RunStatements,
+    Statement,
+    find_contradictions,
+    find_silent,
+    read_certificate,
+    read_direction,
+    state,
+)
 from models.core.ball_look import BallLook
 from models.core.naming import Naming
+from models.core.scene import Table
+from pipeline.io.certificate_files import NAMES
+from pipeline.reporting.pages.certificate_page import format_certificate, format_number
+from pipeline.reporting.text.table_words import format_place
+from pipeline.reporting.text.what_if_sentences import format_what_if
 
 NAMING = Naming({"cue": BallLook("cue ball"), "solid-1": BallLook("yellow 1"), "solid-2": BallLook("blue 2")})
 EVENTS = [
@@ -74,3 +90,154 @@ def test_an_altered_statement_of_one_output_is_found(old: str, new: str, kind: s
     altered = tuple(row.replace(old, new) for row in REPORT)
     assert altered != REPORT
     assert kind in find_kinds(altered, TERMINAL)
+
+
+def list_found(statements: list[Statement]) -> list[str]:
+    return [f"{kind}: {one.key[0]}" for kind, one, _ in find_contradictions(statements)]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [("", "", []), ("diamonds", "diamonds", []), ("28.8 cm", "28.9 cm", ["number: distance"] * 2),
+     ("Blue 2", "Yellow 1", ["words: ball of a sentence"]),
+     ("stays at rest", "keeps moving", ["words: motion at the end"])],
+)  # fmt: skip
+def test_places_of_predictions_are_read_with_their_diamonds(old: str, new: str, found: list[str]) -> None:
+    table = Table("pool-8ft", "pool", 2.24, 1.12, 0.0286, 0.17, pockets=True)
+    run, place = RunStatements(Path(), NAMING, EVENTS), np.array([1.3358, 0.28803])
+    shown = format_place(place, np.nan, table, NAMING)
+    assert "diamonds" in shown
+    document = {"t": 3.0, "events": [], "balls": [{"id": "solid-2", "end": {"x": place[0], "y": place[1]}}]}
+    sentence = f"Blue 2 stays at rest, {shown}."
+    statements = list(run.read_predictions(document, [sentence.replace(old, new)], table))
+    put_back = {"balls": [{"id": "solid-2", "left_mm": 1335.8, "right_mm": 904.2, "top_mm": 288.03, "bottom_mm": 832}]}
+    assert list_found([*statements, *run.read_places(put_back, [[]])]) == found
+
+
+def list_of_what_if(events: list[dict[str, object]], old: str = "", new: str = "", speed: float = 1.0) -> list[str]:
+    run = RunStatements(Path(), NAMING, [{**EVENTS[0]}, {**EVENTS[1]}])
+    play = {"probability": 0.4, "probability_sigma": 0.02, "events": events}
+    stroke = {"speed": 2.511757, "side": 0.3, "top": -0.2, "side_sigma": 0.9, "top_sigma": 0.01}
+    added = 0.1 if speed != 1 else 0.0
+    document = {
+        "cue": "cue", "draws": 400, "model": "whole_shot", "clip_end": 3.0, "play_end": 6.3,
+        "change": {"speed": None, "speed_factor": speed, "angle": 0.0, "side": None, "side_added": added},
+        "stroke": {
+            "real": stroke,
+            "changed": {**stroke, "speed": speed * 2.511757, "side": 0.3 + added, "top": -0.2 + added},
+        },
+        "spread": {"speed": 0.0, "angle_deg": 0.0, "source": "none"}, "goal": {"game": "pot", "ball": "", "pocket": ""},
+        "real": {**play, "scored": False}, "changed": play,
+    }  # fmt: skip
+    text = "\n".join(format_what_if(document, NAMING))
+    assert old in text
+    numbers = [
+        {"name": "top_spin_share", "value": -0.2, "unit": "", "observable": True, "place": "", "ball": "cue"},
+        {"name": "side_spin_share", "value": 0.3, "unit": "", "observable": False, "place": "", "ball": "cue"},
+    ]
+    read = run.read_what_if(document, text.replace(old, new).split("\n"), is_single=True)
+    observed = state(("end of the observations",), 3.0, "tracks.csv")
+    return list_found([*run.read_events(), *run.read_numbers(numbers, "scene.json"), *read, observed])
+
+
+CONTACT = {"kind": "ball", "a": "cue", "b": "solid-1", "probability": 1.0, "t": 0.5389}
+LATE = {"kind": "cushion", "a": "cue", "b": "top", "probability": 1.0, "t": 4.2}
+
+
+@pytest.mark.parametrize(
+    ("events", "old", "new", "found"),
+    [
+        ([CONTACT, LATE], "", "", []),
+        ([{**CONTACT, "t": 0.57}], "", "", ["number: time, played again"]),
+        ([CONTACT], "0.54 s", "0.55 s", ["number: time, played again", "number: played time"]),
+        ([], "", "", ["words: event, played again"]),
+        ([CONTACT, {**LATE, "t": 2.2}], "", "", ["event: event, played again"]),
+        ([CONTACT], "did not score", "scored", ["words: scored"]),
+        ([CONTACT], "of 40 ± 2 %", "of 50 ± 2 %", ["number: chance"]),
+        ([CONTACT], "3.00 s", "3.10 s", ["number: end of the observations"]),
+        ([CONTACT], "6.30 s", "6.40 s", ["number: end of the plays"]),
+    ],
+)
+def test_a_shot_played_as_it_was_struck_has_the_events_of_the_film(
+    events: list[dict[str, object]], old: str, new: str, found: list[str]
+) -> None:
+    assert sorted(list_of_what_if(events, old, new)) == sorted(found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ("", "", []),
+        ("instead of 2.51", "instead of 2.61", ["number: number"]),
+        ("0.20 back spin", "0.20 top spin", ["number: number"]),
+        ("0.10 right side spin more than in the real stroke, where it is not measurable",
+         "0.40 right side spin instead of 0.30 right side spin", ["words: measurable"]),
+    ],
+)  # fmt: skip
+def test_the_real_stroke_of_a_what_if_is_that_of_the_run(old: str, new: str, found: list[str]) -> None:
+    assert list_of_what_if([CONTACT], old, new, speed=1.1) == found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ("", "", []),
+        ("1.20 to the left", "1.20 to the right", ["number: certificate"]),
+        ("falls by 1.30", "falls by 1.40", ["number: certificate"]),
+        ("return 0.870 ± 0.010", "return 0.880 ± 0.010", ["number: certificate"]),
+        ("not determined", "0.9", ["words: certificate"]),
+        ("6 shots", "7 shots", ["number: certificate"]),
+    ],
+)
+def test_an_altered_number_of_a_certificate_is_found(old: str, new: str, found: list[str]) -> None:
+    values = {"slope_x": (-1.2, 0.1, "mm/m"), "slope_y": (0.5, 0.1, "mm/m"), "restitution": (0.87, 0.01, ""),
+              "restitution_left": (None, None, "")}  # fmt: skip
+    numbers = {
+        name: {"value": value, "sigma": sigma, "unit": unit, "count": 3}
+        for name, (value, sigma, unit) in {**values, "roll_out": (9.4, 0.1, "m")}.items()
+    }
+    document = {"numbers": numbers, "shots": 6, "cushion_contacts": 44}
+    cells = [(NAMES[name], *format_number(name, one)) for name, one in numbers.items()]
+    rows = [f"| {format_certificate(document)}", *(f"| {' | '.join(row)} | 3 shots" for row in cells)]
+    page = [row.replace(old, new) for row in rows]
+    assert list_found(list(read_certificate(document, cells, format_certificate(document), page))) == found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [("", "", []), (">yellow 1<", ">blue 2<", ["words: first of shot"]), ("follow", "draw", ["words: spin in shot"]),
+     ("<td></td>", "<td>blue 2 near-right pocket</td>", ["words: potted in shot"]),
+     ("2.51", "2.61", ["number: number"])],
+)  # fmt: skip
+def test_names_and_numbers_of_the_session_page_are_those_of_the_run(old: str, new: str, found: list[str]) -> None:
+    run = RunStatements(Path(), NAMING, EVENTS)
+    page = (
+        "<tr><th>shot</th><th>first ball</th><th>spin there</th><th>potted</th><th>Speed after the strike</th></tr>"
+        "<tr><td>1</td><td>yellow 1</td><td>follow</td><td></td><td>2.51 ± 0.01 m/s (9.0 km/h)</td></tr>"
+    )
+    assert old in page
+    table = [{"first_name": "yellow 1", "spin_state": "follow", "potted_names": ""}]
+    numbers = [{"name": "cue_speed", "ball": "cue"}]
+    shot = {"cue": "cue", "first": "solid-1", "spin_state": "follow", "potted": [], "numbers": numbers}
+    read = run.read_session_page(PageRows(page.replace(old, new)).rows(), table, [shot])
+    assert list_found([*run.read_events(), *read]) == found
+
+
+def test_an_output_of_which_nothing_is_compared_is_named() -> None:
+    alone = [state(("distance", "cue", "top"), "3 cm", "terminal of predict")]
+    both = [state(("event", "0"), "there", one) for one in ("report", "events.csv")]
+    assert find_silent([*alone, *both], ["report", "predict", "what-if"]) == ["predict", "what-if"]
+
+
+def test_the_script_fails_where_a_command_is_not_read(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = [state(("event", "0"), "there", one) for one in ("report", "events.csv", "terminal of call")]
+    (tmp_path / "report.html").touch()
+    monkeypatch.setattr(consistency, "collect_statements", lambda *_: (both, {"certify": "too few"}))
+    monkeypatch.setattr("sys.argv", ["consistency", str(tmp_path), "--commands", "call,certify"])
+    assert consistency.main() == 0
+    assert "certify refuses: too few" in capsys.readouterr().out
+    monkeypatch.setattr("sys.argv", ["consistency", str(tmp_path), "--commands", "call,predict,certify"])
+    assert consistency.main() == 1
+    assert "NOTHING COMPARED: no statement of predict" in capsys.readouterr().out
