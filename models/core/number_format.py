@@ -83,7 +83,7 @@ def format_speed(speed: float, sigma: float = nan) -> str:
         Such as `1.80 m/s (6.5 km/h)`, with the standard deviation if it is known.
     """
     shown = format_with_sigma(speed, sigma, SPEED_DECIMALS) if sigma > 0 else f"{speed:.{SPEED_DECIMALS}f}"
-    return f"{shown} m/s ({3.6 * speed:.1f} km/h)"
+    return f"{shown} m/s ({3.6 * round(speed, SPEED_DECIMALS):.1f} km/h)"
 
 
 def format_time(t: float, sigma: float = nan) -> str:

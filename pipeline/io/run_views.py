@@ -15,6 +15,7 @@ from models.core.shot import Note, Shot
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.joint_fit.trust_level import add_warnings
 from models.estimation.reconstruction.close_passes import list_close_passes
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import add_shot_numbers
@@ -66,10 +67,7 @@ def assess_run_trust(notes: Sequence[Note], fit: Fit) -> Trust:
     """
     before = tuple(f"The clip is incomplete: {note.detail}." for note in notes if note.code == "incomplete_clip")
     after = (*format_outcomes(fit.mark_outcomes, fit.naming), *_format_undecided(fit.explanation, fit.naming))
-    if not before and not after:
-        return fit.trust
-    level = "amber" if fit.trust.level == "green" else fit.trust.level
-    return Trust(level, (*before, *fit.trust.reasons, *after))
+    return add_warnings(fit.trust, (*before, *after))
 
 
 def _format_undecided(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:

@@ -123,7 +123,7 @@ def _format_alternatives(table: Table, probabilities: dict[str, float]) -> tuple
     share = format_probability(probabilities[table.name])
     return (
         f"{ALTERNATIVES_PREFIX}{alternatives}: {table.name} is {share} probable."
-        " If you know the size, run it again with it, such as --table 2.54x1.27 (m).",
+        f" If you know the size, run it again with it, such as --table {likely[0]}.",
     )
 
 

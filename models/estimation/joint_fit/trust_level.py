@@ -169,7 +169,7 @@ def assess_trust(share: float, noise: NoiseAssessment | None, moving_seconds: fl
         colour = "red"
     elif share < GREEN_SHARE or warnings:
         colour = "amber"
-    return Trust(colour, (*reasons, *warnings))
+    return Trust(colour, (*reasons, *warnings) if share < GREEN_SHARE else (*warnings, *reasons))
 
 
 def add_warnings(trust: Trust, warnings: tuple[str, ...]) -> Trust:
@@ -184,7 +184,9 @@ def add_warnings(trust: Trust, warnings: tuple[str, ...]) -> Trust:
     """
     if not warnings:
         return trust
-    return Trust("amber" if trust.level == "green" else trust.level, (*trust.reasons, *warnings))
+    if trust.level == "red":  # what makes a level stands first
+        return Trust("red", (*trust.reasons, *warnings))
+    return Trust("amber", (*warnings, *trust.reasons))
 
 
 def _segments_at_contact(solution: JointSolution, contact: int, ball: int) -> list[int]:

@@ -62,8 +62,9 @@ LEAD_IN_SECONDS = 0.15
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
 WHOLE_SHOT_HEADING = "One contact model fitted to the whole shot"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
-NEAR_MISS_GAP = 0.02
-"""m, largest gap of two balls without contact for which the page answers whether they touched."""
+NEAR_MISS_DIAMETERS = 2.0
+"""Largest gap of two balls without contact for which the page answers whether they touched: farther apart, nobody asks
+whether they did."""
 MAX_NEAR_MISSES = 6
 """Answers on balls that came near each other."""
 MIN_EXPLAINED_SHARE, MAX_NOISE_PX = 0.9, 1.0
@@ -246,13 +247,14 @@ def _answer_rules(record: ShotRecord) -> list[CallAnswer]:
 
 def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:
     """Answer whether balls touched that came near each other without a contact, the nearest pairs first."""
-    events = record.events
+    events, radius = record.events, record.table.ball_radius
     touching = {frozenset((events.a[k], events.b[k])) for k in range(len(events)) if events.kind[k] == "ball"}
     near = []
-    for a, b in combinations(range(len(record.ids)), 2):
+    travels = np.nansum(np.abs(np.diff(record.path, axis=0)), axis=(0, 2))
+    for a, b in combinations(np.argsort(-travels, kind="stable").tolist(), 2):  # a ball on its way misses a resting one
         gaps, pair = record.gaps(a, b), (record.ids[a], record.ids[b])
         gaps = gaps[np.isfinite(gaps)]
-        is_near = len(gaps) and gaps.min() < NEAR_MISS_GAP and np.ptp(gaps) > NEAR_MISS_GAP
+        is_near = len(gaps) and gaps.min() < 2 * NEAR_MISS_DIAMETERS * radius and gaps[0] - gaps.min() > radius
         if is_near and frozenset(pair) not in touching:
             near.append((float(gaps.min()), pair))
     pairs = [pair for _, pair in sorted(near)[:MAX_NEAR_MISSES]]
@@ -265,7 +267,11 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
     share = explained_count / moving if moving else 1.0
     centre, is_regular = scene.table.corners.mean(axis=0), fit.trajectory.clock is None
     scale = float(np.sqrt(abs(np.linalg.det(scene.camera.metres_per_pixel(centre, scene.table.ball_radius)))))
-    frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {float(clip.fps):.3f} fps"
+    steps = np.diff(clip.t)
+    rate = f"{float(clip.fps):.3f} fps"
+    if len(steps) and np.ptp(steps) > steps.mean() / 2:  # a time base rounds steps by less
+        rate = f"variable, {1 / steps.mean():.3f} a second on average"
+    frames = f"{len(clip.distinct_frames)} distinct of {clip.frame_count}, {rate}"
     explained = f"{100 * share:.0f} % of their time" if moving else "no ball moves"
     noise = f"{1000 * fit.noise:.2f} mm ({fit.noise / scale:.2f} px)"
     table = f"{scene.table.name}, {scene.table.length:g} x {scene.table.width:g} m"
@@ -280,7 +286,11 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
         QualityFlag("Moving balls explained by physics", explained, share >= MIN_EXPLAINED_SHARE),
         QualityFlag("Noise of a measured position", noise, fit.noise / scale <= MAX_NOISE_PX),
         QualityFlag("Chi-square per degree of freedom", chi2, low <= fit.chi2_per_dof <= high),
-        QualityFlag("Capture times", "regular" if is_regular else "irregular", is_regular),
+        QualityFlag(
+            "Capture times",
+            "as the file states them" if is_regular else "estimated, not as the file states them",
+            is_regular,
+        ),
         *(QualityFlag("Doubt", doubt, False) for doubt in doubts if fit.trust.level != "green"),
     ]
 

@@ -12,6 +12,7 @@ from models.core.number_format import EXTREME_PROBABILITY, format_probability, f
 from models.core.scene import CUSHIONS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
+from pipeline.reporting.text.number_sentences import covered_share
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
@@ -204,10 +205,18 @@ def _format_score_fact(call: CallAnswer, naming: Naming) -> str:
     return f"{a} met {cushions} and missed {missed or balls[1]}"
 
 
-def format_score(call: CallAnswer, naming: Naming) -> str:
-    """Format whether a carom shot is a point, such as `No point (99 %): the white missed the red`."""
+def format_score(call: CallAnswer, naming: Naming, is_moving: bool) -> str:
+    """Format whether a carom shot is a point, such as `No point (99 %): the white missed the red`.
+
+    Args:
+        call: The answer.
+        naming: What balls are called.
+        is_moving: Whether the struck ball still moves at the end, so that it may score later.
+    """
     words = format_call(call, naming)
-    verdict = {"yes": "Point", "no": "No point"}.get(words.verdict, f"Point {words.verdict}")
+    verdict = {"yes": "Point", "no": "No point within the clip" if is_moving else "No point"}.get(
+        words.verdict, f"Point {words.verdict}"
+    )
     return f"{verdict} ({words.probability}): {words.statement}."
 
 
@@ -265,7 +274,7 @@ def format_gap(gap: float, sigma: float, radius: float = np.nan) -> str:
         sigma: m, its standard deviation.
         radius: m, of a ball; NaN to leave out how much of it was covered.
     """
-    covered = f", {min(-50 * gap / radius, 100):.0f} % of the ball covered" if -gap / radius > 0 else ""
+    covered = f", {100 * covered_share(gap, radius):.0f} % of the ball covered" if -gap / radius > 0 else ""
     words = "from a miss" if gap < 0 else "from a touch"
     return f"{_format_mm(gap, sigma)} {words}{covered}" if np.isfinite(gap) else ""
 

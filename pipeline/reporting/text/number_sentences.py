@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import replace
 
+from models.core.events import Events
 from models.core.naming import Naming
 from models.core.number_format import (
     format_measured,
@@ -60,7 +61,7 @@ SURE_SIGMAS = 2.0
 FULLNESS_WORDS = (
     (0.875, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
 )  # fmt: skip
-"""Words by the least share of the object ball that the cue ball covers at the contact, 1 - sin(cut angle)."""
+"""Words by the least share of the object ball that the cue ball covers at the contact."""
 MAX_CUT_SIGMA = 3.0
 """Degrees, standard deviation of a cut angle from which its fullness has no word."""
 MIN_STATE_PROBABILITY = 0.95
@@ -100,12 +101,27 @@ def _is_sure(one: ShotNumber) -> bool:
     return one.observable and abs(one.value) > SURE_SIGMAS * one.sigma
 
 
-def format_hit(shot: ShotNumbers) -> str:
-    """Format fullness and spin of a hit, such as `half ball, draw, left side`; empty for one of a cluster of balls."""
+def covered_share(gap: float, radius: float) -> float:
+    """Return how much of a ball of a radius (m) is covered by one whose free path misses it by a gap (m)."""
+    return min(-gap / (2 * radius), 1.0)
+
+
+def format_hit(shot: ShotNumbers, events: Events, radius: float) -> str:
+    """Format fullness and spin of a hit, such as `half ball, draw, left side`; empty for one of a cluster of balls.
+
+    Args:
+        shot: The numbers.
+        events: All events; the gap of the free paths at the contact says how full it was, as in the list of contacts.
+        radius: m, of the balls.
+    """
     cut, side = (shot.find_number(name) for name in ("cut_angle", "side_spin_share"))
     words = []
     if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
-        fullness = 1 - abs(math.sin(math.radians(cut.value)))
+        own = (events.gap[k] for k in range(len(events)) if {events.a[k], events.b[k]} == {shot.cue, shot.first}
+               and events.kind[k] == "ball" and events.t[k] >= shot.t)  # fmt: skip
+        fullness = covered_share(float(next(own, math.nan)), radius)
+        if not fullness > 0:
+            fullness = 1 - abs(math.sin(math.radians(cut.value)))
         name = next(word for least, word in FULLNESS_WORDS if fullness >= least)
         angle = format_with_sigma(abs(cut.value), cut.sigma, DECIMALS["deg"])
         words.append(f"{name} ({100 * fullness:.0f} % of the ball covered, cut angle {angle}°)")
@@ -119,7 +135,7 @@ def format_hit(shot: ShotNumbers) -> str:
     return ", ".join(words)
 
 
-def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
+def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events, radius: float) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
     parts = [f"{naming.say(shot.cue)} at {format_time(shot.t)}"]
     labels = {"cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue "}
@@ -129,7 +145,7 @@ def format_shot_line(shot: ShotNumbers, naming: Naming) -> str:
         if (one := shot.find_number(name)) is not None and _is_sure(one)
     ]
     if shot.first:
-        hit = format_hit(shot)
+        hit = format_hit(shot, events, radius)
         parts.append(f"{naming.say(shot.first)} first{hit and f' ({hit})'}")
     for ball, pocket in zip(shot.potted, shot.pockets, strict=True):
         parts.append(f"{naming.say(ball)} into the {naming.name_pocket(pocket)}")

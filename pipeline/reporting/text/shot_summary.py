@@ -95,7 +95,10 @@ def summarize_shots(
         summary = stroke.summarize()
         speed = " ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())])
         spread = " ".join(stroke.format_break(one) for one in fit.explanation.breaks if start <= one.t < end)
-        points = (format_score(one, fit.naming) for one in calls if one.kind == "score" and one.subject[0] == ball)
+        points = (
+            format_score(one, fit.naming, stroke.is_moving(ball))
+            for one in calls if one.kind == "score" and one.subject[0] == ball
+        )  # fmt: skip
         summaries.append(
             replace(summary, speed=speed, potted=stroke.format_potted(), spread=spread, ends=stroke.list_ends(),
                     score=next(points, ""))
@@ -179,7 +182,7 @@ class _Stroke:
             )  # fmt: skip
         t, other = float(events.t[touch]), self._find_partner(touch)
         numbers = self.numbers if self.numbers is not None and self.numbers.first == other else None
-        hit = "" if numbers is None else format_hit(numbers)
+        hit = "" if numbers is None else format_hit(numbers, events, self.table.ball_radius)
         cushions = [naming.say(events.b[k]) for k in self.own if events.kind[k] == "cushion" and events.t[k] < t]
         before = f", after {join_names(cushions)}" if cushions else ""
         delay = "" if strike is None else f", {t - events.t[strike]:.3f} s after the stroke"
@@ -284,13 +287,17 @@ class _Stroke:
         active = {body for k in self.likely for body in (events.a[k], events.b[k])} | {self.ball}
         balls = [ball for k, ball in enumerate(self.tracks.ids) if ball in active or self.fit.moving[during, k].any()]
         ends = {ball: self._format_end(ball) for ball in balls}
-        moving = [naming.say(ball) for ball in balls if MOVING in ends[ball]]
+        moving = [naming.say(ball) for ball in balls if self.is_moving(ball)]
         t = min(self.end, float(self.tracks.t[-1]))
         moment = f"the {'next stroke begins' if t < self.tracks.t[-1] else 'clip ends'}, at {t:.2f} s"
         still = f"{join_names(moving) or 'no ball'} still move{'s' * (len(moving) < 2)} when {moment}."
         lines = [start_sentence(still), *(f"{start_sentence(naming.name_ball(ball))}: {ends[ball]}." for ball in balls)]
         others = join_names(naming.say(ball) for ball in self.tracks.ids if ball not in balls)
         return *lines, *([start_sentence(f"{others} did not move.")] if others else [])
+
+    def is_moving(self, ball: str) -> bool:
+        """Return whether a ball still moves at the end."""
+        return MOVING in self._format_end(ball)
 
     def _format_end(self, ball: str) -> str:
         """Format where a ball ended, in which state, and its way: length and cushions."""
@@ -329,7 +336,7 @@ class _Stroke:
         others = {k for k in (*self.likely, self.strike) if k not in (None, main) and events.kind[k] != "rest"}
         worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
         if others:
-            parts.append(f"Least sure otherwise: {worst}." if worst else "All other contacts: above 99.9 %.")
+            parts.append(f"Least sure other contact: {worst}." if worst else "All other contacts: above 99.9 %.")
         return " ".join([*parts, f"Trust level of the clip: {self.fit.trust.level}."])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from models.core.number_format import format_measured, format_probability, format_value, format_with_sigma
+from models.core.number_format import format_measured, format_probability, format_speed, format_value, format_with_sigma
 from models.core.shot_numbers import ShotNumber
 from pipeline.reporting.text.number_sentences import format_number
 
@@ -25,6 +25,10 @@ from pipeline.reporting.text.number_sentences import format_number
 )
 def test_the_standard_deviation_determines_the_digits(value: float, sigma: float, expected: tuple[str, str]) -> None:
     assert format_measured(value, sigma) == expected
+
+
+def test_one_speed_in_metres_a_second_is_one_in_kilometres_an_hour() -> None:
+    assert format_speed(0.0420) == format_speed(0.0385) == "0.04 m/s (0.1 km/h)"
 
 
 def test_a_standard_deviation_below_the_last_decimal_is_one_unit_of_it() -> None:
@@ -49,5 +53,5 @@ def test_no_probability_is_printed_as_certain(probability: float, text: str) -> 
 
 
 def test_a_number_without_a_side_has_no_word_for_it() -> None:
-    assert format_number(ShotNumber("throw", 0.001, 0.1, "deg", True)) == "0 ± 0.1°"
+    assert format_number(ShotNumber("throw", 0.001, 0.1, "deg", True)) == "none measurable (0 ± 0.1°)"
     assert format_number(ShotNumber("throw", -0.84, 0.1, "deg", True)) == "0.8 ± 0.1° left"

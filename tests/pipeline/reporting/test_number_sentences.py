@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import synthetic_run as shot
 
+from models.core.array_columns import concatenate_rows
 from models.core.ball_look import BallLook
+from models.core.events import Events
 from models.core.naming import Naming
 from models.core.scene import Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
+from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.number_sentences import (
     format_cushions,
     format_direction,
@@ -22,6 +27,12 @@ from pipeline.reporting.text.table_words import format_place
 
 NAMING = Naming({"cue": BallLook("cue ball"), "red": BallLook("red 3")})
 RADIUS = 0.028
+
+
+def make_touch(gap: float) -> Events:
+    """The contact of the cue ball and the red whose free paths miss each other by a gap (m)."""
+    one = concatenate_rows([shot.make_fit(np.linspace(0, 0.8, 25)).events], np.array([0]))
+    return replace(one, kind=("ball",), a=("red",), b=("cue",), t=np.array([0.9]), gap=np.array([gap]))
 
 
 def make_numbers(*numbers: ShotNumber, spin: SpinState = "roll", chances: tuple[float, ...] = ()) -> ShotNumbers:
@@ -91,7 +102,15 @@ def test_cushions_are_whole(count: float, words: str) -> None:
 def test_a_hit_always_says_its_spin(chances: tuple[float, ...], spin: SpinState, words: str) -> None:
     cut = ShotNumber("cut_angle", 1.0, 0.4, "deg", True, "red")
     full = "full (98 % of the ball covered, cut angle 1.0 ± 0.4°)"
-    assert format_hit(make_numbers(cut, spin=spin, chances=chances)) == f"{full}, {words}"
+    assert format_hit(make_numbers(cut, spin=spin, chances=chances), make_touch(np.nan), RADIUS) == f"{full}, {words}"
+
+
+def test_a_hit_covers_as_much_of_the_ball_as_the_list_of_contacts_says() -> None:
+    cut, touch = ShotNumber("cut_angle", 38.0, 0.5, "deg", True, "red"), make_touch(-0.35 * RADIUS)
+    hit = format_hit(make_numbers(cut), touch, RADIUS)
+    assert hit == "quarter ball (18 % of the ball covered, cut angle 38.0 ± 0.5°)"
+    assert format_gap(touch.gap[0], 1e-4, RADIUS).endswith(", 18 % of the ball covered")
+    assert hit != format_hit(make_numbers(cut), replace(touch, t=np.array([0.4])), RADIUS), "it is of an earlier stroke"
 
 
 def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -> None:
@@ -99,7 +118,7 @@ def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -
         ShotNumber("top_spin_share", -0.31, 0.01, "", True, "cue"),
         ShotNumber("cut_angle", 8.2, 9.0, "deg", True, "red"),
     )
-    line = format_shot_line(make_numbers(*numbers, chances=(0.0, 0.0, 0.0, 1.0)), NAMING)
+    line = format_shot_line(make_numbers(*numbers, chances=(0.0, 0.0, 0.0, 1.0)), NAMING, make_touch(np.nan), RADIUS)
     assert line == (
         "the cue ball at about 0.5 s, spin off the cue 0.31 ± 0.01 back,"
         " red 3 first (fullness not measurable, natural roll)"

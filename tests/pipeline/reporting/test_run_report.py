@@ -172,7 +172,7 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
         in unsure_page
     )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
-    assert "Nothing is undecided" not in unsure_page
+    assert "No call is undecided" not in unsure_page
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
@@ -181,8 +181,8 @@ def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> 
 
 
 def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
-    assert "Nothing is undecided" in page
-    assert "Least sure: white hits the right short rail (90 %)." in page
+    assert "No call is undecided" in page
+    assert "Least sure contact: white hits the right short rail (90 %)." in page
     assert "data-check=" not in page
     assert "? undecided" not in page
 
@@ -231,6 +231,44 @@ def test_the_reason_of_an_amber_run_stands_in_the_table_of_its_quality(clip: Cli
     assert all(flag.good for flag in run_report.assess_quality(clip, scene, tracks, fit))
     amber = replace(fit, trust=Trust("amber", (f"{EXPLAINED} all the time.", doubt)))
     assert [flag.value for flag in run_report.assess_quality(clip, scene, tracks, amber) if not flag.good] == [doubt]
+
+
+def test_a_variable_frame_rate_is_called_so_with_its_average(clip: Clip) -> None:
+    scene, fit = shot.make_scene(), shot.make_fit(clip.t)
+    tracks = shot.make_tracks(clip, scene)
+    uneven = clip.t + 0.02 * (np.arange(clip.frame_count) > 10)
+    flags = run_report.assess_quality(replace(clip, t=uneven), scene, tracks, fit)
+    values = {flag.what: flag.value for flag in flags}
+    average = (clip.frame_count - 1) / uneven[-1]
+    assert values["Frames"].endswith(f", variable, {average:.3f} a second on average")
+    assert values["Capture times"] == "as the file states them"
+    regular = run_report.assess_quality(clip, scene, tracks, fit)
+    assert next(flag.value for flag in regular if flag.what == "Frames").endswith(f", {float(clip.fps):.3f} fps")
+
+
+def test_balls_that_pass_within_two_diameters_are_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(call_answers, "answer_contact", lambda _, *pair: pair)
+    x = np.linspace(0.2, 1.4, 61)
+
+    def ask(air: float, start: float = 0.2) -> list[CallAnswer]:
+        path = np.stack([np.tile([1.0, 0.5 + 2 * 0.03 + air], (61, 1)), np.stack([x, 0 * x + 0.5], axis=1)], axis=1)
+        path = path[x >= start]
+        record = SimpleNamespace(
+            path=path, ids=("red", "white"), events=shot.make_fit(x).events, table=SimpleNamespace(ball_radius=0.03),
+            gaps=lambda a, b: np.linalg.norm(path[:, a] - path[:, b], axis=1) - 2 * 0.03,
+        )  # fmt: skip
+        return run_report._answer_near_misses(record)  # type: ignore[arg-type]
+
+    assert ask(0.063) == ask(0.026) == [("white", "red")]
+    assert ask(0.13) == [], "more than two diameters of air"
+    assert ask(0.063, start=1.0) == [], "they only part"
+
+
+def test_the_still_image_has_a_caption(page: str) -> None:
+    assert (
+        "Faint balls: a ball at earlier moments of its path; white rings: where the paths begin; dots: contacts."
+        in page
+    )
 
 
 def test_a_carom_is_told_with_its_cushions_and_the_margin_of_their_order() -> None:
@@ -347,11 +385,11 @@ def test_undecided_contacts_reduce_green_to_amber_and_no_further(level: TrustLev
     fit = replace(shot.make_fit(clip.t), explanation=moments_of(0.95, 0.2, 0.5, 0.05, 0.8, 0.89))
     trust = assess_run_trust((), replace(fit, trust=Trust(level, ("why",))))
     assert trust.level == expected
-    assert trust.reasons == (
-        "why",
+    undecided = (
         "Undecided: white touches red at 2.0000 s ± 1.0 ms (50 %), white touches red at 1.0000 s ± 1.0 ms (20 %), "
-        "white touches red at 4.0000 s ± 1.0 ms (80 %) and 1 more.",
+        "white touches red at 4.0000 s ± 1.0 ms (80 %) and 1 more."
     )
+    assert trust.reasons == (("why", undecided) if level == "red" else (undecided, "why")), "what makes it so is first"
 
 
 def test_decided_contacts_and_undecided_cushions_and_rests_stay_green(clip: Clip) -> None:

@@ -16,6 +16,7 @@ from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.estimation.contact_test.call_answers import CallAnswer
+from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import name_event
 
@@ -118,10 +119,10 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.5000 s ± 1.0 ms." in after.after
-    assert "Least sure otherwise: white hits the far long rail (80 %)." in after.confidence
+    assert "Least sure other contact: white hits the far long rail (80 %)." in after.confidence
     tracks, fit = make_shot((0.0, 0.5))
     (struck,) = summarize(tracks, replace(fit, events=replace(fit.events, probability=np.array([0.98, 0.997]))))
-    assert "Least sure otherwise: white is struck (98 %)." in struck.confidence
+    assert "Least sure other contact: white is struck (98 %)." in struck.confidence
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
@@ -173,7 +174,7 @@ def test_speeds_are_those_of_the_table_of_numbers() -> None:
     )
     listed = ShotNumbers(0.2, "white", "red", "stun", (0.02, 0.96, 0.02, 0.0), (), (), numbers)
     (summary,) = summarize(tracks, replace(fit, shot_numbers=(listed,)))
-    hit = "half ball (48 % of the ball covered, cut angle 31.0 ± 0.5°), stun."
+    hit = "quarter ball (17 % of the ball covered, cut angle 31.0 ± 0.5°), stun."  # free paths overlap by 10 of 60 mm
     assert summary.first.startswith(f"White hit red first: {hit}")
     assert "White arrived at 0.98 ± 0.02 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
@@ -221,8 +222,11 @@ def test_a_second_meeting_is_called_so_and_a_carom_shot_says_whether_it_scored()
     assert "Then it touched red again at 1.5000 s ± 1.0 ms." in summary.after
     assert name_event(twice, 2, fit.naming).endswith(" touch again")
     assert not name_event(twice, 1, fit.naming).endswith(" again")
-    assert summary.score.startswith("No point (above 99.9 %): white met no rails and missed red or yellow;")
+    assert summary.score.startswith(
+        "No point within the clip (above 99.9 %): white met no rails and missed red or yellow;"
+    )
     assert "41.0 ± 1.0 mm from a touch" in summary.score
+    assert format_score(score, fit.naming, is_moving=False).startswith("No point (above 99.9 %): "), "it lies still"
 
 
 def test_unlikely_events_are_not_mentioned() -> None:

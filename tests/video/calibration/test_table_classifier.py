@@ -39,7 +39,8 @@ def test_a_table_that_may_be_eight_or_nine_feet_gives_a_warning_with_the_effect_
     guess = classify_table(_make_sizes("pool-8ft", sigma=0.07, factor=factor), pockets=True, has_d=False)
     (doubt,) = guess.warnings
     assert doubt.startswith(ALTERNATIVES_PREFIX)
-    assert doubt.endswith("If you know the size, run it again with it, such as --table 2.54x1.27 (m).")
+    named = doubt.removeprefix(ALTERNATIVES_PREFIX).split()[0]
+    assert doubt.endswith(f"If you know the size, run it again with it, such as --table {named}.")
     if guess.table.name == "pool-8ft":
         assert "pool-9ft (every length and speed 14 % larger)" in doubt
     else:

@@ -16,7 +16,7 @@ def test_the_trust_level_follows_the_explained_share_of_motion(share: float, col
 def test_a_warning_about_the_table_makes_green_amber_and_is_listed() -> None:
     doubted = add_warnings(assess_trust(1.0, None, 5.0, []), ("The table could also be pool-8ft.",))
     assert doubted.level == "amber"
-    assert doubted.reasons[-1] == "The table could also be pool-8ft."
+    assert doubted.reasons[0] == "The table could also be pool-8ft."
 
 
 def test_red_stays_red_and_no_warning_changes_nothing() -> None:
