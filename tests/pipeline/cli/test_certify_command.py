@@ -38,7 +38,7 @@ def test_a_simulated_table_gets_its_true_numbers_and_a_changed_one_is_told_apart
     assert document["pocket_openings"]["observable"] is False
     page = (tmp_path / "out" / "certificate.html").read_text()
     assert "certificate of the table" in page
-    assert "Cannot be measured: the jaws" in page
+    assert "Cannot be measured: the table has no pockets." in page
     assert 'src="http' not in page
     earlier = tmp_path / "earlier.json"
     numbers["slope_x"]["value"] -= SLOPE
