@@ -278,16 +278,26 @@ MISTAKES = (
 )
 
 
+def _match_balls(run: ClipRun, truth: ClipRun) -> dict[str, str]:
+    """Map the ids of a run to those of the balls in the same places, for a correction renames no other ball."""
+    gaps = np.linalg.norm(run.tracks.xy[:, :, None] - truth.tracks.xy[:, None], axis=3)  # (F, N, M)
+    nearest = np.nanmedian(gaps, axis=0).argmin(axis=1)
+    return {name: truth.tracks.ids[k] for name, k in zip(run.tracks.ids, nearest, strict=True)}
+
+
 def list_differences(run: ClipRun, truth: ClipRun) -> list[str]:
-    """List how a run differs from another one by more than the noise of both."""
-    one, two = run.fit.events, truth.fit.events
+    """List how a run differs from another one by more than the noise of both; ids may differ."""
+    one, two, true_ids = run.fit.events, truth.fit.events, _match_balls(run, truth)
     differences = []
-    if sorted(run.tracks.ids) != sorted(truth.tracks.ids) or sorted(run.tracks.kinds) != sorted(truth.tracks.kinds):
+    if sorted(true_ids.values()) != sorted(truth.tracks.ids) or sorted(run.tracks.kinds) != sorted(truth.tracks.kinds):
         differences.append(f"balls {run.tracks.ids} instead of {truth.tracks.ids}")
     lengths = [one_run.scene.table.length for one_run in (run, truth)]
     if abs(lengths[0] - lengths[1]) > 0.01:
         differences.append(f"a table of {lengths[0]} instead of {lengths[1]} m")
-    names = [[(e.kind[k], *sorted((e.a[k], e.b[k]))) for k in range(len(e))] for e in (one, two)]
+    names = [
+        [(e.kind[k], *sorted(ids.get(name, name) for name in (e.a[k], e.b[k]))) for k in range(len(e))]
+        for e, ids in ((one, true_ids), (two, {}))
+    ]
     if names[0] != names[1]:
         return [*differences, f"events {names[0]} instead of {names[1]}"]
     for k in range(len(one)):
