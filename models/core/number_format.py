@@ -10,6 +10,8 @@ MAX_DECIMALS = 9
 """Decimals of a number at most: no value of a clip is known better, in any unit that is printed."""
 SPEED_DECIMALS = 2
 """Decimals of a speed in m/s."""
+CREEPING_SPEED = 0.1
+"""Speed, m/s, below which a decimal of km/h would say less than those of m/s: 0.04 m/s is both 0.1 and 0.2 km/h."""
 TWO_DIGITS_BELOW = 3.55
 """First digits of a standard deviation below which it has two significant digits, else one (rounding rule of the
 Particle Data Group, Phys. Rev. D 110, 030001, 2024, introduction, section 5.3)."""
@@ -80,10 +82,10 @@ def format_speed(speed: float, sigma: float = nan) -> str:
         sigma: Its standard deviation; NaN if it is unknown.
 
     Returns:
-        Such as `1.80 m/s (6.5 km/h)`, with the standard deviation if it is known.
+        Such as `1.80 m/s (6.5 km/h)`, with the standard deviation if it is known; a creeping ball has m/s alone.
     """
     shown = format_with_sigma(speed, sigma, SPEED_DECIMALS) if sigma > 0 else f"{speed:.{SPEED_DECIMALS}f}"
-    return f"{shown} m/s ({3.6 * round(speed, SPEED_DECIMALS):.1f} km/h)"
+    return f"{shown} m/s ({3.6 * speed:.1f} km/h)" if speed >= CREEPING_SPEED else f"{shown} m/s"
 
 
 def format_time(t: float, sigma: float = nan) -> str:

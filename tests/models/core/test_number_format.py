@@ -27,8 +27,9 @@ def test_the_standard_deviation_determines_the_digits(value: float, sigma: float
     assert format_measured(value, sigma) == expected
 
 
-def test_one_speed_in_metres_a_second_is_one_in_kilometres_an_hour() -> None:
-    assert format_speed(0.0420) == format_speed(0.0385) == "0.04 m/s (0.1 km/h)"
+def test_a_creeping_ball_has_no_pace_in_kilometres_an_hour() -> None:
+    assert format_speed(0.0420) == format_speed(0.0385) == "0.04 m/s"
+    assert format_speed(2.2937) == "2.29 m/s (8.3 km/h)"
 
 
 def test_a_standard_deviation_below_the_last_decimal_is_one_unit_of_it() -> None:
