@@ -30,6 +30,7 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_median
 from detectors.detect import detect_in_image
 from detectors.still_images import classify_detections
 from models.core.errors import TableNotFound
+from models.core.naming import Naming
 from models.core.scene import Camera, Scene
 from models.estimation.ball_placement.ball_places import BallPlaces
 from models.physics.billiards.tables import TABLE_PRESETS
@@ -167,7 +168,7 @@ def measure_hall(random_scene: RandomScene, rng: np.random.Generator, errors: Pl
     kinds = classify_detections(balls, scene.table.game)
     count = len(xy)
     places = BallPlaces(0.0, assign_ids(kinds, xy), kinds, xy, np.full(count, 5e-4), np.zeros(count))
-    wanted = WantedPlaces(places, sigma, scene.table, scene.camera, 0.0, first, "")
+    wanted = WantedPlaces(places, sigma, scene.table, Naming(), scene.camera, 0.0, first, "")
     guide = PlacementGuide.prepare(wanted, scene.cloth_lab)
     moved = move_balls(rng, arrangement, table.ball_radius)
     second = render_image(view, moved.ball_motion(), 0.0, rng)
