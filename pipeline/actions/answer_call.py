@@ -149,14 +149,14 @@ def answer_call(
     figures = (*pictures, *filter(None, [share]))
     parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
-        "question": " ".join(words), **_build_document(record, call, text),
+        "question": " ".join(words), **_build_document(call, text),
         "alternatives": [
             {"answer": name, "name": record.naming.name_ball(name), "probability": p} for name, p in call.alternatives
         ],
         "sequence": [
             {"met": one.other, "t": one.t, "t_sigma": one.t_sigma, "probability": one.probability} for one in call.path
         ],
-        "parts": [{"kind": part.kind, **_build_document(record, part, words)} for part, words in parts],
+        "parts": [{"kind": part.kind, **_build_document(part, own)} for part, own in parts],
         "pictures": [str(path) for path in pictures], "no_picture": why_not or None,
     }  # fmt: skip
     quantities = [
@@ -164,7 +164,7 @@ def answer_call(
         Quantity("margin", 1e3 * call.margin, 1e3 * call.margin_sigma, "mm"),
     ]  # fmt: skip
     rows = [("question", "answer", "probability", "because")] if parts else []
-    rows += [(words.question, words.verdict, words.probability, words.statement) for _, words in parts]
+    rows += [(own.question, own.verdict, own.probability, own.statement) for _, own in parts]
     notes = [UNTOLD] if call.kind == "foul" else []
     if call.kind == "foul" and not on:
         notes.append(FIRST_BALL_UNKNOWN)
@@ -176,7 +176,7 @@ def answer_call(
     )  # fmt: skip
 
 
-def _build_document(record: ShotRecord, call: CallAnswer, text: CallWords) -> dict[str, Any]:
+def _build_document(call: CallAnswer, text: CallWords) -> dict[str, Any]:
     """Build the JSON values of a call without those of its parts."""
     numbers = {
         "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,

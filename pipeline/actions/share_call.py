@@ -40,14 +40,14 @@ def write_share_clip(
         path: File to write.
 
     Raises:
-        OptionError: The file is no .mp4.
+        OptionError: The file is no .mp4, or the answer has no moment.
     """
     if path.suffix.lower() != ".mp4":
         raise OptionError(f"--share writes an .mp4 file; got {path}")
-    fit, naming = view_run(shot), record.naming
-    background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), clip)
     if not np.isfinite(call.t):
         raise OptionError("--share needs a moment; this answer has none")
+    fit, naming = view_run(shot), record.naming
+    background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), clip)
     words = text.question, text.headline, text.margin, text.sentence
     moment = SharedMoment(call.t, call.balls, mark, *words)
     place = np.mean([record.position_at(record.ball_index(one), call.t) for one in call.balls], axis=0)

@@ -147,7 +147,7 @@ def write_report(
         whole_shot=format_whole_shot(fit),
         forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True)), fit.naming),
         forecast_time=None if errors is None else errors.t,
-        flags=assess_quality(clip, scene, tracks, fit),
+        flags=assess_quality(clip, scene, fit),
         notes=[
             note
             for note in dict.fromkeys([*fit.profile_misfits, *scene.notes, *clip.notes])
@@ -261,7 +261,7 @@ def _answer_near_misses(record: ShotRecord) -> list[CallAnswer]:
     return [call_answers.answer_contact(record, a, b) for a, b in pairs]
 
 
-def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[QualityFlag]:
+def assess_quality(clip: Clip, scene: Scene, fit: Fit) -> list[QualityFlag]:
     """Assess the properties that the trust level depends on, and others, as good or doubtful."""
     moving, explained_count = int(fit.moving.sum()), int((fit.moving & fit.accepted).sum())
     share = explained_count / moving if moving else 1.0
@@ -293,11 +293,6 @@ def assess_quality(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> list[Q
         ),
         *(QualityFlag("Doubt", doubt, False) for doubt in doubts if fit.trust.level != "green"),
     ]
-
-
-def _table_centre(scene: Scene) -> np.ndarray:
-    """Return the centre (2,) of the table, m."""
-    return np.array([scene.table.length / 2, scene.table.width / 2])
 
 
 MAX_OUTLINES = 3

@@ -71,7 +71,7 @@ def log_fit_stage(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     log_events(stream, shot)
     log_parameters(stream, shot.fit)
     log_about(stream, shot)
-    log_stage_lines(stream, shot.clip, "fit", describe_fit(shot.clip, shot.fit))
+    log_stage_lines(stream, shot.clip, "fit", describe_fit(shot.fit))
 
 
 CAPTION_SECONDS = 0.8
@@ -225,7 +225,7 @@ def describe_tracks(tracks: Tracks) -> list[LogLine]:
     ]
 
 
-def describe_fit(clip: Clip, fit: Fit) -> list[LogLine]:
+def describe_fit(fit: Fit) -> list[LogLine]:
     """Describe noise, misfit and trust level of a fit."""
     trust = fit.trust
     level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]

@@ -227,22 +227,20 @@ def test_what_did_not_happen_has_the_moment_of_the_smallest_distance() -> None:
 def test_the_reason_of_an_amber_run_stands_in_the_table_of_its_quality(clip: Clip) -> None:
     doubt = "No green ball was detected, although it belongs on the table."
     scene, fit = replace(shot.make_scene(), warnings=()), shot.make_fit(clip.t)
-    tracks = shot.make_tracks(clip, scene)
-    assert all(flag.good for flag in run_report.assess_quality(clip, scene, tracks, fit))
+    assert all(flag.good for flag in run_report.assess_quality(clip, scene, fit))
     amber = replace(fit, trust=Trust("amber", (f"{EXPLAINED} all the time.", doubt)))
-    assert [flag.value for flag in run_report.assess_quality(clip, scene, tracks, amber) if not flag.good] == [doubt]
+    assert [flag.value for flag in run_report.assess_quality(clip, scene, amber) if not flag.good] == [doubt]
 
 
 def test_a_variable_frame_rate_is_called_so_with_its_average(clip: Clip) -> None:
     scene, fit = shot.make_scene(), shot.make_fit(clip.t)
-    tracks = shot.make_tracks(clip, scene)
     uneven = clip.t + 0.02 * (np.arange(clip.frame_count) > 10)
-    flags = run_report.assess_quality(replace(clip, t=uneven), scene, tracks, fit)
+    flags = run_report.assess_quality(replace(clip, t=uneven), scene, fit)
     values = {flag.what: flag.value for flag in flags}
     average = (clip.frame_count - 1) / uneven[-1]
     assert values["Frames"].endswith(f", variable, {average:.3f} a second on average")
     assert values["Capture times"] == "as the file states them"
-    regular = run_report.assess_quality(clip, scene, tracks, fit)
+    regular = run_report.assess_quality(clip, scene, fit)
     assert next(flag.value for flag in regular if flag.what == "Frames").endswith(f", {float(clip.fps):.3f} fps")
 
 
