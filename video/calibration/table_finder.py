@@ -134,7 +134,7 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
     """
     requested = parse_table(options.table) if options.table is not None else None
     corners = options.corners
-    location = locate_table(image, name) if corners is None else _locate_from_option(corners, image)
+    location = locate_table(image, name) if corners is None else _locate_from_option(corners, image, (1.0, 1.0))
     table, ball_sizes, table_notes, warnings = _identify_table(location, image, [image], requested, options)
     camera = _build_table_camera(location, image, table)
     return Scene(
@@ -148,7 +148,9 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
 
 
 def _locate_in_image(image: ImageArray, clip: Clip, corners: str | None) -> TableLocation:
-    return locate_table(image, clip.path.name) if corners is None else _locate_from_option(corners, image)
+    if corners is None:
+        return locate_table(image, clip.path.name)
+    return _locate_from_option(corners, image, clip.stored_scale)
 
 
 def _locate_in_clip(
@@ -157,7 +159,7 @@ def _locate_in_clip(
     """Locate the table in the median of the sampled frames, or in the first one where the camera moves too much."""
     background = compute_median_image(images)
     if corners is not None:
-        return _locate_from_option(corners, background), background
+        return _locate_from_option(corners, background, clip.stored_scale), background
     if prior is not None and prior.corners is not None:
         return _locate_with_prior(background, clip.path.name, prior), background
     try:
@@ -349,9 +351,16 @@ def _edge_notes(noses: CushionNoses) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
+def _locate_from_option(option: str, background: ImageArray, stored_scale: tuple[float, float]) -> TableLocation:
+    """Locate the table by corners in the upright image, or in the stored one where these are nearer to 2 : 1."""
     height, width = background.shape[:2]
-    corners, perspective = orient_corners(parse_corners(option, width, height), width, height, USER_CORNER_SIGMA_PX)
+    shown = parse_corners(option, width, height)
+    stored = (shown + 0.5) / stored_scale - 0.5
+    fits = [orient_corners(each, width, height, USER_CORNER_SIGMA_PX) for each in (shown, stored)]
+    corners, perspective = min(fits, key=lambda fit: abs(np.log(fit[1].aspect / 2)))
+    source = "corners were given by the user"
+    if perspective is not fits[0][1]:
+        source += ", in pixels of the stored image, which are not square"
     if not 1.5 < perspective.aspect < 2.6:
         raise OptionError(
             f"--corners must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times"
@@ -362,7 +371,7 @@ def _locate_from_option(option: str, background: ImageArray) -> TableLocation:
         perspective,
         measure_median_colour(background, corners),
         None,
-        ("corners were given by the user",),
+        (source,),
         is_from_user=True,
         automatic=_locate_same_table(background, corners),
     )

@@ -17,17 +17,19 @@ from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.io.clip import DEFAULT_FPS, Clip, open_clip, require_readable_file
 from video.io.decoder import (
-    convert_to_rgb,
+    DecodingDamage,
+    decode_frames,
     decode_frames_from,
     demux_packets,
-    extract_luma,
     open_container,
-    read_orientation,
+    pixel_aspect_ratio,
+    read_capture_rate,
 )
 from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.frame_layout import read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import ImageSequence
-from video.io.timestamps import compute_presentation_times, nominal_fps
+from video.io.timestamps import compute_presentation_times, is_slow_motion, nominal_fps
 
 PIXEL_BUDGET = 100_000_000
 """Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
@@ -75,6 +77,9 @@ class _PacketList:
     is_key: BoolArray
     fps: Fraction
     pixels: int
+    clock_rate: float
+    """Seconds of `times` per second of the container."""
+    pixel_aspect: Fraction
 
 
 def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
@@ -100,26 +105,34 @@ def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
     t = packets.times[first:stop] - packets.times[first]
     clip = Clip(
         path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first, float(packets.times[first]),
-        stop - first == len(packets.times), memory,
+        stop - first == len(packets.times), memory, pixel_aspect=packets.pixel_aspect, clock_rate=packets.clock_rate,
     )  # fmt: skip
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
 
 
 def _read_packets(path: Path) -> _PacketList:
     """Read the packets of a video without decoding them."""
+    damage = DecodingDamage()
     with open_container(path) as (container, stream):
-        packets = [p for p in _iterate_packets(container, stream) if p.size]
+        packets = [p for p in _iterate_packets(container, stream) if p.size and not p.is_discard]
         pixels, fps = stream.width * stream.height, stream.guessed_rate or stream.average_rate or DEFAULT_FPS
-        time_base = stream.time_base
+        time_base, aspect, capture_fps = stream.time_base, pixel_aspect_ratio(stream), read_capture_rate(container)
+        container.seek(0)
+        next(decode_frames(container, stream, damage), None)
     if len(packets) < 2 or not pixels:
         raise ClipError(f"{path.name} has {len(packets)} frames; a check needs a clip of a second or more")
     has_times = all(p.pts is not None for p in packets)
     packets = sorted(packets, key=lambda p: p.pts) if has_times else packets
     times, _ = compute_presentation_times([p.pts for p in packets], [p.dts for p in packets], time_base, fps)
-    return _PacketList(
-        times, np.array([p.size for p in packets], dtype=np.float64), np.array([p.is_keyframe for p in packets]),
-        nominal_fps(times, fps), pixels,
-    )  # fmt: skip
+    size, is_key = np.array([p.size for p in packets], dtype=np.float64), np.array([p.is_keyframe for p in packets])
+    if damage.has_fields:
+        later = times + np.diff(times, append=2 * times[-1] - times[-2]) / 2
+        times, size = np.stack([times, later], axis=1).ravel(), np.repeat(size / 2, 2)
+        is_key = np.stack([is_key, np.zeros_like(is_key)], axis=1).ravel()
+    stored_fps, rate = nominal_fps(times, fps), 1.0
+    if capture_fps and is_slow_motion(stored_fps, capture_fps):
+        rate = float(stored_fps / capture_fps)
+    return _PacketList(times * rate, size, is_key, nominal_fps(times * rate, capture_fps), pixels, rate, aspect)
 
 
 def _iterate_packets(container: Any, stream: Any) -> Iterator[Any]:
@@ -146,26 +159,26 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     wanted = set(np.linspace(0, clip.frame_count - 1, STILLS).round().astype(int).tolist())
     meter, changes, thumbnails = FrameChangeMeter(), list[tuple[float, float]](), list[ImageArray]()
     stills, places, steps = list[ImageArray](), list[int](), list[float]()
-    memory = clip.memory or FrameMemory()
+    memory, layout = clip.memory or FrameMemory(), None
     with open_container(clip.path) as (container, stream):
         if not isinstance(container, ImageSequence):
             stream.codec_context.options = {"export_side_data": "venc_params"}
-        orientation = None
-        for k, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
+        frames = decode_frames_from(container, stream, clip.first_frame, clip.start_time / clip.clock_rate)
+        for k, frame in enumerate(frames):
             if k == clip.frame_count:
                 break
             memory.add_frame(k, frame)
-            orientation = read_orientation(frame) if orientation is None else orientation
+            layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
             if k < QUANTISER_FRAMES:
                 steps.append(_read_quantiser_step(frame))
-            grey = orientation.rotate_upright(extract_luma(frame))
+            grey = layout.extract_luma(frame)
             changes.append(meter.measure_change(grey))
             size = (THUMBNAIL_WIDTH, max(round(THUMBNAIL_WIDTH * grey.shape[0] / grey.shape[1]), 1))
             thumbnails.append(np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
             if k in wanted:
-                stills.append(orientation.rotate_upright(convert_to_rgb(frame)))
+                stills.append(layout.extract_rgb(frame))
                 places.append(k)
-    if len(thumbnails) < FRAME_RANGE[0] // 2:
+    if layout is None or len(thumbnails) < FRAME_RANGE[0] // 2:
         raise ClipError(
             f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
         )
@@ -174,7 +187,9 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
     repeats = find_duplicate_frames(*np.array(changes).T)
-    part = replace(clip, width=width, height=height, t=clip.t[:decoded], is_duplicate=repeats)
+    part = replace(
+        clip, width=width, height=height, t=clip.t[:decoded], is_duplicate=repeats, stored_scale=layout.stored_scale
+    )
     return ClipSample(
         times, bits_per_pixel, part, np.stack(thumbnails), tuple(stills), tuple(places),
         float(np.mean(steps)) if steps else float("nan"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,18 @@ from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
 from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
-    FrameOrientation,
-    convert_to_rgb,
+    DecodingDamage,
     decode_frames,
     decode_frames_from,
-    extract_luma,
     open_container,
     pixel_aspect_ratio,
-    read_orientation,
+    read_capture_rate,
 )
 from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
-from video.io.timestamps import compute_presentation_times, even_times, nominal_fps
+from video.io.timestamps import compute_presentation_times, even_times, is_slow_motion, nominal_fps
 
 MIN_DISTINCT_FRAMES = 5
 """Fewest distinct frames of a clip; fewer do not show a motion that can be tracked."""
@@ -53,8 +52,7 @@ DEFAULT_FPS = Fraction(25)
 class Clip:
     """A video file, or a part of one, with T frames in presentation order, duplicate frames included.
 
-    Frames are rotated upright but never resampled. Pixels that are not square (reported in `notes`) stay as stored,
-    because the homography of the table absorbs the aspect ratio.
+    Frames are upright, have square pixels and the colours of a standard display. `notes` reports what that changed.
     """
 
     path: Path
@@ -81,6 +79,14 @@ class Clip:
     """Whether the clip covers the whole file."""
     memory: FrameMemory | None = None
     """Decoded frames that all passes share; None decodes the file in every pass."""
+    damaged_frames: tuple[int, ...] = ()
+    """Indices of frames that are damaged, or refer to damaged ones."""
+    pixel_aspect: Fraction = Fraction(1)
+    """Width of a stored pixel over its height, as the file states it."""
+    stored_scale: tuple[float, float] = (1.0, 1.0)
+    """Stored pixels per pixel of the upright image, along x and y."""
+    clock_rate: float = 1.0
+    """Seconds of `t` per second of the container: below 1 for slow motion, 0 where `--fps` replaced its timestamps."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -98,8 +104,10 @@ class Clip:
 
     @property
     def distinct_frames(self) -> NDArray[np.int64]:
-        """(D,) indices of the frames that are not duplicates."""
-        return np.flatnonzero(~self.is_duplicate).astype(np.int64)
+        """(D,) indices of the frames that are observed: those that are neither duplicates nor damaged."""
+        is_observed = ~self.is_duplicate
+        is_observed[list(self.damaged_frames)] = False
+        return np.flatnonzero(is_observed).astype(np.int64)
 
     def extract_subclip(self, first: int, stop: int) -> Clip:
         """Cut a clip out of a whole file; its frames are counted and timed from its own first frame.
@@ -119,9 +127,10 @@ class Clip:
         is_duplicate = self.is_duplicate[first:stop].copy()
         is_duplicate[0] = False
         t, start = self.t[first:stop], float(self.t[first])
+        damaged = tuple(k - first for k in self.damaged_frames if first <= k < stop)
         return replace(
             self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False,
-            memory=None,
+            memory=None, damaged_frames=damaged,
         )  # fmt: skip
 
 
@@ -148,19 +157,32 @@ def open_clip(
     require_readable_file(path)
     scan = _scan_file(path, progress, memory or FrameMemory())
     is_duplicate = find_duplicate_frames(*np.array(scan.change).T)
-    distinct = int(np.count_nonzero(~is_duplicate))
-    if distinct < MIN_DISTINCT_FRAMES:
+    observed = int(np.count_nonzero(~np.delete(is_duplicate, scan.damaged)))
+    if observed < MIN_DISTINCT_FRAMES:
         raise ClipError(
-            f"{path.name} has {distinct} distinct frame{'s' * (distinct != 1)}; "
+            f"{path.name} has {observed} {'intact and ' * bool(scan.damaged)}distinct frame{'s' * (observed != 1)}; "
             f"tracking needs at least {MIN_DISTINCT_FRAMES}"
         )
     t, note = compute_presentation_times(scan.pts, scan.dts, scan.time_base, scan.fps or DEFAULT_FPS)
-    notes = tuple(_describe_problems(scan, t, note if fps is None else ""))
-    nominal = nominal_fps(t, scan.fps) if fps is None else Fraction(fps)
-    t = t if fps is None else even_times(len(t), nominal)
+    nominal, rate = nominal_fps(t, scan.fps), 1.0
+    notes = [*_describe_problems(scan, t, note if fps is None else "")]
+    if fps is not None:
+        nominal, rate = Fraction(fps), 0.0
+        t = even_times(len(t), nominal)
+    elif scan.capture_fps and is_slow_motion(nominal, scan.capture_fps):
+        rate = float(nominal / scan.capture_fps)
+        notes.append(
+            f"it was filmed at {float(scan.capture_fps):.4g} fps and stores {float(nominal):.4g} fps; "
+            f"its times are {rate:.3g} of those stored"
+        )
+        nominal, t = scan.capture_fps, t * rate
+    clip = Clip(
+        path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate == 1,
+        (*notes, *_describe_layout(scan)), memory=memory, damaged_frames=tuple(scan.damaged),
+        pixel_aspect=scan.aspect, stored_scale=scan.layout.stored_scale, clock_rate=rate,
+    )  # fmt: skip
     _check_times(path, t, nominal)
-    digest = compute_clip_digest(path)
-    return Clip(path, digest, *scan.size, nominal, t, is_duplicate, scan.has_audio, notes, memory=memory)
+    return clip
 
 
 def read_frames(
@@ -194,11 +216,11 @@ def read_frames(
 
 
 def _decode_wanted_frames(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    orientation: FrameOrientation | None = None
+    layout: FrameLayout | None = None
     for index, frame in enumerate(_iterate_frames(clip, int(np.max(np.flatnonzero(wanted), initial=-1)))):
-        orientation = read_orientation(frame) if orientation is None else orientation
+        layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
         if wanted[index]:
-            yield index, orientation.rotate_upright(extract_luma(frame) if grey else convert_to_rgb(frame))
+            yield index, layout.extract_luma(frame) if grey else layout.extract_rgb(frame)
 
 
 def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:
@@ -208,8 +230,9 @@ def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:
         yield from memory.frames[: last + 1]
         return
     index = -1
+    stored_start = clip.start_time / clip.clock_rate if clip.clock_rate else None
     with open_container(clip.path) as (container, stream):
-        for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.start_time)):
+        for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, stored_start)):
             memory.add_frame(index, frame)
             if index <= last:
                 yield frame
@@ -244,33 +267,39 @@ class _FileScan:
     dts: list[int | None]
     change: list[tuple[float, float]]
     size: tuple[int, int] = (0, 0)
-    is_transposed: bool = False
+    layout: FrameLayout = STORED_LAYOUT
+    has_fields: bool = False
     time_base: Fraction = Fraction(1)
     fps: Fraction | None = None
     duration_s: float | None = None
     aspect: Fraction = Fraction(1)
+    capture_fps: Fraction | None = None
     has_audio: bool = False
-    damage: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
+    damaged: list[int] = field(default_factory=list)
 
 
 def _scan_file(path: Path, progress: Progress, memory: FrameMemory) -> _FileScan:
-    scan, meter, damage = _FileScan([], [], []), FrameChangeMeter(), list[str]()
+    scan, meter, damage = _FileScan([], [], []), FrameChangeMeter(), DecodingDamage()
     with open_container(path) as (container, stream):
         _read_header(scan, container, stream)
         for frame in decode_frames(container, stream, damage):
             _check_size(path, scan, frame)
             scan.time_base = frame.time_base or stream.time_base
             memory.add_frame(len(scan.pts), frame)
+            if damage.is_current:
+                scan.damaged.append(len(scan.pts))
             scan.pts.append(frame.pts)
             scan.dts.append(frame.dts)
-            scan.change.append(meter.measure_change(extract_luma(frame)))
+            scan.change.append(meter.measure_change(extract_stored_luma(frame)))
             if scan.duration_s and frame.time is not None:
                 progress(min(max(frame.time / scan.duration_s, 0.0), 1.0))
     if not scan.pts:
         raise ClipError(
-            f"{path.name} contains no frame that can be decoded: {damage[0] if damage else 'the stream is empty'}"
+            f"{path.name} contains no frame that can be decoded: "
+            f"{damage.errors[0] if damage.errors else 'the stream is empty'}"
         )
-    scan.damage = tuple(damage)
+    scan.errors, scan.has_fields = tuple(damage.errors), damage.has_fields
     memory.is_complete = memory.is_filling
     progress(1.0)
     return scan
@@ -282,14 +311,14 @@ def _read_header(scan: _FileScan, container: Any, stream: Any) -> None:
         scan.duration_s = float(stream.duration * stream.time_base)
     elif container.duration:
         scan.duration_s = container.duration / 1e6  # FFmpeg's AV_TIME_BASE
-    scan.aspect = pixel_aspect_ratio(stream)
+    scan.aspect, scan.capture_fps = pixel_aspect_ratio(stream), read_capture_rate(container)
     scan.has_audio = len(container.streams.audio) > 0
 
 
 def _check_size(path: Path, scan: _FileScan, frame: Any) -> None:
     if not scan.pts:
-        scan.is_transposed = read_orientation(frame).swap
-    size = (frame.height, frame.width) if scan.is_transposed else (frame.width, frame.height)
+        scan.layout = read_layout(frame, scan.aspect)
+    size = scan.layout.upright_size(frame)
     if not scan.pts:
         if min(size) < SIDE_RANGE_PX[0] or max(size) > SIDE_RANGE_PX[1]:
             raise ClipError(
@@ -311,10 +340,27 @@ def _describe_problems(scan: _FileScan, t: FloatArray, timing: str) -> Iterator[
     if scan.duration_s and decoded_s < scan.duration_s - max(3 * (t[-1] - t[-2]), 0.02 * scan.duration_s):
         at = f"{decoded_s:.2f} s of {scan.duration_s:.2f} s"
         yield f"{INCOMPLETE_PREFIXES[0]} at {at}; the {len(t)} frames before are used"
-    elif scan.damage:
-        yield f"{INCOMPLETE_PREFIXES[1]} ({scan.damage[0]}); the {len(t)} frames that can be decoded are used"
-    if scan.aspect != 1:
-        yield f"its pixels are not square ({scan.aspect.numerator}:{scan.aspect.denominator}); they are used as stored"
+    elif scan.errors and not scan.damaged:
+        yield f"{INCOMPLETE_PREFIXES[1]} ({scan.errors[0]}); the {len(t)} frames that can be decoded are used"
+    runs = np.split(scan.damaged, 1 + np.flatnonzero(np.diff(scan.damaged) > 1)) if scan.damaged else ()
+    for first, last in ((run[0], run[-1]) for run in runs):
+        span = f"from {t[first]:.2f} to {t[last]:.2f} s; frames {first} to {last} are"
+        lone = f"at {t[first]:.2f} s; frame {first} is"
+        yield f"{INCOMPLETE_PREFIXES[1]} {span if first < last else lone} not observed"
+
+
+def _describe_layout(scan: _FileScan) -> Iterator[str]:
+    """Describe what is done with the images of a file."""
+    layout, (width, height) = scan.layout, scan.size
+    if layout.aspect != 1:
+        yield (
+            f"its pixels are not square ({layout.aspect.numerator}:{layout.aspect.denominator}); "
+            f"positions are in pixels of the upright image with square pixels, {width} x {height} px"
+        )
+    if scan.has_fields:
+        yield "it is interlaced; each field is a frame"
+    if layout.colours is not None:
+        yield f"its colours ({layout.colours.colours.name}) are converted to those of a standard display"
 
 
 def _last_frame_end(scan: _FileScan, t: FloatArray) -> float:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import av
-import numpy as np
-from av.video.reformatter import VideoReformatter
-from numpy.typing import NDArray
 
 from models.core.errors import ClipError
+from video.io.field_splitting import FieldSplitter
 from video.io.image_sequence import LOCAL_FILES_ONLY, ImageSequence, decode_image_sequence, open_image_sequence
 
 av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
@@ -30,25 +29,52 @@ SEEK_MARGIN_S = 0.5
 TIME_TOLERANCE_S = 2e-4
 """s within which two times are equal: millisecond clocks round, and frames at 1000 fps are five times as far apart."""
 
+CAPTURE_RATE_KEYS = ("com.android.capture.fps",)
+"""Metadata with the rate at which the camera took frames. Apple's slow motion stores true timestamps instead."""
+
 NON_VIDEO_FORMATS = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
 """Formats as which FFmpeg would read a text file or a still image."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameOrientation:
-    """How a stored frame is rotated upright: first columns and rows are swapped, then each is reversed."""
+@dataclass(slots=True)
+class DecodingDamage:
+    """Damage of a video, found while its frames are decoded.
 
-    swap: bool = False
-    mirror_x: bool = False
-    mirror_y: bool = False
+    Frames decoded after a damaged packet refer to it, directly or not, up to the next intact key frame.
+    """
 
-    def rotate_upright(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Rotate a stored image (H, W[, 3]) upright."""
-        if self == FrameOrientation():
-            return image
-        rotated = image.swapaxes(0, 1) if self.swap else image
-        rotated = rotated[:, ::-1] if self.mirror_x else rotated
-        return np.ascontiguousarray(rotated[::-1] if self.mirror_y else rotated)
+    errors: list[str] = field(default_factory=list)
+    """Descriptions of decoding errors."""
+    is_current: bool = False
+    """Whether the frame that was decoded last is damaged."""
+    has_fields: bool = False
+    """Whether frames were split into their fields."""
+    _is_broken: bool = False
+    _resumed_at: int | None = None
+    """Timestamp of the key frame that ended the last damage; frames shown before it refer to damaged ones."""
+    _damaged: set[int] = field(default_factory=set)
+    """Timestamps of the damaged frames."""
+    _recent: deque[int | None] = field(default_factory=lambda: deque(maxlen=DECODER_THREADS))
+    """Timestamps of the packets that may still be in the decoder."""
+
+    def note_packet(self, packet: Any, is_lost: bool) -> None:
+        """Note a packet before its frames are judged; `is_lost` where the decoder refused it or one just before."""
+        if packet.is_keyframe and not packet.is_corrupt:
+            self._resumed_at = packet.pts if self._is_broken else None
+            self._is_broken = False
+        self._recent.append(packet.pts)
+        self._is_broken |= packet.is_corrupt or is_lost
+        is_leading = self._resumed_at is not None and packet.pts is not None and packet.pts < self._resumed_at
+        if is_lost:
+            self._damaged.update(pts for pts in self._recent if pts is not None)
+        if (self._is_broken or is_leading) and packet.pts is not None:
+            self._damaged.add(packet.pts)
+
+    def judge_frame(self, frame: Any) -> bool:
+        """Return whether a frame is damaged; one without a timestamp is as the frame before it."""
+        if frame.is_corrupt:
+            return True
+        return self.is_current if frame.pts is None else frame.pts in self._damaged
 
 
 @contextmanager
@@ -102,26 +128,48 @@ def demux_packets(container: Any, stream: Any) -> Iterator[Any]:
         yield from container.demux(stream)
 
 
-def decode_frames(container: Any, stream: Any, damage: list[str] | None = None) -> Iterator[Any]:
-    """Yield every frame that can be decoded, in presentation order; append decoding errors to `damage`."""
-    errors = [] if damage is None else damage
+def decode_frames(container: Any, stream: Any, damage: DecodingDamage | None = None) -> Iterator[Any]:
+    """Yield every frame that can be decoded, in presentation order, each field of an interlaced one as a frame.
+
+    Args:
+        container: the container.
+        stream: its video stream.
+        damage: collects errors; while a frame is yielded, it states whether this one is damaged.
+
+    Yields:
+        Frames of PyAV.
+    """
+    damage = damage or DecodingDamage()
     if isinstance(container, ImageSequence):
-        yield from decode_image_sequence(container, errors)
+        yield from decode_image_sequence(container, damage.errors)
         return
+    splitter, was_damaged = FieldSplitter(), False
+    for frame in _decode_stored_frames(container, stream, damage):
+        is_damaged = damage.judge_frame(frame)
+        damage.has_fields |= frame.interlaced_frame
+        for image in splitter.split_fields(frame):
+            damage.is_current = is_damaged or (was_damaged and image is not frame)  # fields are drawn from both
+            yield image
+        damage.is_current = was_damaged = is_damaged
+    yield from splitter.split_fields(None)
+
+
+def _decode_stored_frames(container: Any, stream: Any, damage: DecodingDamage) -> Iterator[Any]:
+    """Yield every frame that can be decoded, as stored."""
     packets = demux_packets(container, stream)
     while True:
         try:
             packet = next(packets, None)
         except av.error.FFmpegError as error:  # the file is truncated or damaged here
-            errors.append(_describe_error(error))
+            damage.errors.append(_describe_error(error))
             packet = None
-        yield from _decode_packet(stream, packet, errors)
+        yield from _decode_packet(stream, packet, damage)
         if packet is None:
             return
 
 
-def decode_frames_from(container: Any, stream: Any, first: int, start_time: float) -> Iterator[Any]:
-    """Yield every frame from index `first` of the file on; its presentation time is `start_time` s.
+def decode_frames_from(container: Any, stream: Any, first: int, start_time: float | None) -> Iterator[Any]:
+    """Yield every frame from index `first` of the file on; the container states `start_time` s for it, None if unknown.
 
     Seeks to the key frame before it where timestamps identify the frame again; otherwise decodes from the beginning
     and counts.
@@ -129,9 +177,9 @@ def decode_frames_from(container: Any, stream: Any, first: int, start_time: floa
     if first == 0 or isinstance(container, ImageSequence):
         yield from islice(decode_frames(container, stream), first, None)
         return
-    timed = container.format.name.startswith(TIMESTAMPED_FORMATS)
+    timed = start_time is not None and container.format.name.startswith(TIMESTAMPED_FORMATS)
     zero = next(decode_frames(container, stream), None) if timed else None
-    if zero is not None and zero.time is not None:
+    if start_time is not None and zero is not None and zero.time is not None:
         after = _seek_frames(container, stream, zero.time + start_time)
         wanted_frame = next(after, None)
         if wanted_frame is not None:
@@ -160,68 +208,35 @@ def _seek_frames(container: Any, stream: Any, start_time: float) -> Iterator[Any
             yield frame
 
 
-def _decode_packet(stream: Any, packet: Any, damage: list[str]) -> list[Any]:
+def _decode_packet(stream: Any, packet: Any, damage: DecodingDamage) -> list[Any]:
     if packet is not None and packet.size == 0:  # the flush at the end is done once, with None
         return []
+    frames: list[Any] = []
+    error_count = len(damage.errors)
     try:
-        return list(stream.codec_context.decode(packet))
+        frames = stream.codec_context.decode(packet)
     except av.error.EOFError:
-        return []
+        pass
     except av.error.FFmpegError as error:
-        damage.append(_describe_error(error))
-        return []
-
-
-def read_orientation(frame: Any) -> FrameOrientation:
-    """Read the rotation and mirroring that the container requests, rounded to a quarter turn.
-
-    Call it for the first frame only: a frame whose side data was read is freed only by the garbage collector.
-    """
-    for data in frame.side_data:
-        if data.type == av.sidedata.sidedata.Type.DISPLAYMATRIX:
-            a, b, _, c, d = (int(v) for v in np.frombuffer(data, np.int32)[:5])
-            swap = abs(a) < abs(b)
-            return FrameOrientation(True, c < 0, b < 0) if swap else FrameOrientation(False, a < 0, d < 0)
-    return FrameOrientation()
-
-
-def convert_to_rgb(frame: Any) -> NDArray[np.uint8]:
-    """Convert a frame to RGB (H, W, 3) as stored, not yet upright."""
-    return _convert_frame(frame, "rgb24")
-
-
-def _convert_frame(frame: Any, pixel_format: str) -> NDArray[np.uint8]:
-    """Convert a frame to an array of its own; `VideoFrame.reformat` would leave a converter in every kept frame."""
-    converted = VideoReformatter().reformat(frame, format=pixel_format, threads=1)
-    pixels = np.asarray(converted.to_ndarray(), np.uint8)
-    return pixels.copy() if converted is frame else pixels
-
-
-def extract_luma(frame: Any) -> NDArray[np.uint8]:
-    """Copy the luma plane (H, W) as stored, in 8 bits; a colour conversion would cost more than the decoding."""
-    depth = _luma_depth(frame.format)
-    if depth is None:
-        return _convert_frame(frame, "gray")
-    plane = frame.planes[0]
-    if depth == 8:
-        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]
-        return rows.copy()
-    wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: frame.height, : frame.width]
-    return (wide >> (depth - 8)).astype(np.uint8)
-
-
-def _luma_depth(pixel_format: Any) -> int | None:
-    """Bits per sample of plane 0 if it stores only luma in 8 or 16 bit words; None for every other layout."""
-    luma_first = pixel_format.name.startswith(("yuv4", "yuva4", "yuvj4", "nv12", "nv21", "gray"))
-    if not luma_first or pixel_format.is_big_endian or len(pixel_format.components) == 2 or pixel_format.is_bit_stream:
-        return None
-    depth = int(pixel_format.components[0].bits)
-    return depth if 8 <= depth <= 16 else None
+        damage.errors.append(_describe_error(error))
+    if packet is not None:
+        damage.note_packet(packet, is_lost=len(damage.errors) > error_count)
+    return frames
 
 
 def pixel_aspect_ratio(stream: Any) -> Fraction:
     """Width of a pixel over its height; 1 where the container does not store it."""
     return Fraction(stream.sample_aspect_ratio or 1)
+
+
+def read_capture_rate(container: Any) -> Fraction | None:
+    """Read the rate at which the camera took frames, 1/s; None where the file does not state it."""
+    for key in CAPTURE_RATE_KEYS:
+        with suppress(KeyError, ValueError, ZeroDivisionError):
+            rate = Fraction(container.metadata[key]).limit_denominator(1001)
+            if rate > 0:
+                return rate
+    return None
 
 
 def _describe_error(error: BaseException) -> str:

@@ -45,7 +45,7 @@ def re_encode_clip(clip: Clip, copy_path: Path) -> Path:
 
 
 def _is_playable(clip: Clip) -> bool:
-    """Check for mp4 with unrotated 8-bit H.264 in square pixels, without damage."""
+    """Check for mp4 with unrotated 8-bit H.264 in square pixels, without damage, fields or hidden frames."""
     if clip.path.is_dir() or not clip.is_whole_file:
         return False
     with av.open(str(clip.path.absolute()), metadata_errors="replace") as container:
@@ -57,5 +57,6 @@ def _is_playable(clip: Clip) -> bool:
             and codec.name == "h264"
             and codec.pix_fmt in PLAYABLE_FORMATS
             and upright
+            and stream.frames in (0, clip.frame_count)
             and not any(packet.is_corrupt for packet in container.demux(stream))
         )

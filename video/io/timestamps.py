@@ -22,6 +22,17 @@ FPS_TOLERANCE = 0.0025
 Of rates a tenth of a per cent apart, such as 29.97 and 30, the nearest is taken."""
 
 
+LEAST_SLOW_MOTION = 1.5
+"""Ratio of capture rate and stored rate from which a file is slow motion, and below the inverse of which it is a time
+lapse. Cameras slow down twice at least; one that drops frames in poor light stores fewer than the rate it was set to.
+"""
+
+
+def is_slow_motion(stored: Fraction, capture: Fraction) -> bool:
+    """Check whether a file plays at another speed than it was filmed at, from both rates, 1/s."""
+    return not 1 / LEAST_SLOW_MOTION < capture / stored < LEAST_SLOW_MOTION
+
+
 def compute_presentation_times(
     pts: Sequence[int | None], dts: Sequence[int | None], time_base: Fraction, fps: Fraction
 ) -> tuple[FloatArray, str]:

@@ -1,0 +1,143 @@
+"""Colours of high dynamic range and of wide gamuts, converted to those of a standard display (BT.709).
+
+A detector judges paint by its colour. Read as standard video, HLG and PQ look pale: their curves spread the light of
+lamps over half of the levels, and BT.2020 states a saturated green as a greyish one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from av.video.reformatter import ColorPrimaries, ColorTrc
+
+from models.core.srgb import decode_srgb, encode_srgb
+from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
+from video.io.pixel_kernels import fill_light, fill_standard_colours
+
+PQ_PEAK, HLG_PEAK = 10000.0, 1000.0
+"""cd/m^2 of the largest level of PQ, and of HLG on its reference display (BT.2100)."""
+HLG_GAMMA = 1.2
+"""Exponent of the luminance of a scene with which that display shows it (BT.2100)."""
+WHITE_PERCENTILE, TABLE_PERCENTILE = 99.99, 90.0
+"""Percentiles of the light of a frame that are the brightest highlight and a lit table, which fills a tenth of it."""
+LEAST_WHITE = 50.0
+"""cd/m^2 of the least white: the first frame of a clip that fades from black is no measure."""
+TABLE_LIGHT = 0.12
+"""Least light of the table relative to white; cloth reflects 10 to 30 % of the light. Beside a lamp or its reflection
+it is less, down to a hundredth, and would be black."""
+MAX_LIFT = 40.0
+"""Largest lift of dark parts: 40 raises light of 0.0034 to 0.12. Beyond, noise would be lifted."""
+LEVELS = 65536
+"""Levels of a 16-bit image, and entries of the tables."""
+PRIMARIES = {
+    ColorPrimaries.BT709: ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060)),
+    ColorPrimaries.BT2020: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
+    ColorPrimaries.SMPTE432: ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
+}
+"""Chromaticities x, y of red, green and blue (BT.709, BT.2020, Display P3)."""
+WIDE_PRIMARIES = (ColorPrimaries.BT2020, ColorPrimaries.SMPTE432)
+WIDE_GAMUT = "wide gamut"
+WHITE_D65 = (0.3127, 0.3290)
+"""Chromaticity of their common white."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VideoColours:
+    """What the levels of a video with other colours mean."""
+
+    name: str
+    """HLG, PQ or wide gamut."""
+    light: Float32Array
+    """(LEVELS,) light of each level, cd/m^2; relative to white for a wide gamut."""
+    matrix: Float32Array
+    """(3, 3) from the primaries of the video to those of BT.709."""
+    power: float
+    """Power of the luminance that multiplies the light."""
+
+    def measure_light(self, image: Any) -> Float32Array:
+        """Convert 16-bit levels (H, W, 3) to light (H, W, 3)."""
+        light = np.empty(image.shape, np.float32)
+        fill_light(image, self.light, self.matrix, self.power, light)
+        return light
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColourConversion:
+    """A conversion of 16-bit levels to 8-bit sRGB."""
+
+    colours: VideoColours
+    white: float = 1.0
+    """Light that becomes the brightest level."""
+    lift: float = 1.0
+    """How much brighter dark parts become, see `fill_standard_colours`."""
+
+    def convert(self, image: Any) -> ImageArray:
+        """Convert an image (H, W, 3) of 16-bit levels to sRGB."""
+        converted = np.empty(image.shape, np.uint8)
+        light = self.colours.measure_light(image)
+        fill_standard_colours(light, self.white, self.lift, _encoded_levels(), converted)
+        return converted
+
+
+def find_video_colours(frame: Any) -> VideoColours | None:
+    """Find what the tags of a frame say of its colours; None for standard video."""
+    if frame.color_trc in (ColorTrc.ARIB_STD_B67, ColorTrc.SMPTE2084) or frame.color_primaries in WIDE_PRIMARIES:
+        return _build_colours(frame.color_trc, frame.color_primaries)
+    return None
+
+
+def expose_conversion(colours: VideoColours, image: Any) -> ColourConversion:
+    """Choose white and lift from a 16-bit image (H, W, 3): what the levels of a camera call white is not fixed."""
+    if colours.name == WIDE_GAMUT:
+        return ColourConversion(colours)
+    strongest = colours.measure_light(np.ascontiguousarray(image[::2, ::2])).max(axis=-1)
+    white, table = (float(light) for light in np.percentile(strongest, (WHITE_PERCENTILE, TABLE_PERCENTILE)))
+    white = max(white, LEAST_WHITE)
+    share = max(table / white, 1e-6)
+    lift = (TABLE_LIGHT - share**2) / (share * (1 - TABLE_LIGHT))  # such that the table is as bright as that
+    return ColourConversion(colours, white, float(np.clip(lift, 1, MAX_LIFT)))
+
+
+@lru_cache(maxsize=4)
+def _build_colours(transfer: int, primaries: int) -> VideoColours:
+    source = ColorPrimaries(primaries) if primaries in WIDE_PRIMARIES else ColorPrimaries.BT2020
+    matrix = np.linalg.solve(_rgb_to_xyz(ColorPrimaries.BT709), _rgb_to_xyz(source)).astype(np.float32)
+    level = np.arange(LEVELS) / (LEVELS - 1)
+    if transfer == ColorTrc.ARIB_STD_B67:  # the light of the scene, times its luminance to the power of 0.2
+        light = _decode_hlg(level) * HLG_PEAK ** (1 / HLG_GAMMA)
+        return VideoColours("HLG", light.astype(np.float32), matrix, HLG_GAMMA - 1)
+    if transfer == ColorTrc.SMPTE2084:
+        return VideoColours("PQ", (PQ_PEAK * _decode_pq(level)).astype(np.float32), matrix, 0.0)
+    return VideoColours(WIDE_GAMUT, decode_srgb(level).astype(np.float32), matrix, 0.0)
+
+
+def _decode_hlg(level: FloatArray) -> FloatArray:
+    """Return the light of HLG levels relative to the largest (BT.2100)."""
+    a = 0.17883277
+    b, c = 1 - 4 * a, 0.5 - a * np.log(4 * a)
+    return np.where(level <= 0.5, level**2 / 3, (np.exp((level - c) / a) + b) / 12)
+
+
+def _decode_pq(level: FloatArray) -> FloatArray:
+    """Return the light of PQ levels relative to the largest (BT.2100)."""
+    m1, m2 = 2610 / 16384, 2523 / 32
+    c1, c2, c3 = 3424 / 4096, 2413 / 128, 2392 / 128
+    power = level ** (1 / m2)
+    return np.asarray((np.maximum(power - c1, 0) / (c2 - c3 * power)) ** (1 / m1))
+
+
+def _rgb_to_xyz(primaries: ColorPrimaries) -> FloatArray:
+    """Return the matrix (3, 3) from linear light to CIE XYZ."""
+    corners, white = (
+        np.array([[x / y, 1.0, (1 - x - y) / y] for x, y in places]).T for places in (PRIMARIES[primaries], [WHITE_D65])
+    )
+    return np.asarray(corners * np.linalg.solve(corners, white).T)
+
+
+@lru_cache(maxsize=1)
+def _encoded_levels() -> ByteArray:
+    """Return (LEVELS,) the 8-bit sRGB level of linear light from 0 to 1."""
+    return np.asarray(np.rint(255 * encode_srgb(np.arange(LEVELS) / (LEVELS - 1))), np.uint8)

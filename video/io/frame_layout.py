@@ -1,0 +1,147 @@
+"""Decoded frames to upright images with square pixels, in the colours of a standard display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from av.video.reformatter import Interpolation, VideoReformatter
+from numpy.typing import NDArray
+
+from models.core.typing import ImageArray
+from video.io.colour_conversion import ColourConversion, expose_conversion, find_video_colours
+
+LEAST_OBLONG_SHARE = 0.01
+"""Deviation of the pixel aspect ratio from 1 that is applied: below, a ball of 20 px is 0.2 px wider than high, which
+is less than its outline is measured to, and resampling would blur it more."""
+ASPECT_RANGE = (Fraction(1, 4), Fraction(4))
+"""Pixel aspect ratios that cameras and anamorphic lenses write (8:11 to 2); others are a damaged header."""
+
+DEEP_FORMAT = "rgb48le"
+"""16-bit levels, which neither HLG nor PQ coarsens."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOrientation:
+    """How a stored frame is rotated upright: first columns and rows are swapped, then each is reversed."""
+
+    swap: bool = False
+    mirror_x: bool = False
+    mirror_y: bool = False
+
+    def rotate_upright(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Rotate a stored image (H, W[, 3]) upright."""
+        if self == FrameOrientation():
+            return image
+        rotated = image.swapaxes(0, 1) if self.swap else image
+        rotated = rotated[:, ::-1] if self.mirror_x else rotated
+        return np.ascontiguousarray(rotated[::-1] if self.mirror_y else rotated)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLayout:
+    """How the stored frames of a clip become images."""
+
+    orientation: FrameOrientation
+    aspect: Fraction
+    """Width of a stored pixel over its height; 1 where they are used as stored."""
+    colours: ColourConversion | None
+    """Conversion to the colours of a standard display; None where they are that already."""
+
+    def upright_size(self, frame: Any) -> tuple[int, int]:
+        """Return width and height of the image of a frame, px."""
+        width, height = self._square_size(frame)
+        return (height, width) if self.orientation.swap else (width, height)
+
+    @property
+    def stored_scale(self) -> tuple[float, float]:
+        """Stored pixels per pixel of the image, along x and y of the image."""
+        x, y = min(1 / float(self.aspect), 1.0), min(float(self.aspect), 1.0)
+        return (y, x) if self.orientation.swap else (x, y)
+
+    def extract_rgb(self, frame: Any) -> ImageArray:
+        """Convert a frame to an upright RGB image (H, W, 3)."""
+        size = self._square_size(frame)
+        if self.colours is None:
+            return self.orientation.rotate_upright(_convert_frame(frame, "rgb24", size))
+        return self.orientation.rotate_upright(self.colours.convert(_convert_frame(frame, DEEP_FORMAT, size)))
+
+    def extract_luma(self, frame: Any) -> NDArray[np.uint8]:
+        """Convert a frame to its upright luma (H, W), with the transfer curve of the video."""
+        luma, size = extract_stored_luma(frame), self._square_size(frame)
+        if luma.shape[::-1] != size:
+            luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+        return self.orientation.rotate_upright(luma)
+
+    def _square_size(self, frame: Any) -> tuple[int, int]:
+        """Return width and height of a frame with square pixels, px, not yet upright; no side gets shorter."""
+        return round(frame.width * max(self.aspect, 1)), round(frame.height * max(1 / self.aspect, 1))
+
+
+STORED_LAYOUT = FrameLayout(FrameOrientation(), Fraction(1), None)
+"""Frames used as stored."""
+
+
+def read_layout(frame: Any, aspect: Fraction) -> FrameLayout:
+    """Read how the frames of a clip become images.
+
+    Call it for the first frame only: a frame whose side data was read is freed only by the garbage collector.
+
+    Args:
+        frame: the first frame.
+        aspect: width of a pixel over its height, as stated.
+
+    Returns:
+        The layout of all frames.
+    """
+    is_oblong = abs(aspect - 1) > LEAST_OBLONG_SHARE and ASPECT_RANGE[0] <= aspect <= ASPECT_RANGE[1]
+    conversion = None
+    if colours := find_video_colours(frame):
+        conversion = expose_conversion(colours, _convert_frame(frame, DEEP_FORMAT, (frame.width, frame.height)))
+    return FrameLayout(_read_orientation(frame), aspect if is_oblong else Fraction(1), conversion)
+
+
+def _read_orientation(frame: Any) -> FrameOrientation:
+    """Read the rotation and mirroring that the container requests, rounded to a quarter turn."""
+    for data in frame.side_data:
+        if data.type == av.sidedata.sidedata.Type.DISPLAYMATRIX:
+            a, b, _, c, d = (int(v) for v in np.frombuffer(data, np.int32)[:5])
+            swap = abs(a) < abs(b)
+            return FrameOrientation(True, c < 0, b < 0) if swap else FrameOrientation(False, a < 0, d < 0)
+    return FrameOrientation()
+
+
+def _convert_frame(frame: Any, pixel_format: str, size: tuple[int, int]) -> Any:
+    """Convert a frame to an array of its own; `VideoFrame.reformat` would leave a converter in every kept frame."""
+    is_resized = size != (frame.width, frame.height)
+    converted = VideoReformatter().reformat(
+        frame, *size, format=pixel_format, interpolation=Interpolation.BICUBIC if is_resized else None, threads=1
+    )
+    pixels = np.asarray(converted.to_ndarray())
+    return pixels.copy() if converted is frame else pixels
+
+
+def extract_stored_luma(frame: Any) -> NDArray[np.uint8]:
+    """Copy the luma plane (H, W) as stored, in 8 bits; a colour conversion would cost more than the decoding."""
+    depth = _luma_depth(frame.format)
+    if depth is None:
+        return np.asarray(_convert_frame(frame, "gray", (frame.width, frame.height)), np.uint8)
+    plane = frame.planes[0]
+    if depth == 8:
+        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]
+        return rows.copy()
+    wide = np.frombuffer(plane, "<u2").reshape(-1, plane.line_size // 2)[: frame.height, : frame.width]
+    return (wide >> (depth - 8)).astype(np.uint8)
+
+
+def _luma_depth(pixel_format: Any) -> int | None:
+    """Bits per sample of plane 0 if it stores only luma in 8 or 16 bit words; None for every other layout."""
+    luma_first = pixel_format.name.startswith(("yuv4", "yuva4", "yuvj4", "nv12", "nv21", "gray"))
+    if not luma_first or pixel_format.is_big_endian or len(pixel_format.components) == 2 or pixel_format.is_bit_stream:
+        return None
+    depth = int(pixel_format.components[0].bits)
+    return depth if 8 <= depth <= 16 else None
