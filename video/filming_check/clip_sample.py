@@ -29,7 +29,7 @@ from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
 from video.io.frame_layout import read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import ImageSequence
-from video.io.timestamps import compute_presentation_times, is_slow_motion, nominal_fps
+from video.io.timestamps import compute_presentation_times, find_jitter, is_slow_motion, nominal_fps
 
 PIXEL_BUDGET = 100_000_000
 """Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
@@ -129,10 +129,14 @@ def _read_packets(path: Path) -> _PacketList:
         later = times + np.diff(times, append=2 * times[-1] - times[-2]) / 2
         times, size = np.stack([times, later], axis=1).ravel(), np.repeat(size / 2, 2)
         is_key = np.stack([is_key, np.zeros_like(is_key)], axis=1).ravel()
-    stored_fps, rate = nominal_fps(times, fps), 1.0
+    stored_fps = nominal_fps(times, fps)
     if capture_fps and is_slow_motion(stored_fps, capture_fps):
         rate = float(stored_fps / capture_fps)
-    return _PacketList(times * rate, size, is_key, nominal_fps(times * rate, capture_fps), pixels, rate, aspect)
+    else:
+        times, jitter = find_jitter(times)
+        rate = 0.0 if jitter else 1.0
+    times = times * rate if rate else times
+    return _PacketList(times, size, is_key, nominal_fps(times, capture_fps), pixels, rate, aspect)
 
 
 def _iterate_packets(container: Any, stream: Any) -> Iterator[Any]:
@@ -163,7 +167,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     with open_container(clip.path) as (container, stream):
         if not isinstance(container, ImageSequence):
             stream.codec_context.options = {"export_side_data": "venc_params"}
-        frames = decode_frames_from(container, stream, clip.first_frame, clip.start_time / clip.clock_rate)
+        frames = decode_frames_from(container, stream, clip.first_frame, clip.stored_start)
         for k, frame in enumerate(frames):
             if k == clip.frame_count:
                 break

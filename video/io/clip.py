@@ -27,7 +27,7 @@ from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
-from video.io.timestamps import compute_presentation_times, even_times, is_slow_motion, nominal_fps
+from video.io.timestamps import compute_presentation_times, even_times, find_jitter, is_slow_motion, nominal_fps
 
 MIN_DISTINCT_FRAMES = 5
 """Fewest distinct frames of a clip; fewer do not show a motion that can be tracked."""
@@ -86,7 +86,7 @@ class Clip:
     stored_scale: tuple[float, float] = (1.0, 1.0)
     """Stored pixels per pixel of the upright image, along x and y."""
     clock_rate: float = 1.0
-    """Seconds of `t` per second of the container: below 1 for slow motion, 0 where `--fps` replaced its timestamps."""
+    """Seconds of `t` per second of the container: below 1 for slow motion, 0 where other times replaced its own."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -96,6 +96,11 @@ class Clip:
     def missing_parts(self) -> tuple[str, ...]:
         """The notes that report missing frames."""
         return tuple(note for note in self.notes if note.startswith(INCOMPLETE_PREFIXES))
+
+    @property
+    def stored_start(self) -> float | None:
+        """Time of the first frame by the container's timestamps, s after that of the file; None where unknown."""
+        return self.start_time / self.clock_rate if self.clock_rate else None
 
     @property
     def frame_count(self) -> int:
@@ -176,8 +181,13 @@ def open_clip(
             f"its times are {rate:.3g} of those stored"
         )
         nominal, t = scan.capture_fps, t * rate
+    elif (even := find_jitter(t))[1]:
+        t, rate = even[0], 0.0
+        notes.append(
+            f"its timestamps jitter by {1e3 * even[1]:.1f} ms about {float(nominal):.4g} fps; even times are used"
+        )
     clip = Clip(
-        path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate == 1,
+        path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate in (0, 1),
         (*notes, *_describe_layout(scan)), memory=memory, damaged_frames=tuple(scan.damaged),
         pixel_aspect=scan.aspect, stored_scale=scan.layout.stored_scale, clock_rate=rate,
     )  # fmt: skip
@@ -230,9 +240,8 @@ def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:
         yield from memory.frames[: last + 1]
         return
     index = -1
-    stored_start = clip.start_time / clip.clock_rate if clip.clock_rate else None
     with open_container(clip.path) as (container, stream):
-        for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, stored_start)):
+        for index, frame in enumerate(decode_frames_from(container, stream, clip.first_frame, clip.stored_start)):
             memory.add_frame(index, frame)
             if index <= last:
                 yield frame

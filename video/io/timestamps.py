@@ -65,6 +65,39 @@ def compute_presentation_times(
     ], f"{missing} of {len(ticks)} frames have no usable timestamp and were placed between their neighbours"
 
 
+MIN_FRAMES = 20
+"""Frames below which a line through the timestamps follows their jitter."""
+LEAST_JITTER = 0.02
+"""Frame intervals, root mean square deviation of timestamps from even ones that counts: clocks of a millisecond round
+to 0.017 of the interval at 60 fps."""
+MOST_JITTER = 1.0
+"""Frame intervals: a timestamp that is further off is not late; frames are missing or held there."""
+MOST_CORRELATION = 0.3
+"""Correlation of successive deviations: three standard deviations of that of 100 independent ones. That of a camera
+whose rate really changes is nearly 1."""
+
+
+def find_jitter(t: FloatArray) -> tuple[FloatArray, float]:
+    """Find even times where timestamps jitter about them, as some writers stamp frames when they receive them.
+
+    Args:
+        t: (T,) s, presentation times.
+
+    Returns:
+        (T,) s, even times, and the root mean square deviation from them, s; the same times and 0 without jitter.
+    """
+    order = np.arange(len(t), dtype=np.float64)
+    if len(t) < MIN_FRAMES:
+        return t, 0.0
+    interval, start = (float(each) for each in np.polyfit(order, t, 1))
+    off = t - start - interval * order
+    jitter = float(np.sqrt(np.mean(off**2)))
+    if jitter < LEAST_JITTER * interval or float(np.abs(off).max()) > MOST_JITTER * interval:
+        return t, 0.0
+    correlation = float(off[1:] @ off[:-1]) / (len(off) * jitter**2)
+    return (interval * order, jitter) if correlation < MOST_CORRELATION else (t, 0.0)
+
+
 def even_times(count: int, fps: Fraction) -> FloatArray:
     """Return (count,) s with frame k at exactly k / fps."""
     return np.arange(count, dtype=np.float64) * fps.denominator / fps.numerator

@@ -320,3 +320,41 @@ def test_a_clip_with_hardly_an_intact_frame_is_refused(tmp_path: Path) -> None:
     path.write_bytes(content[: places[1] // 188 * 188])
     with pytest.raises(ClipError, match="intact and distinct frame"):
         open_clip(path)
+
+
+def write_at_ticks(path: Path, ticks: FloatArray) -> Path:
+    """Write frames of a moving disc at these times, ms."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for tick, image in zip(ticks, draw_moving_disc(len(ticks), step=1.5), strict=True):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = round(tick), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_timestamps_that_jitter_about_even_times_are_replaced_by_them(tmp_path: Path) -> None:
+    even = 40.0 * np.arange(80)
+    late = even + np.random.default_rng(3).uniform(-12, 12, 80)
+    clip = open_clip(write_at_ticks(tmp_path / "a.mkv", late - late[0]))
+    np.testing.assert_allclose(clip.t, even / 1000, atol=4e-3)
+    np.testing.assert_allclose(np.diff(clip.t), np.diff(clip.t)[0], atol=1e-9)
+    assert any("its timestamps jitter by" in note for note in clip.notes)
+    np.testing.assert_allclose(np.diff(sample_clip(clip.path).times), 0.04, atol=1e-4)
+    ((_, shown),) = read_frames(clip.extract_subclip(50, 60), indices=[0])
+    assert measure_disc(shown)[0] == pytest.approx(30 + 1.5 * 50, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", ["lost frames", "drifting rate"])
+def test_times_that_are_truly_uneven_stay(tmp_path: Path, kind: str) -> None:
+    steps = np.full(79, 40.0)
+    if kind == "lost frames":
+        steps[[20, 50]] = 80
+    else:
+        steps += 8 * np.sin(np.arange(79) / 12)
+    ticks = np.rint(np.concatenate([[0], np.cumsum(steps)]))
+    clip = open_clip(write_at_ticks(tmp_path / "a.mkv", ticks))
+    np.testing.assert_allclose(clip.t, ticks / 1000, atol=1e-6)
