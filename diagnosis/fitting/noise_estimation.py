@@ -3,14 +3,19 @@
 Smooth motion is nearly a polynomial over a dozen frames; the residuals of a polynomial are noise. The share of noise of
 a given autocorrelation that a polynomial absorbs is known exactly, so that size and correlation follow from the first
 two lagged products of the residuals. Segments with a contact or an outlier have large residuals and are left out.
+
+The samples are placed at their times, and once more at their frame numbers; the estimate with less noise counts. A
+clock that is wrong by dt adds speed times dt: the numbers of an unevenly sampled recording, and the times of an even
+one where they are rounded to milliseconds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
@@ -21,6 +26,12 @@ SEGMENT_FRAMES = 21
 """Frames of a segment."""
 POLYNOMIAL_DEGREE = 5
 """Degree of the polynomial that is fitted to a segment."""
+_MAX_STEP_RATIO = 1.9
+"""Largest step between samples of a segment, in smallest steps of the body, where frame numbers do not show that there
+is no gap: a missing frame of an even recording makes 2."""
+_MAX_BASES = 200
+"""Number of segments whose times represent all: expected products of residuals are means over them, and change by less
+than 1 % between samples of this size."""
 _MAX_SMOOTH_RATIO = 2.5
 """Largest sum of squared residuals of a smooth segment, relative to the median."""
 _MAX_CORRELATION = 0.95
@@ -69,11 +80,22 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
     Returns:
         The estimate; scale 1 and correlation 0 where there are too few smooth segments.
     """
-    residuals = [all_bodies for recording in recordings for all_bodies in _compute_polynomial_residuals(recording)]
-    if not residuals:
+    estimates = [
+        _estimate_at_times([(one, one.frame.astype(np.float64)) for one in recordings]),
+        _estimate_at_times([(one, one.t) for one in recordings]),
+    ]
+    return min(estimates, key=lambda estimate: (not estimate.is_measured, estimate.scale))
+
+
+def _estimate_at_times(recordings: Sequence[tuple[Recording, FloatArray]]) -> NoiseEstimate:
+    """Estimate the noise of recordings whose samples are placed at times (T,)."""
+    parts = [part for recording, times in recordings for part in _compute_polynomial_residuals(recording, times)]
+    if not parts:
         return NoiseEstimate(1.0, 0.0, 0)
-    rows, moving = (np.concatenate([one[k] for one in residuals]) for k in range(2))
-    all_bodies, moving_bodies = _estimate_from_residuals(rows), _estimate_from_residuals(rows[moving])
+    rows, moving, bases = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    all_bodies, moving_bodies = (
+        _estimate_from_residuals(rows[chosen], bases[chosen]) for chosen in (np.full(len(rows), True), moving)
+    )
     return (
         moving_bodies
         if moving_bodies.segment_count >= _MIN_SEGMENTS and moving_bodies.scale > _MOVING_NOISE_RATIO * all_bodies.scale
@@ -81,16 +103,18 @@ def estimate_noise(recordings: tuple[Recording, ...]) -> NoiseEstimate:
     )
 
 
-def _estimate_from_residuals(rows: FloatArray) -> NoiseEstimate:
-    """Estimate the noise from polynomial residuals (M, SEGMENT_FRAMES)."""
+def _estimate_from_residuals(rows: FloatArray, bases: FloatArray) -> NoiseEstimate:
+    """Estimate the noise from residuals (M, SEGMENT_FRAMES) of polynomials with bases (M, SEGMENT_FRAMES, K)."""
     if not len(rows):
         return NoiseEstimate(1.0, 0.0, 0)
     size = np.square(rows).sum(axis=1)
-    smooth = rows[size < _MAX_SMOOTH_RATIO * np.median(size)]
+    is_smooth = size < _MAX_SMOOTH_RATIO * np.median(size)
+    smooth, bases = rows[is_smooth], bases[is_smooth]
     if len(smooth) < _MIN_SEGMENTS:
         return NoiseEstimate(1.0, 0.0, len(smooth))
-    correlation = _estimate_correlation(smooth)
-    remaining, free = _compute_residual_products(correlation)[0], _degrees_of_freedom(correlation)
+    bases = bases[:: -(-len(bases) // _MAX_BASES)]
+    correlation = _estimate_correlation(smooth, bases)
+    remaining, free = _compute_residual_products(correlation, bases)[0], _degrees_of_freedom(correlation, bases)
     # pieces beyond the limit are missing from the mean as much as chance puts there
     cut = _MAX_SMOOTH_RATIO * chi2.ppf(0.5, free)
     share = chi2.cdf(cut, free + 2) / chi2.cdf(cut, free)
@@ -99,10 +123,13 @@ def _estimate_from_residuals(rows: FloatArray) -> NoiseEstimate:
     )
 
 
-def _compute_polynomial_residuals(recording: Recording) -> list[tuple[FloatArray, BoolArray]]:
+def _compute_polynomial_residuals(
+    recording: Recording, times: FloatArray
+) -> list[tuple[FloatArray, BoolArray, FloatArray]]:
     """Compute polynomial residuals (M, SEGMENT_FRAMES) in stated sigmas for each body and coordinate.
 
-    Segments are runs of SEGMENT_FRAMES consecutive frames. The mask (M,) marks segments in which the body moves.
+    Segments are runs of SEGMENT_FRAMES samples without a gap. The mask (M,) marks segments in which the body moves; the
+    bases (M, SEGMENT_FRAMES, K) are those of the polynomials at the times of the samples.
     """
     residuals = []
     is_observed = recording.is_observed
@@ -110,56 +137,57 @@ def _compute_polynomial_residuals(recording: Recording) -> list[tuple[FloatArray
         rows = np.flatnonzero(is_observed[:, body])
         if len(rows) < SEGMENT_FRAMES:
             continue
-        frames = np.lib.stride_tricks.sliding_window_view(recording.frame[rows], SEGMENT_FRAMES)
-        even = np.flatnonzero(frames[:, -1] - frames[:, 0] == SEGMENT_FRAMES - 1)[:: SEGMENT_FRAMES // 2]
+        frames, steps = sliding_window_view(recording.frame[rows], SEGMENT_FRAMES), np.diff(times[rows])
+        # the numbers of a body have gaps where another one was filmed in between
+        is_whole = sliding_window_view(steps, SEGMENT_FRAMES - 1).max(axis=1) < _MAX_STEP_RATIO * steps.min()
+        is_whole |= frames[:, -1] - frames[:, 0] == SEGMENT_FRAMES - 1
+        chosen = np.flatnonzero(is_whole)[:: SEGMENT_FRAMES // 2]
+        bases = _build_polynomial_bases(sliding_window_view(times[rows], SEGMENT_FRAMES)[chosen])
         # one sigma for a piece: a place over sigmas that differ from row to row is not smooth
-        sigma = np.sqrt(
-            np.lib.stride_tricks.sliding_window_view(recording.sigma[rows, body] ** 2, SEGMENT_FRAMES).mean(axis=1)
-        )
+        sigma = np.sqrt(sliding_window_view(recording.sigma[rows, body] ** 2, SEGMENT_FRAMES)[chosen].mean(axis=1))
         for values in recording.positions[rows, body].T:
-            segments = np.lib.stride_tricks.sliding_window_view(values, SEGMENT_FRAMES)[even]
-            residuals.append(
-                (
-                    segments @ _residual_projector() / sigma[even, None],
-                    np.ptp(segments, axis=1) > _MOVING_SIGMAS * sigma[even],
-                )
-            )
+            segments = sliding_window_view(values, SEGMENT_FRAMES)[chosen]
+            absorbed = np.einsum("mik,mjk,mj->mi", bases, bases, segments, optimize=True)
+            moving = np.ptp(segments, axis=1) > _MOVING_SIGMAS * sigma
+            residuals.append(((segments - absorbed) / sigma[:, None], moving, bases))
     return residuals
 
 
-@cache
-def _residual_projector() -> FloatArray:
-    """Return the matrix (SEGMENT_FRAMES, SEGMENT_FRAMES) that maps values to the residuals of a fitted polynomial."""
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, SEGMENT_FRAMES), POLYNOMIAL_DEGREE + 1))[0]
-    return np.asarray(np.eye(SEGMENT_FRAMES) - basis @ basis.T)
+def _build_polynomial_bases(times: FloatArray) -> FloatArray:
+    """Build orthonormal bases (M, SEGMENT_FRAMES, K) of the polynomials at times (M, SEGMENT_FRAMES)."""
+    span = times[:, -1:] - times[:, :1]
+    scaled = 2 * (times - times[:, :1]) / span - 1
+    return np.asarray(np.linalg.qr(scaled[:, :, None] ** np.arange(POLYNOMIAL_DEGREE + 1))[0])
 
 
-def _compute_residual_products(correlation: float) -> tuple[float, float]:
+def _compute_residual_products(correlation: float, bases: FloatArray) -> tuple[float, float]:
     """Compute the expected sums of squares and of neighbour products of the residuals of unit noise."""
-    left = _residual_covariance(correlation)
-    return float(np.trace(left)), float(np.trace(left, offset=1))
+    left = _residual_covariances(correlation, bases)
+    traces = (np.trace(left, offset=offset, axis1=1, axis2=2).mean() for offset in (0, 1))
+    return float(next(traces)), float(next(traces))
 
 
-def _residual_covariance(correlation: float) -> FloatArray:
-    """Return the covariance (SEGMENT_FRAMES, SEGMENT_FRAMES) of polynomial residuals of unit noise."""
+def _residual_covariances(correlation: float, bases: FloatArray) -> FloatArray:
+    """Return the covariances (M, SEGMENT_FRAMES, SEGMENT_FRAMES) of polynomial residuals of unit noise."""
     lag = np.abs(np.subtract.outer(np.arange(SEGMENT_FRAMES), np.arange(SEGMENT_FRAMES)))
-    return np.asarray(_residual_projector() @ correlation**lag @ _residual_projector())
+    projectors = np.eye(SEGMENT_FRAMES) - bases @ bases.transpose(0, 2, 1)
+    return np.asarray(projectors @ correlation**lag @ projectors)
 
 
-def _degrees_of_freedom(correlation: float) -> float:
+def _degrees_of_freedom(correlation: float, bases: FloatArray) -> float:
     """Return the degrees of freedom of a chi-square with the mean and variance of the squared residuals.
 
     Satterthwaite 1946, doi:10.2307/3002019.
     """
-    left = _residual_covariance(correlation)
-    return float(np.trace(left) ** 2 / np.trace(left @ left))
+    left = _residual_covariances(correlation, bases)
+    return float(np.trace(left, axis1=1, axis2=2).mean() ** 2 / np.square(left).sum(axis=(1, 2)).mean())
 
 
-def _estimate_correlation(segments: FloatArray) -> float:
+def _estimate_correlation(segments: FloatArray, bases: FloatArray) -> float:
     """Estimate the correlation of noise from its residuals; 0 where it is not significant at 5 %."""
     products = (segments[:, 1:] * segments[:, :-1]).sum(axis=1)
     ratio = float(products.sum() / np.square(segments).sum())
-    white = _compute_residual_products(0.0)
+    white = _compute_residual_products(0.0, bases)
     # pieces overlap by half, so that about two of three are independent
     spread = float(np.std(products - white[1] / white[0] * np.square(segments).sum(axis=1)))
     error = spread / np.square(segments).sum(axis=1).mean() / np.sqrt(max(len(segments) / 1.5, 1.0))
@@ -167,7 +195,7 @@ def _estimate_correlation(segments: FloatArray) -> float:
         return 0.0
 
     def beyond(correlation: float) -> float:
-        squares, neighbours = _compute_residual_products(correlation)
+        squares, neighbours = _compute_residual_products(correlation, bases)
         return neighbours / squares - ratio
 
     return float(brentq(beyond, 0.0, _MAX_CORRELATION)) if beyond(_MAX_CORRELATION) > 0 else _MAX_CORRELATION
@@ -199,13 +227,18 @@ def _find_outliers(recording: Recording) -> BoolArray:
     bad = np.zeros(recording.is_observed.shape, bool)
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.is_observed[:, body])
+        longest = (2 * _SIDE_SAMPLES + 0.5) * float(np.diff(recording.t[rows]).min(initial=np.inf))
         for k in range(len(rows)):
             supports = [
                 _select_neighbours(rows, k, part) for part in ((-3, 4), (-_SIDE_SAMPLES, 0), (1, _SIDE_SAMPLES + 1))
             ]
             fits = [(near, order) for near, order in zip(supports, (3, 2, 2), strict=True) if near.size]
-            apart = [recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES for near, _ in fits]
-            if len(fits) >= 2 and all(apart):
+            is_near = [
+                recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES
+                or recording.t[near[-1]] - recording.t[near[0]] <= longest
+                for near, _ in fits
+            ]
+            if len(fits) >= 2 and all(is_near):
                 bad[rows[k], body] = all(_is_off_polynomial(recording, body, int(rows[k]), *one) for one in fits)
         if bad[:, body].sum() > _MAX_OUTLIER_SHARE * len(rows):
             bad[:, body] = False

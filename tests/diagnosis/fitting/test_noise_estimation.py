@@ -9,6 +9,7 @@ import pytest
 from support.pucks import Filming, film
 
 from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_noise
+from models.core.recording import Recording, record_points
 
 GLIDING = {"friction.mu": 0.02, "air_drag.k": 0.1}
 
@@ -27,6 +28,51 @@ def test_white_noise_is_seldom_called_correlated() -> None:
     filming = Filming(shots=4, seconds=1.0)
     called = [estimate_noise(film(np.random.default_rng(s), GLIDING, filming)).correlation > 0 for s in range(20)]
     assert sum(called) <= 3
+
+
+def throw(seed: int, steps: str, stamps: str = "exact", noise: float = 0.002) -> tuple[Recording, ...]:
+    """Six throws of a ball seen 90 times: evenly, up to half a frame off, at random, or by two cameras of their own."""
+    rng, shots = np.random.default_rng(seed), []
+    for shot in range(6):
+        clocks = [np.arange(90) / 60]
+        if steps == "uneven":
+            clocks = [(np.arange(90) + rng.uniform(-0.49, 0.49, 90)) / 60]
+        elif steps == "random":
+            clocks = [np.cumsum(rng.exponential(1 / 60, 90))]
+        elif steps == "two cameras":
+            clocks.append(np.arange(90) / 50 + 0.003)
+        t = np.unique(np.concatenate(clocks))
+        positions = np.full((len(t), len(clocks), 2), np.nan)
+        v_x, v_z = rng.uniform(2, 6), rng.uniform(4, 7)
+        for body, clock in enumerate(clocks):
+            path = np.stack([v_x * clock, v_z * clock - 4.905 * clock**2], axis=1)
+            positions[np.searchsorted(t, clock), body] = path + rng.normal(0, noise, (90, 2))
+        shown = np.round(t, 3) if stamps == "milliseconds" else t
+        shots.append(replace(record_points(shown, positions, shot=shot), sigma=np.full(positions.shape[:2], 0.001)))
+    return tuple(shots)
+
+
+@pytest.mark.parametrize("steps", ["even", "uneven", "random", "two cameras"])
+def test_noise_is_estimated_at_the_times_of_samples(steps: str) -> None:
+    """In the numbers of the samples it would be 15 to 60 times too large, and with two cameras not measured."""
+    estimates = [estimate_noise(throw(seed, steps)) for seed in range(3)]
+    assert all(one.is_measured and abs(one.scale / 2.0 - 1) < 0.06 and one.correlation == 0 for one in estimates)
+
+
+def test_times_that_are_rounded_to_milliseconds_add_no_noise() -> None:
+    assert abs(estimate_noise(throw(0, "even", "milliseconds", noise=0.0005)).scale / 0.5 - 1) < 0.06
+
+
+def test_a_missing_frame_parts_segments() -> None:
+    """Runs of 20 frames between gaps hold no segment of 21; a larger step than 1.9 counts as a gap."""
+
+    def estimate(missing: int) -> int:
+        blank = ((np.arange(90) + 1) % missing == 0)[:, None, None]
+        shots = (replace(one, positions=np.where(blank, np.nan, one.positions)) for one in throw(0, "even"))
+        return estimate_noise(tuple(shots)).segment_count
+
+    assert estimate(21) == 0
+    assert estimate(30) > 8
 
 
 def test_outliers_are_taken_out_and_do_not_widen_the_noise() -> None:
