@@ -33,10 +33,10 @@ from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder, run_clip
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import ResultCache, default_cache_root
-from pipeline.io.run_folder import TEXT_COLUMNS
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
+from pipeline.io.text_table import TEXT_COLUMNS
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
 from pipeline.reporting.text.text_formatting import format_event_time, name_event
 from pipeline.run_options import RunSettings, build_options, list_settings

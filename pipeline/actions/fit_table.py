@@ -34,6 +34,7 @@ from pipeline.io.explained_shot import load_shot
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
 from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.run_folder import drop_repeated_clips
+from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
@@ -172,7 +173,7 @@ ListedShot = tuple[str, Path, int, Table]
 
 
 def _list_shots(sources: list[Path]) -> tuple[list[ListedShot], list[str]]:
-    """List all shots; also return one sentence per source or shot that cannot be read."""
+    """List all shots; also return one sentence per source or shot that cannot be read, and per assumption."""
     shots: list[ListedShot] = []
     refusals = []
     for source in sources:
@@ -188,6 +189,7 @@ def _list_shots(sources: list[Path]) -> tuple[list[ListedShot], list[str]]:
                 refusals.append(f"shot {number}: {error}")
             else:
                 shots.append((f"{source}, shot {number}", source, number, scene.table))
+                refusals += [note for note in scene.notes if not has_shot(source) and note not in refusals]
     return shots, refusals
 
 

@@ -40,7 +40,7 @@ def interpolate_particles(
     target = out if out.suffix.lower() == ".csv" else out / "tracks.csv"
     require_writable_folder(target.parent)
     tracks = require_tracks_file(source)
-    shots = list(read_particles(tracks, fps))
+    shots, notes = read_particles(tracks, fps)
     motions = [_find_motion(shot, tracks.parent, on_activity) for shot in shots]
     target.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(target) as fresh:
@@ -49,8 +49,11 @@ def interpolate_particles(
         )
     summaries = [_summarize_motion(shot, one) for shot, one in zip(shots, motions, strict=True)]
     if as_json:
-        print(json.dumps({"tracks": str(target), "factor": factor, "shots": summaries}, allow_nan=False))
+        document = {"tracks": str(target), "factor": factor, "shots": summaries, "notes": list(notes)}
+        print(json.dumps(document, allow_nan=False))
         return
+    for note in notes:
+        print(f"Note: {note}.")
     for shot in summaries:
         print(f"shot {shot['shot']}: {shot['particles']} particles, {shot['samples']} samples: {shot['motion']}")
         for line in format_physics_lines(shot):

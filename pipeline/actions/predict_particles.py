@@ -41,7 +41,8 @@ def predict_particles(
         The fitted motion and how far it can be predicted.
     """
     path = require_tracks_file(source)
-    shot = _select_shot(list(read_particles(path, fps)), number, path)
+    shots, notes = read_particles(path, fps)
+    shot = _select_shot(shots, number, path)
     past = _truncate_at(shot, at)
     steps = max(round(seconds / ROW_STEP), 1)
     prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
@@ -56,7 +57,8 @@ def predict_particles(
         (f"From {past.t[-1]:.3f} s, {prediction.kind}: after {seconds:g} s the sigma of a coordinate is {sigma:.3g}.",
          *format_physics_lines(physics)),
         document={"prediction": str(target), "shot": shot.shot, "from": float(past.t[-1]), "motion": prediction.kind,
-                  "sigma_at_end": sigma, **physics},
+                  "sigma_at_end": sigma, "notes": list(notes), **physics},
+        notes=tuple(f"Note: {note}." for note in notes),
         figures=(str(target),),
     )  # fmt: skip
 

@@ -22,6 +22,7 @@ from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.explained_shot import explain_tracks, load_shot
 from pipeline.io.image_file import write_image
 from pipeline.io.observed_shot import read_observed_shot
+from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.prediction_sentences import format_ball_prediction
 from pipeline.reporting.text.text_formatting import summarize_trust
@@ -79,6 +80,7 @@ def predict_shot(
          "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
     ]  # fmt: skip
+    assumed = () if has_shot(source) else scene.notes
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
     return Answer(
         f"Where do the balls go from {t:.2f} s to {times[-1]:.2f} s?",
@@ -90,8 +92,8 @@ def predict_shot(
             for column, axis in enumerate("xy")
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
-        notes=(f"Do not trust this: {why}",) if why else (),
-        document={"folder": str(folder), **document},
+        notes=(*((f"Do not trust this: {why}",) if why else ()), *(f"Note: {note}." for note in assumed)),
+        document={"folder": str(folder), "notes": list(assumed), **document},
         figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
     )  # fmt: skip
 

@@ -12,15 +12,11 @@ from models.core.errors import OptionError
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import KINDS, Tracks
 from models.core.typing import FloatArray
-from pipeline.io.run_folder import (
-    DEFAULT_SIGMA,
-    Columns,
-    parse_camera,
-    parse_table,
-    read_csv_columns,
-    read_scene_document,
-)
+from pipeline.io.run_folder import DEFAULT_SIGMA, parse_camera, parse_table, read_scene_document
 from pipeline.io.shot_folder import has_shot, read_shot
+from pipeline.io.text_table import Columns, read_text_table
+from pipeline.io.track_conventions import TrackRows, interpret_tracks
+from pipeline.io.track_folder import parse_scene_entry, require_positions_on_table
 
 DEFAULT_CLOTH_LAB = np.array([40.0, -30.0, 10.0])
 """Cloth colour (CIE L*a*b*) of a table without a video."""
@@ -52,13 +48,16 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
             f"{path} has no scene.json beside it, which must describe the table; only billiards can be predicted"
         )
     document = read_scene_document(path.parent / "scene.json")
-    columns = read_csv_columns(path, ("id", "x", "y"))
-    columns, number = _select_shot(columns, shot, path)
+    rows, columns = _read_rows(path, document)
+    number = _select_shot(rows, shot, path)
     table = parse_table(document)
+    if rows.is_usable.any():
+        require_positions_on_table(rows.positions[rows.is_usable], (table.length, table.width), path)
     scene = Scene(
-        table, parse_camera(document) or _build_overhead_camera(document, table), _parse_cloth_colour(document), ()
-    )
-    return _build_tracks(columns, document, scene, path), scene, number
+        table, parse_camera(document) or _build_overhead_camera(document, table), _parse_cloth_colour(document),
+        rows.notes,
+    )  # fmt: skip
+    return _build_tracks(rows, columns, number, scene, path), scene, number
 
 
 def list_shot_numbers(source: Path) -> list[int]:
@@ -73,8 +72,9 @@ def list_shot_numbers(source: Path) -> list[int]:
     Raises:
         OptionError: There is no such table, or it cannot be read.
     """
-    columns = read_csv_columns(_find_track_table(source), ("id", "x", "y"))
-    return _list_numbers(columns)
+    path = _find_track_table(source)
+    rows, _ = _read_rows(path, read_scene_document(path.parent / "scene.json"))
+    return sorted(set(rows.shot.tolist()))
 
 
 def _find_track_table(source: Path) -> Path:
@@ -84,51 +84,46 @@ def _find_track_table(source: Path) -> Path:
     return path
 
 
-def _list_numbers(columns: Columns) -> list[int]:
-    numbers = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
-    return sorted(set(numbers.tolist()))
+def _read_rows(path: Path, document: dict[str, Any]) -> tuple[TrackRows, Columns]:
+    """Read the rows of a table of tracks beside a scene.json, and its columns."""
+    table = read_text_table(path)
+    table.require(("x", "y"))
+    return interpret_tracks(
+        table, parse_scene_entry(document, path.parent / "scene.json").describe_tracks()
+    ), table.columns
 
 
-def _select_shot(columns: Columns, shot: int | None, path: Path) -> tuple[Columns, int]:
-    numbers = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
-    numbers_present = _list_numbers(columns)
-    if not numbers_present:
+def _select_shot(rows: TrackRows, shot: int | None, path: Path) -> int:
+    numbers = sorted(set(rows.shot.tolist()))
+    if not numbers:
         raise OptionError(f"{path} has no rows")
-    chosen = numbers_present[0] if shot is None else shot
-    if chosen not in numbers_present:
-        raise OptionError(
-            f"{path} has the shots {', '.join(map(str, numbers_present))}; shot {chosen} is not among them"
-        )
-    rows = numbers == chosen
-    return {name: values[rows] for name, values in columns.items()}, chosen
+    chosen: int = numbers[0] if shot is None else shot
+    if chosen not in numbers:
+        raise OptionError(f"{path} has the shots {', '.join(map(str, numbers))}; shot {chosen} is not among them")
+    return chosen
 
 
-def _build_tracks(columns: Columns, document: dict[str, Any], scene: Scene, path: Path) -> Tracks:
+def _build_tracks(rows: TrackRows, columns: Columns, number: int, scene: Scene, path: Path) -> Tracks:
     """Arrange rows as T frames by N balls; of several rows of a ball in a frame, the first counts."""
-    frame, t = _parse_frames_and_times(columns, document, path)
-    is_observed = np.isfinite(columns["x"]) & np.isfinite(columns["y"]) & np.isfinite(t)
-    is_observed &= columns.get("observed", np.ones(len(t))) > 0
-    if not is_observed.any():
+    here = np.flatnonzero(rows.is_usable & (rows.shot == number))
+    if not len(here):
         raise OptionError(f"{path} has no observed position of a ball")
-    frames, first, row = np.unique(frame[is_observed], return_index=True, return_inverse=True)
-    shown = t[is_observed][first]
-    if np.any(np.diff(shown) <= 0):
-        raise OptionError(f"{path}: t must increase with frame, but it does not")
-    ids = tuple(dict.fromkeys(columns["id"][is_observed].tolist()))
-    ball = np.array([ids.index(name) for name in columns["id"][is_observed]])
+    frames, first, row = np.unique(rows.frame[here], return_index=True, return_inverse=True)
+    names = rows.ids[here]
+    ids = tuple(dict.fromkeys(names.tolist()))
+    ball = np.array([ids.index(name) for name in names])
     grid = _TrackGrid(row[::-1], ball[::-1], (len(frames), len(ids)))
-    metres = _metres_per_unit(document, path)
-    xy = metres * grid.scatter(np.stack([columns["x"], columns["y"]], axis=1)[is_observed])
-    sigma = metres * grid.scatter(columns.get("sigma", np.full(len(t), np.nan))[is_observed])
+    blank = np.full(len(rows.t), np.nan)
+    xy = grid.scatter(rows.positions[here])
+    sigma = rows.unit * grid.scatter(columns.get("sigma", blank)[here])
     sigma = np.where(np.isfinite(xy[..., 0]) & ~(sigma > 0), DEFAULT_SIGMA, sigma)
     radius = scene.table.ball_radius
     filled = np.where(np.isfinite(xy), xy, [scene.table.length / 2, scene.table.width / 2])
     computed = np.where(np.isfinite(xy), scene.camera.to_pixels(filled, radius), np.nan)
-    blank = np.full(len(t), np.nan)
-    px = grid.scatter(np.stack([columns.get("x_px", blank), columns.get("y_px", blank)], axis=1)[is_observed])
-    size = grid.scatter(columns.get("radius_px", blank)[is_observed])
+    px = grid.scatter(np.stack([columns.get("x_px", blank), columns.get("y_px", blank)], axis=1)[here])
+    size = grid.scatter(columns.get("radius_px", blank)[here])
     return Tracks(
-        frames, shown, ids, _parse_ball_classes(columns, is_observed, ids), xy,
+        frames, rows.t[here][first], ids, _parse_ball_classes(columns.get("kind", rows.ids)[here], names, ids), xy,
         np.where(np.isfinite(px), px, computed), sigma, sigma,
         np.zeros_like(xy), np.where(np.isfinite(size), size, scene.camera.radius_px(filled, radius)),
         np.tile([70.0, 0.0, 0.0], (len(ids), 1)),
@@ -148,41 +143,9 @@ class _TrackGrid:
         return grid
 
 
-def _parse_frames_and_times(
-    columns: Columns, document: dict[str, Any], path: Path
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return frame and time (s) of every row; one follows from the other if the frame rate is known."""
-    fps = document.get("fps")
-    rate = float(fps) if isinstance(fps, int | float) and fps > 0 else None
-    if "frame" in columns and np.isfinite(columns["frame"]).all():
-        frame = columns["frame"].astype(np.int64)
-    elif "t" in columns:
-        frame = np.unique(columns["t"], return_inverse=True)[1].astype(np.int64)
-    else:
-        raise OptionError(f"{path} has no times: it needs the column t, or frame with fps in scene.json")
-    if "t" in columns:
-        return frame, np.asarray(columns["t"], np.float64)
-    if rate is None:
-        raise OptionError(f"{path} has no times: it needs the column t, or fps in scene.json")
-    return frame, frame / rate
-
-
-def _metres_per_unit(document: dict[str, Any], path: Path) -> float:
-    """Return the length of a unit of x and y, m."""
-    if document.get("units", "m") == "m":
-        return 1.0
-    scale = document.get("px_per_m") or (document.get("image") or {}).get("px_per_m")
-    if document["units"] != "px" or not isinstance(scale, int | float) or scale <= 0:
-        raise OptionError(
-            f"{path}: positions must be in m, or in px with px_per_m in scene.json; got {document['units']!r}"
-        )
-    return 1 / float(scale)
-
-
-def _parse_ball_classes(columns: Columns, is_observed: NDArray[np.bool_], ids: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the ball classes from the column kind, otherwise from the names (`red-2`)."""
-    labels = columns["kind"][is_observed] if "kind" in columns else columns["id"][is_observed]
-    named = dict(zip(columns["id"][is_observed].tolist(), labels.tolist(), strict=True))
+def _parse_ball_classes(labels: NDArray[np.str_], names: NDArray[np.str_], ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the ball classes of labels (K,) of rows, which are names (`red-2`) where there is no column kind."""
+    named = dict(zip(names.tolist(), labels.tolist(), strict=True))
     kinds = (named[name].split("-")[0] for name in ids)
     return tuple(kind if kind in KINDS else "ball" for kind in kinds)
 

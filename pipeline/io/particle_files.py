@@ -12,8 +12,9 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
 from pipeline.io.csv_tables import write_columns
-from pipeline.io.run_folder import Columns, read_csv_columns
 from pipeline.io.strict_json import read_json
+from pipeline.io.text_table import Columns, read_text_table
+from pipeline.io.track_conventions import TrackRows, TrackScene, interpret_tracks
 
 if TYPE_CHECKING:
     from models.estimation.particles.particle_fit import ParticleMotion, ParticlePrediction
@@ -68,49 +69,37 @@ def _read_scene_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def read_particles(path: Path, fps: float | None = None) -> Iterator[Recording]:
+def read_particles(path: Path, fps: float | None = None) -> tuple[list[Recording], tuple[str, ...]]:
     """Read the shots of a file with the columns id, x, y (z), and t or frame; rows may be missing.
 
     Args:
         path: A tracks.csv.
         fps: Frame rate (1/s) for files without the column t; None for the rate of scene.json.
 
-    Yields:
-        One shot after the other.
+    Returns:
+        The shots in the order of the file, and sentences on what was assumed.
 
     Raises:
         OptionError: The file cannot be used.
     """
-    columns = read_csv_columns(path, ("id", "x", "y"))
-    axes = tuple(axis for axis in AXES if axis in columns)
-    columns["t"] = _parse_times(columns, path, fps)
-    columns["shot"] = np.nan_to_num(columns.get("shot", np.zeros(len(columns["id"])))).astype(np.int64)
-    is_usable = np.isfinite(columns["t"]) & (columns.get("observed", np.ones(len(columns["t"]))) > 0)
-    for axis in axes:
-        is_usable &= np.isfinite(columns[axis])
-    if not is_usable.any():
-        raise OptionError(f"{path} has no position of a particle")
-    for number in dict.fromkeys(columns["shot"][is_usable].tolist()):
-        rows = is_usable & (columns["shot"] == number)
-        yield _build_recording(number, axes, {name: values[rows] for name, values in columns.items()}, path)
-
-
-def _parse_times(columns: Columns, path: Path, fps: float | None) -> FloatArray:
-    """Return the time of every row, s; the column t takes precedence over fps."""
-    if "t" in columns:
-        return np.asarray(columns["t"], np.float64)
+    table = read_text_table(path)
+    table.require(("x", "y"))
     rate = fps if fps is not None else _read_scene_document(path).get("fps")
-    if "frame" not in columns or not isinstance(rate, int | float) or rate <= 0:
-        raise OptionError(f"{path} has no times: it needs the column t, or frame and --fps")
-    return np.asarray(columns["frame"] / rate, np.float64)
+    rate = float(rate) if isinstance(rate, int | float) and rate > 0 else None
+    rows = interpret_tracks(table, TrackScene(coordinates=AXES, fps=rate))
+    if not rows.is_usable.any():
+        raise OptionError(f"{path} has no position of a particle")
+    numbers = dict.fromkeys(rows.shot[rows.is_usable].tolist())
+    return [_build_recording(number, rows, path) for number in numbers], rows.notes
 
 
-def _build_recording(number: int, axes: tuple[str, ...], columns: Columns, path: Path) -> Recording:
-    t, row = np.unique(columns["t"], return_inverse=True)
-    ids = tuple(dict.fromkeys(columns["id"].tolist()))
+def _build_recording(number: int, rows: TrackRows, path: Path) -> Recording:
+    here = np.flatnonzero(rows.is_usable & (rows.shot == number))
+    t, row = np.unique(rows.t[here], return_inverse=True)
+    ids = tuple(dict.fromkeys(rows.ids[here].tolist()))
     index = {name: k for k, name in enumerate(ids)}
-    x = np.full((len(t), len(ids), len(axes)), np.nan)
-    x[row, [index[name] for name in columns["id"].tolist()]] = np.stack([columns[axis] for axis in axes], axis=1)
+    x = np.full((len(t), len(ids), len(rows.coordinates)), np.nan)
+    x[row, [index[name] for name in rows.ids[here].tolist()]] = rows.positions[here]
     from models.estimation.particles.particle_fit import MIN_SAMPLES  # slow to import
 
     particles = record_points(t, x, ids, number)

@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
-from pyarrow import csv
 
 from models.core.ball_look import BallLook
 from models.core.errors import OptionError
@@ -21,10 +18,8 @@ from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Table
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.strict_json import read_json
+from pipeline.io.text_table import Columns, read_text_table
 
-Columns = dict[str, NDArray[Any]]
-
-TEXT_COLUMNS = ("id", "kind", "a", "b")
 SOURCE_FILE = "source.json"
 """File of a run folder that names the source clip."""
 DEFAULT_SIGMA = 1e-3
@@ -77,7 +72,7 @@ def read_looks_text(path: Path) -> str:
 
 
 def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
-    """Read a CSV file as columns.
+    """Read a table of text as columns.
 
     Args:
         path: The file.
@@ -89,23 +84,9 @@ def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
     Raises:
         OptionError: The file cannot be read, or a column is missing or not numeric.
     """
-    text = {name: pa.string() for name in TEXT_COLUMNS}
-    try:
-        table = csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=text, strings_can_be_null=False))
-    except (OSError, pa.ArrowException) as error:
-        raise OptionError(f"A run folder has a {path.name}; {path} cannot be read: {error}") from error
-    if missing := [name for name in wanted if name not in table.column_names]:
-        raise OptionError(f"{path} lacks the columns {', '.join(missing)}")
-    columns: Columns = {}
-    for name in table.column_names:
-        values = table[name].to_pylist()
-        try:
-            columns[name] = np.array(
-                values if name in TEXT_COLUMNS else [np.nan if v is None else float(v) for v in values]
-            )
-        except ValueError as error:
-            raise OptionError(f"{path}: column {name} has a value that is not a number: {error}") from error
-    return columns
+    table = read_text_table(path, f"A run folder has a {path.name}")
+    table.require(wanted)
+    return table.columns
 
 
 def identify_clip(source: Path) -> str:

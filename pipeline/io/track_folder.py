@@ -8,19 +8,27 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
-from pyarrow import csv
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
-from pipeline.io.known_inputs import INPUT_COLUMNS, build_inputs, find_input_columns
+from pipeline.io.known_inputs import build_inputs, find_input_columns
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
+from pipeline.io.text_table import TextTable, read_text_table
+from pipeline.io.track_conventions import (
+    MAX_NUMBER,
+    MAX_OVERSHOOT,
+    MAX_SHARE_OFF_TABLE,
+    MAX_TABLE_LENGTH,
+    TrackRows,
+    TrackScene,
+    find_off_table,
+    interpret_tracks,
+)
 from pipeline.io.wall_entry import WallsEntry
 from pipeline.reporting.text.text_formatting import escape_text
 
@@ -31,9 +39,6 @@ DEFAULT_NOISE_PX = 0.3
 """px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it."""
 DEFAULT_NOISE = 1e-3
 """m or rad, the same for scenes without an image."""
-_MAX_NUMBER = 1e12
-"""Coordinates, frames, times (s) and reciprocals of sigmas from here on, like NaN, count as missing: no recording has
-them, and their squares would overflow."""
 _SIZE_TOLERANCE = 0.05
 """Largest relative difference of two measured sizes of the same table."""
 SCENE_FRAMES = {
@@ -68,7 +73,7 @@ class SceneEntry(BaseModel):
 
     model_config = ConfigDict(extra="allow")
     scene: Literal["billiards", "flight", "pendulum", "slide"] = "billiards"
-    units: Literal["m", "px", "rad"] = "m"
+    units: Literal["m", "cm", "mm", "in", "ft", "px", "rad", "deg"] | None = None
     px_per_m: PositiveNumber | None = None
     fps: PositiveNumber | None = None
     table: SceneTableEntry | None = None
@@ -79,6 +84,13 @@ class SceneEntry(BaseModel):
     radius: NonNegativeNumber = 0.0
     model: list[str] | dict[str, Any] | None = None
     laws: dict[str, Any] | None = None
+
+    def describe_tracks(self, has_inputs: bool = False) -> TrackScene:
+        """Describe what is stated about the tracks beside it."""
+        size = None if self.table is None else (self.table.length, self.table.width)
+        scale = self.px_per_m or (self.image.px_per_m if self.image is not None else None)
+        coordinates = SCENE_FRAMES[self.scene].coordinates
+        return TrackScene(self.scene, coordinates, self.units, scale, self.fps, size, self.gravity, has_inputs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,102 +204,78 @@ def _describe_table(entry: SceneEntry) -> str:
 
 def _read_track_folder(folder: Path) -> TrackFolder:
     require_track_files(folder)
-    entry = _read_scene_entry(folder / "scene.json")
+    entry = parse_scene_entry(read_json(folder / SCENE_FILE, "A track folder has a scene.json"), folder / SCENE_FILE)
     path = folder / "tracks.csv"
     # the table of a run folder rounds the observations of its shot
-    recordings, inputs = (
-        ((read_shot(folder).tracks.record_positions(),), ()) if has_shot(folder) else _read_table(entry, path)
+    recordings, inputs, notes = (
+        ((read_shot(folder).tracks.record_positions(),), (), ()) if has_shot(folder) else _read_table(entry, path)
     )
     if not any(one.is_observed.any() for one in recordings):
         raise OptionError(f"{path} has no positions")
-    notes = find_positions_off_table(recordings, (entry.table.length, entry.table.width), path) if entry.table else ()
+    if entry.table:
+        places = np.concatenate([one.positions[one.is_observed][:, :2] for one in recordings])
+        notes += require_positions_on_table(places, (entry.table.length, entry.table.width), path)
     return TrackFolder(entry, recordings, inputs, notes)
 
 
-def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
-    """Read the recordings of a tracks.csv, and the names of its columns of known inputs."""
-    try:
-        table = csv.read_csv(path)
-    except OSError as error:
-        raise OptionError(f"{path} cannot be read: {error}") from error
-    except pa.ArrowInvalid as error:
-        raise OptionError(f"{path} is not a CSV table: {' '.join(str(error).split())}") from error
+def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], tuple[str, ...], tuple[str, ...]]:
+    """Read the recordings of a tracks.csv, the names of its columns of known inputs, and what was assumed."""
+    table = read_text_table(path)
     reference = SCENE_FRAMES[entry.scene]
-    names = tuple(name for name in reference.coordinates if name in table.column_names)
+    names = tuple(name for name in reference.coordinates if name in table.columns)
     fewest = 1 if entry.scene in ("flight", "pendulum") else len(reference.coordinates)
-    if len(names) < fewest or "id" not in table.column_names:
+    if len(names) < fewest:
         raise OptionError(f"{path} needs the columns id and {', '.join(reference.coordinates)}")
-    reference = replace(reference, coordinates=names)
-    inputs = find_input_columns(entry.scene, names, table.column_names, path)
-    columns = {name: _parse_numbers(table, name, path) for name in table.column_names if name in _NUMERIC_COLUMNS}
-    ids = np.array([str(value) for value in table.column("id").to_pylist()])
-    return _split_recordings(entry, columns, ids, reference, inputs, path), inputs
+    inputs = find_input_columns(entry.scene, names, table.columns, path)
+    rows = interpret_tracks(table, entry.describe_tracks(bool(inputs)))
+    recordings = _split_recordings(entry, table, rows, replace(reference, coordinates=names), inputs)
+    return recordings, inputs, rows.notes
 
 
-_NUMERIC_COLUMNS = {
-    "shot", "frame", "t", "x", "y", "z", "theta1", "theta2", "sigma", "observed",
-    *(name for columns in INPUT_COLUMNS.values() for name in columns),
-}  # fmt: skip
+def parse_scene_entry(document: Any, path: Path) -> SceneEntry:
+    """Parse the part of a scene.json that a diagnosis uses.
 
+    Args:
+        document: Content of the file.
+        path: The file, for the message.
 
-def _read_scene_entry(path: Path) -> SceneEntry:
+    Returns:
+        The entry.
+
+    Raises:
+        OptionError: A value cannot be used.
+    """
     try:
-        return SceneEntry.model_validate(read_json(path, "A track folder has a scene.json"))
+        return SceneEntry.model_validate(document)
     except ValidationError as error:
         raise OptionError(f"{path}: {format_first_error(error)}") from error
 
 
-def _parse_numbers(table: pa.Table, name: str, path: Path) -> FloatArray:
-    try:
-        return np.asarray(table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
-    except pa.ArrowInvalid as error:
-        raise OptionError(f"{path}: the column {name} has a value that is not a number") from error
-
-
 def _split_recordings(
-    entry: SceneEntry,
-    columns: dict[str, FloatArray],
-    ids: NDArray[np.str_],
-    reference: ReferenceFrame,
-    inputs: tuple[str, ...],
-    path: Path,
+    entry: SceneEntry, table: TextTable, rows: TrackRows, reference: ReferenceFrame, inputs: tuple[str, ...]
 ) -> tuple[Recording, ...]:
-    count = len(ids)
-    if "frame" not in columns or ("t" not in columns and entry.fps is None):
-        raise OptionError(f"{path} needs the column frame, and t, or fps in scene.json")
-    t = columns["t"] if "t" in columns else columns["frame"] / (entry.fps or 1.0)
-    shot = np.nan_to_num(columns.get("shot", np.zeros(count)))
-    numbers = np.abs([*(columns[name] for name in reference.coordinates), columns["frame"], t, shot])
-    is_usable = (numbers < _MAX_NUMBER).all(axis=0) & (columns.get("observed", np.ones(count)) > 0)
-    metres = 1 / entry.px_per_m if entry.units == "px" and entry.px_per_m else 1.0
-    if entry.units == "px" and not entry.px_per_m:
-        raise OptionError(f"{path}: positions in px need px_per_m in scene.json")
-    places = np.stack([columns[name] for name in reference.coordinates], axis=1) * metres
-    stated = columns.get("sigma", np.full(count, np.nan)) * metres
-    is_stated = (stated > 1 / _MAX_NUMBER) & (stated < _MAX_NUMBER)
+    stated = table.columns.get("sigma", np.full(len(rows.t), np.nan)) * rows.unit
+    is_stated = (stated > 1 / MAX_NUMBER) & (stated < MAX_NUMBER)
     sigma = np.where(is_stated, stated, _default_noise(entry))
     recordings = []
-    for number in np.unique(shot[is_usable]).tolist():
-        here = np.flatnonzero(is_usable & (shot == number))
-        frames, first, row = np.unique(columns["frame"][here].astype(np.int64), return_index=True, return_inverse=True)
-        names, body = np.unique(ids[here], return_inverse=True)
-        bodies, times = tuple(str(name) for name in names), t[here][first]
-        if np.any(np.diff(times) <= 0):
-            raise OptionError(f"{path}: t must increase with frame; in shot {number:g} it does not")
-        positions = np.full((len(frames), len(bodies), places.shape[1]), np.nan)
+    for number in np.unique(rows.shot[rows.is_usable]).tolist():
+        here = np.flatnonzero(rows.is_usable & (rows.shot == number))
+        frames, first, row = np.unique(rows.frame[here], return_index=True, return_inverse=True)
+        names, body = np.unique(rows.ids[here], return_inverse=True)
+        bodies, times = tuple(str(name) for name in names), rows.t[here][first]
+        positions = np.full((len(frames), len(bodies), len(rows.coordinates)), np.nan)
         error = np.full(positions.shape[:2], np.nan)
         # Of several rows of a body in a frame, the first counts.
-        positions[row[::-1], body[::-1]], error[row[::-1], body[::-1]] = places[here[::-1]], sigma[here[::-1]]
+        positions[row[::-1], body[::-1]] = rows.positions[here[::-1]]
+        error[row[::-1], body[::-1]] = sigma[here[::-1]]
         given = None
         if inputs:
             # also rows without a position
-            rows = np.flatnonzero(shot == number)
-            samples, place = {name: columns[name][rows] for name in inputs}, f"{path}, shot {number:g}"
-            given = build_inputs(entry.scene, samples, t[rows], ids[rows], bodies, times, metres, place)
+            own = np.flatnonzero(rows.shot == number)
+            samples, place = {name: table.columns[name][own] for name in inputs}, f"{table.path}, shot {number}"
+            given = build_inputs(entry.scene, samples, rows.t[own], rows.ids[own], bodies, times, rows.unit, place)
         is_all_stated = bool(is_stated[here].all())
-        recordings.append(
-            Recording(int(number), frames, times, bodies, positions, error, reference, is_all_stated, given)
-        )
+        recordings.append(Recording(number, frames, times, bodies, positions, error, reference, is_all_stated, given))
     return tuple(recordings)
 
 
@@ -299,12 +287,6 @@ def _default_noise(entry: SceneEntry) -> float:
 
 TRACKS_FILE, SCENE_FILE = "tracks.csv", "scene.json"
 
-_MAX_OVERSHOOT = 0.1
-"""Tolerated distance beyond a cushion, in table lengths: a badly calibrated camera shifts positions by as much."""
-_MAX_SHARE_OFF_TABLE = 0.25
-"""Largest tolerated share of positions off the table: lost and flying balls are fewer, wrong units give more."""
-_MAX_TABLE_LENGTH = 10.0
-"""m, three times the length of the largest table: a larger value is not in metres."""
 _SMALLER_UNITS = {100: "centimetres", 1000: "millimetres"}
 """Units that are used by mistake, by their number in a metre."""
 
@@ -334,11 +316,11 @@ def require_track_files(folder: Path) -> None:
     )
 
 
-def find_positions_off_table(recordings: Sequence[Recording], size: tuple[float, float], path: Path) -> tuple[str, ...]:
-    """Find positions off the table.
+def require_positions_on_table(places: FloatArray, size: tuple[float, float], path: Path) -> tuple[str, ...]:
+    """Require that positions lie on the table.
 
     Args:
-        recordings: Recordings whose first two coordinates are x and y.
+        places: Positions (K, 2), m.
         size: Length and width of the table, m.
         path: Their tracks.csv, for the messages.
 
@@ -348,16 +330,14 @@ def find_positions_off_table(recordings: Sequence[Recording], size: tuple[float,
     Raises:
         OptionError: The table is too large to be in metres, or too many positions are off it.
     """
-    if max(size) > _MAX_TABLE_LENGTH:
+    if max(size) > MAX_TABLE_LENGTH:
         raise OptionError(
             f"{escape_text(path.with_name(SCENE_FILE))}: the table is {size[0]:g} x {size[1]:g} m; lengths must be"
             " in metres"
         )
-    places = np.concatenate([one.positions[one.is_observed][:, :2] for one in recordings])
-    margin = _MAX_OVERSHOOT * max(size)
-    away = (places < -margin) | (places > np.array(size) + margin)
+    away = find_off_table(places, size)
     worst = int(np.argmax(away.mean(axis=0)))
-    if away[:, worst].mean() > _MAX_SHARE_OFF_TABLE:
+    if away[:, worst].mean() > MAX_SHARE_OFF_TABLE:
         low, high = float(places[:, worst].min()), float(places[:, worst].max())
         axis, side, most = "xy"[worst], ("length", "width")[worst], size[worst]
         raise OptionError(
@@ -370,5 +350,5 @@ def find_positions_off_table(recordings: Sequence[Recording], size: tuple[float,
 
 def _suggest_unit(high: float, most: float) -> str:
     """Suggest the unit in which the largest value would be on the table."""
-    fits = [(count, unit) for count, unit in _SMALLER_UNITS.items() if 0 < high / count <= most * (1 + _MAX_OVERSHOOT)]
+    fits = [(count, unit) for count, unit in _SMALLER_UNITS.items() if 0 < high / count <= most * (1 + MAX_OVERSHOOT)]
     return f"; if it is in {fits[0][1]}, divide x and y by {fits[0][0]}" if fits else "; correct the one or the other"

@@ -112,7 +112,7 @@ def test_rows_that_the_physics_filled_in_are_no_observations(tmp_path: Path) -> 
     ("scene", "options", "words"),
     [
         (SCENE | {"scene": "pendulum"}, [], "no billiards scene"),
-        (SCENE | {"units": "inch"}, [], "inch"),
+        (SCENE | {"units": "inch"}, [], "units: input should be 'm'"),
         ({key: value for key, value in SCENE.items() if key != "table"}, [], "table"),
         (SCENE, ["--at", "9"], "within what was seen"),
         (SCENE, ["--shot", "7"], "shots 3, 4"),

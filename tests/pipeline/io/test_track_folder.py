@@ -133,14 +133,19 @@ def off(place: Path, x: float, y: float = 1.0, rows: int = 20) -> Path:
 
 
 @pytest.mark.parametrize(("times", "unit"), [(100, "centimetres"), (1000, "millimetres")])
-def test_positions_in_another_unit_are_refused_with_the_range_that_was_expected(
+def test_positions_in_another_unit_are_recognised_and_refused_where_metres_are_stated(
     tmp_path: Path, times: float, unit: str
 ) -> None:
     pattern = (
         f"x goes from {times:.3g} .*length of 2.54 m, so that x lies between 0 and 2.54.*{unit}, divide.* by {times}"
     )
+    source = off(tmp_path / "a", times, times, rows=0)
+    (read,) = read_track_folders([source]).recordings
+    assert np.allclose(read.positions[[0, -1], 0], [[1.0, 0.5], [1.95, 0.88]])
+    assert read_track_folders([source]).notes == (f"{source / 'tracks.csv'}: positions fit on the table in {unit}",)
+    (source / "scene.json").write_text((source / "scene.json").read_text().replace("{", '{"units": "m",', 1))
     with pytest.raises(OptionError, match=pattern.replace("+", r"\+")):
-        read_track_folders([off(tmp_path / "a", times, times, rows=0)])
+        read_track_folders([source])
 
 
 def test_exchanged_columns_are_refused_by_the_one_that_does_not_fit(tmp_path: Path) -> None:
@@ -161,7 +166,7 @@ def test_a_ball_that_flies_off_is_a_note_and_one_that_is_shifted_none(tmp_path: 
 
 
 def test_where_no_table_is_named_any_place_may_be(tmp_path: Path) -> None:
-    source = off(tmp_path / "a", 100.0, 100.0, rows=0)
+    source = off(tmp_path / "a", 20.0, 20.0, rows=0)
     (source / "scene.json").write_text(json.dumps({"scene": "slide"}))
     assert read_track_folders([source]).notes == ()
 

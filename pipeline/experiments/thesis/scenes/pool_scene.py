@@ -10,7 +10,8 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
-from pipeline.io.run_folder import Columns, read_csv_columns
+from pipeline.io.run_folder import read_csv_columns
+from pipeline.io.text_table import Columns
 
 MIN_FRAMES = 15
 """Least number of frames of a segment in which every ball was observed."""

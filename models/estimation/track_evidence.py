@@ -1,0 +1,193 @@
+"""Evidence in tracks of unknown origin: repeated samples, direction and unit of a fall, unit and origin of angles.
+
+Everything here is measured on paths alone; what follows from it is decided where tracks are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from models.core.typing import BoolArray, FloatArray
+
+BodyPath = tuple[FloatArray, FloatArray]
+"""Times (T,) s, increasing, and coordinates (T, D) of one body."""
+
+_MIN_HELD_SHARE = 0.1
+"""Share of the values of a moving body that are repeated, from which a recorder held them: a 25 Hz camera in a 30 Hz
+file repeats a fifth, and chance repeats all coordinates of a moving body in less than a hundredth of the samples."""
+_MIN_VALUES = 8
+"""Fewest values of a moving body that such a share is measured on."""
+_MOVING_QUANTA = 2.0
+"""Change per step, in units of the last digit, from which a repeated value is no effect of rounding, which repeats
+values where a body moves less than one unit per step."""
+_WINDOW_SAMPLES = 7
+"""Fewest samples of a fitted parabola: three are free."""
+_WINDOW_SHARE = 0.25
+"""Length of a fitted parabola, in lengths of the path: shorter ones measure noise, longer ones average over drag."""
+_SMOOTHING = (5, 9, 17, 33)
+"""Samples of the parabolas that give derivatives of angles; the best one counts, as noise and rate are not known."""
+_MIN_JUMP = 0.6
+"""Step from which an angle was wrapped, in periods: half a period per sample could be either direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fall:
+    """Acceleration of bodies at rest in the air, extrapolated over their drag."""
+
+    acceleration: float
+    """Unit of the coordinate per s^2."""
+    sigma: float
+
+
+def find_held_samples(positions: FloatArray) -> BoolArray:
+    """Find the samples of a body that a recorder repeated because no new one had come.
+
+    Args:
+        positions: (T, D) of one body, in the order of time.
+
+    Returns:
+        (T,) mask of repetitions; none where the body repeats by rounding or by rest alone. At rest every sample
+        repeats, and as many are kept as while the body moves.
+    """
+    held = np.zeros(len(positions), bool)
+    steps = np.abs(np.diff(positions, axis=0))
+    starts = np.flatnonzero(np.append(True, steps.any(axis=1)))
+    lengths = np.diff(np.append(starts, len(positions)))
+    if len(starts) <= _MIN_VALUES or lengths.max() == 1:
+        return held
+    quantum = np.array([column[column > 0].min(initial=np.inf) for column in steps.T])
+    across = np.abs(positions[starts[2:]] - positions[starts[1:-1] - 1])
+    moving = lengths[1:-1][(across > _MOVING_QUANTA * quantum * (lengths[1:-1, None] + 1)).any(axis=1)]
+    if len(moving) < _MIN_VALUES or (moving > 1).mean() < _MIN_HELD_SHARE:
+        return held
+    longest = int(np.quantile(moving, 0.95))
+    for start, length in zip(starts, lengths, strict=True):
+        held[start : start + length] = np.arange(length) % longest > 0
+    return held
+
+
+def measure_fall(paths: Sequence[BodyPath], column: int) -> Fall | None:
+    """Measure how bodies in the air accelerate along one coordinate.
+
+    Parabolas through parts of the paths give accelerations; those are extrapolated to rest, as drag grows with the
+    square of speed.
+
+    Args:
+        paths: Path of every body in every shot.
+        column: Number of the coordinate.
+
+    Returns:
+        The acceleration; None where the paths are too short.
+    """
+    samples = []
+    for t, positions in paths:
+        count = max(_WINDOW_SAMPLES, int(_WINDOW_SHARE * len(t)))
+        for first in range(0, len(t) - count + 1, max(count // 2, 1)):
+            part = slice(first, first + count)
+            clock = t[part] - t[part].mean()
+            half, speed, _ = np.polyfit(clock, positions[part, column], 2)
+            samples.append((2 * half, speed * abs(speed), np.ptp(clock) ** 2))
+    if len(samples) < 2:
+        return None
+    acceleration, drag, weight = np.array(samples).T
+    basis = np.stack([np.ones(len(drag)), drag / max(np.abs(drag).max(), 1e-300)], axis=1)
+    if len(samples) < 4 or np.ptp(basis[:, 1]) < _WINDOW_SHARE:
+        basis = basis[:, :1]
+    scaled = basis * weight[:, None]
+    value = np.linalg.lstsq(scaled, acceleration * weight, rcond=None)[0]
+    spread = np.square(acceleration * weight - scaled @ value).sum() / max(len(samples) - basis.shape[1], 1)
+    return Fall(float(value[0]), float(np.sqrt(spread * np.linalg.pinv(scaled.T @ scaled)[0, 0])))
+
+
+def unwrap_angles(angles: FloatArray, turn: float) -> FloatArray | None:
+    """Unwrap angles that a sensor keeps within a range of one turn or half a turn.
+
+    Args:
+        angles: (T, D), in the order of time.
+        turn: One turn in their unit.
+
+    Returns:
+        (T, D) without jumps, beginning within half a turn of 0; None where no coordinate was wrapped.
+    """
+    unwrapped, is_wrapped = angles.copy(), False
+    for column in range(angles.shape[1]):
+        values = angles[:, column]
+        jumps = np.abs(np.diff(values)).max(initial=0.0)
+        for period in (turn / 2, turn):
+            if _MIN_JUMP * period < jumps and np.ptp(values) <= 1.01 * period:
+                smooth = np.unwrap(values, period=period)
+                unwrapped[:, column] = smooth - turn * np.round(smooth[0] / turn)
+                is_wrapped = True
+                break
+    return unwrapped if is_wrapped else None
+
+
+@dataclass(frozen=True, slots=True)
+class SwingFit:
+    """How well angles move as a pendulum of one or two arms does."""
+
+    misfit: float
+    """rms of the accelerations that the equation of motion leaves, relative to their own; 1 where nothing fits."""
+    rest: FloatArray
+    """(D,) angle at which each arm hangs, rad."""
+
+
+def fit_swing(paths: Sequence[BodyPath]) -> SwingFit:
+    """Fit the equation of motion of a pendulum, whose unknown coefficients enter linearly, to accelerations of angles.
+
+    Args:
+        paths: Angles (T, D) of one or two arms in rad, for every body in every shot.
+
+    Returns:
+        The fit with the least misfit of those to differently smoothed accelerations.
+    """
+    count = paths[0][1].shape[1] if paths else 1
+    fits = [SwingFit(1.0, np.zeros(count))]
+    for size in _SMOOTHING:
+        parts = [_differentiate(t, angles, size) for t, angles in paths if len(t) >= 2 * size]
+        if parts:
+            angle, rate, change = (np.concatenate([part[k] for part in parts]) for k in range(3))
+            fits.append(_fit_equation_of_motion(angle, rate, change))
+    return min(fits, key=lambda fit: fit.misfit)
+
+
+def _differentiate(t: FloatArray, angles: FloatArray, size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return angles, rates and accelerations (M, D) at the centres of parabolas through `size` samples."""
+    step = max(size // 2, 1)
+    clocks, values = sliding_window_view(t, size)[::step], sliding_window_view(angles, size, axis=0)[::step]
+    clocks = clocks - clocks.mean(axis=1, keepdims=True)
+    inverse = np.linalg.pinv(clocks[:, :, None] ** np.arange(3))
+    value, rate, half = np.einsum("mks,mds->kmd", inverse, values)
+    return value, rate, 2 * half
+
+
+def _fit_equation_of_motion(angle: FloatArray, rate: FloatArray, change: FloatArray) -> SwingFit:
+    """Fit the accelerations (M, D) of angles: gravity, friction, and the reaction of the other arm (Lagrange)."""
+    left, rests = [], []
+    for arm in range(angle.shape[1]):
+        terms = [np.sin(angle[:, arm]), np.cos(angle[:, arm]), rate[:, arm]]
+        if angle.shape[1] == 2:
+            other = 1 - arm
+            apart = angle[:, arm] - angle[:, other]
+            terms += [np.cos(apart) * change[:, other], np.sin(apart) * rate[:, other] ** 2, rate[:, other]]
+        basis = np.stack(terms, axis=1)
+        value = np.linalg.lstsq(basis, change[:, arm], rcond=None)[0]
+        total = np.sqrt(np.mean(np.square(change[:, arm])))
+        left.append(np.sqrt(np.mean(np.square(change[:, arm] - basis @ value))) / total if total > 0 else 1.0)
+        rests.append(np.arctan2(value[1], -value[0]))
+    return SwingFit(float(np.mean(left)), np.array(rests))
+
+
+def measure_speed(paths: Sequence[BodyPath]) -> float:
+    """Measure the speed of bodies, in the unit of their coordinates per s; the 90th percentile, which outliers miss."""
+    speeds = [
+        float(np.linalg.norm(positions[b] - positions[a]) / (t[b] - t[a]))
+        for t, positions in paths
+        for a, b in pairwise(range(0, len(t), 4))
+    ]
+    return float(np.quantile(speeds, 0.9)) if speeds else 0.0

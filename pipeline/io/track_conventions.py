@@ -1,0 +1,416 @@
+"""One reading of the rows of tracks for all commands: units, clocks, axes, wrapped angles and repeated samples.
+
+What nobody stated is recognised and said; what was stated and contradicts the motion is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.errors import OptionError
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.track_evidence import (
+    BodyPath,
+    find_held_samples,
+    fit_swing,
+    measure_fall,
+    measure_speed,
+    unwrap_angles,
+)
+from pipeline.io.text_table import TextTable
+from pipeline.reporting.text.text_formatting import escape_text
+
+MAX_NUMBER = 1e12
+"""Coordinates, frames and durations (s) from here on, like NaN, count as missing: no recording has them, and their
+squares would overflow."""
+LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""m."""
+_UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_MIN_EPOCH = 1e7
+"""s, four months: a time from here on counts from an epoch, not from the start of a recording."""
+_LONGEST_STEP = 0.5
+"""s between samples from which times are no seconds: nothing that is diagnosed can be followed at two samples per
+second. A thousandth of it, and so on, separates milli-, micro- and nanoseconds."""
+_SAME_TIME = 0.01
+"""Difference of the times of one frame, in steps, up to which they are one time: it shifts a body by a hundredth of its
+path per frame."""
+_FALL_SIGMAS = 5.0
+"""Standard errors from which an acceleration is a fact: drag and wind are modelled roughly."""
+_FALL_RANGE = (0.4, 2.5)
+"""Accelerations, in gravity, that drag, lift and noise of short drops explain."""
+_UNIT_TOLERANCE = 1.25
+"""Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity."""
+_GOOD_SWING = 0.5
+"""Misfit of the equation of motion of a pendulum, relative to no equation, from which it describes the angles, and the
+ratio of two misfits from which one reading of the angles is the better one. Real pendulums have 0.006 to 0.39."""
+_BAD_SWING = 0.1
+"""Misfit from which the angles contradict a reading: a swing of 1.7 rad to both sides that moves as a spring does."""
+_REST_TOLERANCE = 0.3
+"""rad, difference of the angle at rest from a quarter or half turn: a tilted camera explains more."""
+_MAX_SPEED = 50.0
+"""m/s, twice the fastest shot of ice hockey: nothing slides or rolls faster on a table."""
+MAX_OVERSHOOT = 0.1
+"""Tolerated distance beyond a cushion, in table lengths: a badly calibrated camera shifts positions by as much."""
+MAX_SHARE_OFF_TABLE = 0.25
+"""Largest tolerated share of positions off the table: lost and flying balls are fewer, wrong units give more."""
+_MIN_SHARE_USED = 0.1
+"""Share of the table, from its corner, that a shot reaches at least: positions that fit on less in another unit may as
+well have exchanged columns."""
+MAX_TABLE_LENGTH = 10.0
+"""m, three times the length of the largest table: a larger value is not in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackScene:
+    """What is stated about tracks beside their table."""
+
+    name: str = ""
+    """Scene; empty for particles."""
+    coordinates: tuple[str, ...] = ("x", "y", "z")
+    """Names that positions may have."""
+    units: str | None = None
+    px_per_m: float | None = None
+    fps: float | None = None
+    table: tuple[float, float] | None = None
+    """Length and width, m."""
+    gravity: float = 9.81
+    has_inputs: bool = False
+    """Whether known inputs act too."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackRows:
+    """K rows of tracks in s, m and rad."""
+
+    coordinates: tuple[str, ...]
+    shot: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    t: FloatArray
+    """(K,) s from the first one where times count from an epoch."""
+    ids: NDArray[np.str_]
+    positions: FloatArray
+    """(K, D); NaN where nothing was observed."""
+    is_usable: BoolArray
+    """(K,) whether a row is an observation."""
+    unit: float
+    """m or rad per unit of the file."""
+    notes: tuple[str, ...]
+
+
+def interpret_tracks(table: TextTable, scene: TrackScene) -> TrackRows:
+    """Interpret the rows of a table of tracks.
+
+    Args:
+        table: The table.
+        scene: What is stated about it.
+
+    Returns:
+        The rows, and in `notes` what was assumed.
+
+    Raises:
+        OptionError: A column is missing, or what is stated contradicts the motion.
+    """
+    return _Interpretation(table, scene).run()
+
+
+class _Interpretation:
+    """Rows of one table while they are interpreted; each step may change them and add a note."""
+
+    def __init__(self, table: TextTable, scene: TrackScene) -> None:
+        self.table, self.scene, self.columns, self.place = table, scene, table.columns, escape_text(table.path)
+        self.notes = list(table.notes)
+        self.names = tuple(name for name in scene.coordinates if name in self.columns)
+        count = len(next(iter(self.columns.values()))) if self.columns else 0
+        self.shot = np.nan_to_num(self.columns.get("shot", np.zeros(count)), posinf=0, neginf=0)
+        self.shot = np.where(np.abs(self.shot) < MAX_NUMBER, self.shot, 0).astype(np.int64)
+        self.ids = self.columns.get("id", np.array(["body"] * count))
+        self.t = self._read_times(count)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.t = np.where(np.abs(self.t) < MAX_NUMBER, self.t, np.nan)
+        self.positions = np.stack([self.columns[name] for name in self.names], axis=1)
+        self.positions = np.where(np.abs(self.positions) < MAX_NUMBER, self.positions, np.nan)
+        self.is_usable = np.isfinite(self.positions).all(axis=1) & np.isfinite(self.t)
+        self.is_usable &= self.columns.get("observed", np.ones(count)) > 0
+        if "frame" in self.columns:
+            self.is_usable &= np.abs(self.columns["frame"]) < MAX_NUMBER
+        self.unit = 1.0
+
+    def run(self) -> TrackRows:
+        if "id" not in self.columns:
+            self.notes.append(f"{self.place} has no column id, so all its rows are one body")
+        frame = self._number_frames()
+        self._drop_held_samples()
+        self._convert_stated_units()
+        check = {"flight": self._check_fall, "pendulum": self._check_swing, "slide": self._check_speed,
+                 "billiards": self._check_table}.get(self.scene.name)  # fmt: skip
+        if check is not None and self.is_usable.any():
+            check()
+        return TrackRows(self.names, self.shot, frame, self.t, self.ids, self.positions, self.is_usable, self.unit,
+                         tuple(dict.fromkeys(self.notes)))  # fmt: skip
+
+    def _refuse(self, sentence: str) -> OptionError:
+        return OptionError(f"{self.place}: {sentence}")
+
+    def _read_times(self, count: int) -> FloatArray:
+        """Return times in s: by the unit of the header, by fps, or by the step between samples."""
+        if "t" not in self.columns:
+            if "frame" not in self.columns or self.scene.fps is None:
+                raise OptionError(
+                    f"{self.place} has no times: it needs the column t, or frame and the frame rate (--fps, or fps in"
+                    " scene.json)"
+                )
+            return np.asarray(self.columns["frame"] / self.scene.fps)
+        t = np.asarray(self.columns["t"], np.float64)
+        finite = t[np.isfinite(t)]
+        stated = self.table.units.get("t")
+        unit = stated if stated in _TIME_UNITS else self._find_time_unit(t)
+        if unit != "s" and not stated:
+            self.notes.append(f"{self.place}: t is in {unit}, as the step between samples shows")
+        t = t * _TIME_UNITS[unit]
+        if finite.size and finite.min() * _TIME_UNITS[unit] > _MIN_EPOCH:
+            self.notes.append(f"{self.place}: times count from an epoch; the first one is 0 here")
+            t = (self.columns["t"] - finite.min()) * _TIME_UNITS[unit]
+        return np.asarray(t)
+
+    def _find_time_unit(self, t: FloatArray) -> str:
+        """Find the unit of times that nobody stated, by the step that most samples have."""
+        step = _measure_step(self.shot, self.ids, t)
+        if not self.scene.name or not np.isfinite(step):
+            finite = np.abs(t[np.isfinite(t)])
+            earliest = float(finite.min()) if finite.size else 0.0
+            return next((unit for unit, size in (("ns", 1e9), ("us", 1e6), ("ms", 1e3)) if earliest > 1e8 * size), "s")
+        if self.scene.fps is not None and "frame" in self.columns:
+            step *= self.scene.fps / max(_measure_step(self.shot, self.ids, self.columns["frame"]), 1.0)
+            return min(_TIME_UNITS, key=lambda unit: abs(np.log(step * _TIME_UNITS[unit])))
+        return next((unit for unit, size in _TIME_UNITS.items() if step * size < _LONGEST_STEP), "ns")
+
+    def _number_frames(self) -> NDArray[np.int64]:
+        """Return frame numbers that go forward with time: those of the file, else the rank of the time in its shot."""
+        count, numbers = len(self.t), np.zeros(len(self.t), np.int64)
+        has_frames = "frame" in self.columns
+        frame = np.where(self.is_usable, self.columns["frame"] if has_frames else np.zeros(count), 0).astype(np.int64)
+        for shot in np.unique(self.shot[self.is_usable]):
+            here = np.flatnonzero(self.is_usable & (self.shot == shot))
+            numbers[here] = frame[here]
+            if has_frames and self._align_frame_times(here, frame):
+                continue
+            for name in np.unique(self.ids[here]):
+                own = here[self.ids[here] == name]
+                order = np.argsort(frame[own], kind="stable")
+                is_numbered = has_frames and len(np.unique(frame[own])) == len(own)
+                if is_numbered and np.any(np.diff(self.t[own][order]) <= 0):
+                    raise self._refuse(f"t must increase with frame; in shot {shot} it does not")
+            numbers[here] = np.unique(self.t[here], return_inverse=True)[1]
+            if has_frames:
+                self.notes.append(
+                    f"{self.place}: a frame number has several times, as of cameras with own numbers; the times count"
+                )
+        return numbers
+
+    def _align_frame_times(self, here: NDArray[np.intp], frame: NDArray[np.int64]) -> bool:
+        """Give all rows of a frame the time of its first one; return False where they differ, or do not go forward."""
+        frames, first, row = np.unique(frame[here], return_index=True, return_inverse=True)
+        times = self.t[here][first]
+        steps = np.diff(times)
+        if np.any(steps <= 0):
+            return False
+        if np.any(np.abs(self.t[here] - times[row]) > _SAME_TIME * np.median(steps) if len(frames) > 1 else [False]):
+            return False
+        self.t[here] = times[row]
+        return True
+
+    def _list_bodies(self) -> Iterable[NDArray[np.intp]]:
+        """List the usable rows of each body of each shot, in the order of time."""
+        rows = np.flatnonzero(self.is_usable)
+        order = rows[np.lexsort((self.t[rows], self.ids[rows], self.shot[rows]))]
+        keys = np.stack([np.unique(self.ids, return_inverse=True)[1][order], self.shot[order]])
+        for part in np.split(order, np.flatnonzero(np.diff(keys, axis=1).any(axis=0)) + 1):
+            if len(part):
+                yield part[np.append(True, np.diff(self.t[part]) > 0)]
+
+    def _list_paths(self) -> list[BodyPath]:
+        return [(self.t[rows], self.positions[rows]) for rows in self._list_bodies()]
+
+    def _drop_held_samples(self) -> None:
+        repeated = 0
+        for rows in list(self._list_bodies()):
+            held = rows[find_held_samples(self.positions[rows])]
+            self.is_usable[held] = False
+            repeated += len(held)
+        if repeated:
+            self.notes.append(
+                f"{self.place}: {repeated} of {len(self.t)} positions repeat the one before, as a recorder holds them;"
+                " they are left out"
+            )
+
+    def _convert_stated_units(self) -> None:
+        """Scale positions by the unit that the header or scene.json states."""
+        headed = {self.table.units[name] for name in self.names if name in self.table.units}
+        if len(headed) > 1:
+            raise self._refuse(f"the header states {' and '.join(sorted(headed))}; write all coordinates in one unit")
+        stated = headed.pop() if headed else None
+        if stated and self.scene.units not in (None, stated):
+            raise self._refuse(f"the header states {stated}, and scene.json {self.scene.units}; correct one of them")
+        self.stated = stated or self.scene.units
+        is_angle = self.scene.name == "pendulum"
+        if is_angle and self.stated not in ("rad", "deg"):
+            self.stated = None  # scenes state m where they have no length
+        if self.stated == "px" and not self.scene.px_per_m and self.scene.name:
+            raise self._refuse("positions in px need px_per_m in scene.json")
+        if self.stated in ("rad", "deg") and not is_angle and self.scene.name:
+            raise self._refuse(f"positions are lengths, and {self.stated} is stated; correct the unit")
+        if self.scene.name:
+            px = 1 / self.scene.px_per_m if self.scene.px_per_m else 1.0
+            self._scale({"px": px, "deg": np.pi / 180, **LENGTH_UNITS}.get(self.stated or "", 1.0))
+
+    def _scale(self, unit: float) -> None:
+        self.positions, self.unit = self.positions * unit, self.unit * unit
+
+    def _suggest_or_scale(self, unit: str, evidence: str) -> None:
+        """Take another unit where none is stated; refuse a stated one."""
+        spelled = f"{evidence}, so that lengths are in {_UNIT_NAMES[unit]}"
+        if self.stated:
+            raise self._refuse(
+                f'{spelled}, but {self.stated} is stated; write "units": "{unit}" in scene.json or correct the scale'
+            )
+        self._scale(LENGTH_UNITS[unit])
+        self.notes.append(f"{self.place}: {spelled}")
+
+    def _check_fall(self) -> None:
+        """Require that bodies fall with gravity along the last coordinate, in metres, upwards positive."""
+        paths = self._list_paths()
+        falls = [measure_fall(paths, column) for column in range(len(self.names))]
+        is_sure = [fall is not None and abs(fall.acceleration) > _FALL_SIGMAS * fall.sigma for fall in falls]
+        downward = [-fall.acceleration if fall and sure else 0.0 for fall, sure in zip(falls, is_sure, strict=True)]
+        ratios = np.array(downward) / self.scene.gravity
+        low, high = _FALL_RANGE
+        if len(ratios) > 1 and abs(ratios[-1]) < low:
+            other = int(np.argmax(np.abs(ratios[:-1])))
+            if low < abs(ratios[other]) < high and abs(ratios[-1]) < low / 2:
+                name, last = self.names[other], self.names[-1]
+                self.positions[:, [other, -1]] = self.positions[:, [-1, other]]
+                self.notes.append(f"{self.place}: bodies fall along {name}, not {last}; {name} is taken as the height")
+                ratios[[other, -1]] = ratios[[-1, other]]
+        ratio = float(ratios[-1])
+        if ratio < -low:
+            if self.scene.has_inputs:
+                raise self._refuse(
+                    f"bodies fall towards larger {self.names[-1]}; turn it, and the axes of spin, upwards"
+                )
+            self.positions[:, -1] *= -1
+            self.notes.append(
+                f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
+            )
+        size = abs(ratio)
+        if size <= high:
+            return
+        metres = size * self.scene.gravity
+        evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
+        for unit, length in LENGTH_UNITS.items():
+            if unit != "m" and self.stated != "px" and abs(np.log(size * length)) < np.log(_UNIT_TOLERANCE):
+                self._suggest_or_scale(unit, evidence)
+                return
+        remedy = "correct px_per_m" if self.stated == "px" else "state the units in scene.json, or correct the times"
+        raise self._refuse(f"{evidence}; {remedy}")
+
+    def _check_swing(self) -> None:
+        """Require that angles move as a pendulum does, in rad, 0 where it hangs."""
+        turns = {"rad": 2 * np.pi, "deg": 360.0}
+        stated = self.stated or "rad"
+        readings = {}
+        for unit in turns:
+            scale = 1.0 if unit == "rad" else np.pi / 180
+            if self.stated == "deg":  # converted already
+                scale = 180 / np.pi if unit == "rad" else 1.0
+            readings[unit] = [(rows, *self._unwrap(self.positions[rows] * scale)) for rows in self._list_bodies()]
+        fits = {
+            unit: fit_swing([(self.t[rows], angles) for rows, angles, _ in parts]) for unit, parts in readings.items()
+        }
+        other = "deg" if stated == "rad" else "rad"
+        chosen = stated
+        is_other = fits[stated].misfit > _BAD_SWING and fits[other].misfit < _GOOD_SWING * fits[stated].misfit
+        if is_other and not self.scene.has_inputs:
+            if self.stated:
+                widest = float(np.abs(self.positions[self.is_usable]).max()) / self.unit
+                raise self._refuse(
+                    f'angles up to {widest:.3g} move as a pendulum in {other} does, not in {stated}; write "units":'
+                    f' "{other}" in scene.json or convert them'
+                )
+            chosen = other
+            self._scale(np.pi / 180)
+            self.notes.append(f"{self.place}: angles are in degrees, as their motion shows")
+        for rows, angles, is_wrapped in readings[chosen]:
+            if is_wrapped:
+                self.positions[rows] = angles
+                self.notes.append(f"{self.place}: angles are kept within one turn; their jumps are taken out")
+        fit = fits[chosen]
+        quarter = np.round(fit.rest / (np.pi / 2))
+        if (
+            fit.misfit < _GOOD_SWING
+            and not self.scene.has_inputs
+            and np.all(quarter == quarter[0])
+            and quarter[0] != 0
+            and np.abs(fit.rest - quarter * np.pi / 2).max() < _REST_TOLERANCE
+        ):
+            self.positions -= quarter[0] * np.pi / 2
+            self.notes.append(
+                f"{self.place}: the pendulum hangs at {quarter[0] * 90:g} degrees; angles count from there"
+            )
+
+    def _unwrap(self, angles: FloatArray) -> tuple[FloatArray, bool]:
+        unwrapped = unwrap_angles(angles, 2 * np.pi)
+        return (angles, False) if unwrapped is None else (unwrapped, True)
+
+    def _check_speed(self) -> None:
+        speed = measure_speed(self._list_paths())
+        if speed > _MAX_SPEED:
+            raise self._refuse(
+                f"bodies move at {speed:,.3g} m/s, which nothing on a table does; state the units of positions in"
+                " scene.json (cm, mm, or px with px_per_m), or correct the times"
+            )
+
+    def _check_table(self) -> None:
+        """Require positions on the table, in metres from a corner, y clockwise from x."""
+        if self.scene.table is None:
+            return
+        size = np.array(self.scene.table)
+        for unit in ("m", "cm", "mm"):  # a table in feet or inches is within a factor of four of one in metres
+            length = LENGTH_UNITS[unit]
+            if (unit != "m" and self.stated) or np.max(size) > MAX_TABLE_LENGTH:
+                break
+            for shift, turn, words in (
+                (0.0, (1, 1), ""),
+                (0.0, (1, -1), "y is negative, so that it points away from the table, and is turned"),
+                (size / 2, (1, 1), "positions count from the middle of the table"),
+            ):
+                placed = self.positions[:, :2] * length * turn + shift
+                usable = placed[self.is_usable]
+                is_small = length != 1 and np.abs(usable - shift).max() < _MIN_SHARE_USED * size.max()
+                if is_small or find_off_table(usable, self.scene.table).mean(axis=0).max() > MAX_SHARE_OFF_TABLE:
+                    continue
+                self.positions[:, :2], self.unit = placed, self.unit * length
+                if words:
+                    self.notes.append(f"{self.place}: {words}")
+                if unit != "m":
+                    self.notes.append(f"{self.place}: positions fit on the table in {_UNIT_NAMES[unit]}")
+                return
+
+
+def _measure_step(shot: NDArray[np.int64], ids: NDArray[np.str_], values: FloatArray) -> float:
+    """Return the usual step of a value from row to row of a body; NaN where there is none."""
+    order = np.lexsort((values, ids, shot))
+    steps = np.diff(values[order])
+    same = (np.diff(shot[order]) == 0) & (ids[order][1:] == ids[order][:-1])
+    steps = steps[same & np.isfinite(steps) & (steps > 0)]
+    return float(np.median(steps)) if len(steps) else np.nan
+
+
+def find_off_table(places: FloatArray, size: Sequence[float]) -> BoolArray:
+    """Find the positions (K, 2) off a table, along x and along y: (K, 2)."""
+    margin = MAX_OVERSHOOT * max(size)
+    return np.asarray((places < -margin) | (places > np.array(size) + margin))
