@@ -54,21 +54,21 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
         (T,) mask of repetitions; none where the body repeats by rounding or by rest alone. At rest every sample
         repeats, and as many are kept as while the body moves.
     """
-    held = np.zeros(len(positions), bool)
+    is_repetition = np.zeros(len(positions), bool)
     steps = np.abs(np.diff(positions, axis=0))
     starts = np.flatnonzero(np.append(True, steps.any(axis=1)))
     lengths = np.diff(np.append(starts, len(positions)))
     if len(starts) <= _MIN_VALUES or lengths.max() == 1:
-        return held
+        return is_repetition
     quantum = np.array([column[column > 0].min(initial=np.inf) for column in steps.T])
     across = np.abs(positions[starts[2:]] - positions[starts[1:-1] - 1])
     moving = lengths[1:-1][(across > _MOVING_QUANTA * quantum * (lengths[1:-1, None] + 1)).any(axis=1)]
     if len(moving) < _MIN_VALUES or (moving > 1).mean() < _MIN_HELD_SHARE:
-        return held
+        return is_repetition
     longest = int(np.quantile(moving, 0.95))
     for start, length in zip(starts, lengths, strict=True):
-        held[start : start + length] = np.arange(length) % longest > 0
-    return held
+        is_repetition[start : start + length] = np.arange(length) % longest > 0
+    return is_repetition
 
 
 def measure_fall(paths: Sequence[BodyPath], column: int) -> Fall | None:

@@ -161,9 +161,9 @@ def _parse_header(header: list[str]) -> tuple[list[str], dict[str, str]]:
         if match and unit:
             bare[k] = re.sub(r"\s+", "_", match[1].strip())
             units[k] = unit
-    known = {name for names in ALIASES.values() for name in names} | set(ALIASES)
+    familiar = {name for names in ALIASES.values() for name in names} | set(ALIASES)
     names = [
-        bare[k] if k in units and bare[k] in known and bare[k] not in plain and bare.count(bare[k]) == 1 else plain[k]
+        bare[k] if k in units and bare[k] in familiar and bare[k] not in plain and bare.count(bare[k]) == 1 else plain[k]
         for k in range(len(header))
     ]
     return names, {names[k]: unit for k, unit in units.items() if names[k] == bare[k]}
@@ -209,11 +209,11 @@ def _parse_body(body: list[str], names: list[str], delimiter: str, decimal: str,
 
 def _find_aliases(columns: dict[str, Any]) -> dict[str, str]:
     """Return the columns of other programs by our names, where we have none of our own."""
-    found = {name: [other for other in others if other in columns] for name, others in ALIASES.items()}
+    candidates = {name: [other for other in others if other in columns] for name, others in ALIASES.items()}
     suffixed = {axis: f"{axis}_px" for axis in "xyz" if f"{axis}_px" in columns}
     if not any(axis in columns for axis in "xyz"):
-        found |= {axis: [other] for axis, other in suffixed.items()}
-    return {name: others[0] for name, others in found.items() if others and name not in columns}
+        candidates |= {axis: [other] for axis, other in suffixed.items()}
+    return {name: others[0] for name, others in candidates.items() if others and name not in columns}
 
 
 def _is_usable(name: str, column: Any) -> bool:

@@ -237,14 +237,14 @@ class _Interpretation:
         return [(self.t[rows], self.positions[rows]) for rows in self._list_bodies()]
 
     def _drop_held_samples(self) -> None:
-        repeated = 0
+        count = 0
         for rows in list(self._list_bodies()):
-            held = rows[find_held_samples(self.positions[rows])]
-            self.is_usable[held] = False
-            repeated += len(held)
-        if repeated:
+            repetitions = rows[find_held_samples(self.positions[rows])]
+            self.is_usable[repetitions] = False
+            count += len(repetitions)
+        if count:
             self.notes.append(
-                f"{self.place}: {repeated} of {len(self.t)} positions repeat the one before, as a recorder holds them;"
+                f"{self.place}: {count} of {len(self.t)} positions repeat the one before, as a recorder holds them;"
                 " they are left out"
             )
 
