@@ -83,8 +83,8 @@ class CallAnswer:
     met: str = ""
     """What was met or reached instead of what the question names: a ball, a cushion, a pocket; empty for nothing."""
     alternatives: tuple[tuple[str, float], ...] = ()
-    """Names of all answers and their probabilities, where there are more than yes and no: the stated one first, then
-    the most probable ones; `UNKNOWN` stands for a cause that is not known."""
+    """Which balls may have been the first one, with their probabilities: the stated one first, then the most probable
+    ones; `UNKNOWN` stands for a cause that is not known. Empty where the answer does not depend on it."""
     doubts: tuple[CallDoubt, ...] = ()
     """Why the clip does not decide the question; empty where it does."""
     doubt_frame: float = math.nan
@@ -104,7 +104,7 @@ class CallAnswer:
     @property
     def stated_probability(self) -> float:
         """Probability of the most probable answer."""
-        return self.probability if self.alternatives else max(self.probability, 1 - self.probability)
+        return self.probability if self.kind == "first" else max(self.probability, 1 - self.probability)
 
 
 def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
@@ -168,7 +168,8 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
                 if is_pair_near(record, one, k, t)
             ]
     if any(name in record.explanation.moving_at_start for name in record.ids if name != a):
-        meetings.append((-math.inf, {UNKNOWN: UNOBSERVED_PROBABILITY}))
+        not_struck = 1 - _probability_of_strike(record, a)  # of a stroke in the clip, no earlier contact is part
+        meetings.append((-math.inf, {UNKNOWN: UNOBSERVED_PROBABILITY * not_struck}))
     names, no_contact_yet = _weigh_first(
         [(t, {name: p for name, p in causes.items() if name not in _CUSHIONS}) for t, causes in meetings]
     )
@@ -190,6 +191,13 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
     balls = (a,) if best is None else (a, best.other)
     answer = CallAnswer("first", (a,), probability, balls=balls, met=name, alternatives=ranked, **doubts)
     return answer if best is None else build_answer(record, answer, best)
+
+
+def _probability_of_strike(record: ShotRecord, a: str) -> float:
+    """Return the probability that the first motion of a ball begins with a strike in the clip."""
+    own = (moment for moment in record.explanation.moments if moment.ball == a)
+    first = min(own, key=lambda moment: moment.t, default=None)
+    return sum(one.probability for one in first.hypotheses if one.cause == "strike") if first else 0.0
 
 
 def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:

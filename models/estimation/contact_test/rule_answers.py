@@ -122,8 +122,12 @@ def answer_foul(record: ShotRecord, ball: str = "", on: str = "") -> CallAnswer:
         fall = max(pockets, key=lambda entry: (entry.probability, -entry.margin))
         parts.append(_judge(record, "scratch", fall.subject, fall.probability, fall))
     decisive = max(parts, key=lambda part: part.probability)
-    probability = 1 - math.prod(1 - part.probability for part in parts)
+    is_open = not legal and first.verdict == "inconclusive"  # a wrong ball may have been hit first
+    doubtful = UNOBSERVED_PROBABILITY * (1 - first.probability) if is_open else 0.0
+    probability = 1 - (1 - doubtful) * math.prod(1 - part.probability for part in parts)
     foul = _judge(record, "foul", (cue, *legal), probability, decisive)
+    if is_open and foul.verdict == "no":
+        foul = replace(foul, doubts=first.doubts, doubt_frame=first.doubt_frame)
     return replace(foul, parts=(*parts, *_list_frozen(record, first)))
 
 
@@ -134,7 +138,9 @@ def _judge(
     unlisted = calls.probability_of_unlisted_event()
     p = float(np.clip(p, unlisted, 1 - unlisted))
     t = base.t if math.isfinite(base.t) else float(record.moments[0])
-    base = replace(base, kind=kind, subject=subject, probability=p, alternatives=(), doubts=(), doubt_frame=math.nan)
+    others = base.alternatives if kind in ("no-contact", "wrong-ball") else ()
+    base = replace(base, kind=kind, subject=subject, probability=p, alternatives=others, doubts=(),
+                   doubt_frame=math.nan)  # fmt: skip
     return replace(base, **calls.list_doubts(record, t, base.balls, is_undecided(p)))
 
 

@@ -126,7 +126,7 @@ def format_call_question(call: CallAnswer, naming: Naming) -> str:
 
 def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
     """Name the most probable answer in few words."""
-    if call.alternatives:
+    if call.kind == "first":
         return "no ball" if call.met == "none" else naming.name_ball(call.met)
     if call.kind == "foul":
         fouls = [part for part in call.parts if part.kind != "frozen" and part.probability >= 0.5 and not part.doubts]
@@ -166,7 +166,7 @@ def _format_fact(call: CallAnswer, naming: Naming) -> str:
         shown = [part for part in shown if part.verdict == call.verdict] or shown
         if call.verdict == "no":
             return f"ruled out: {', '.join(name_rule(part, naming) for part in shown)}"
-        return "; ".join(_format_fact(part, naming) for part in shown)
+        return "; ".join(_format_fact(part, naming) + _format_others(part, naming) for part in shown)
     if call.kind == "no-rail":
         reached = format_meeting("pocket" if call.subject[1] == "pocket" else "cushion", call.met, naming)
         missed = f"no ball met a {naming.rail_word} or fell into a pocket after the first contact"
@@ -239,7 +239,7 @@ def _format_others(call: CallAnswer, naming: Naming) -> str:
         for name, p in call.alternatives[1:4]
         if p >= (MIN_LISTED_PROBABILITY if call.met == "none" else EXTREME_PROBABILITY)
     ]
-    return f" (else {join_names(others)})" if others else ""
+    return f" (or {join_names(others)})" if others else ""
 
 
 def _format_moment(call: CallAnswer) -> str:

@@ -15,6 +15,7 @@ from models.core.events import Events
 from models.core.scene import CUSHIONS
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import rule_answers
+from models.estimation.contact_test.call_answers import answer_first_contact
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.rule_answers import answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
@@ -163,6 +164,35 @@ def test_the_first_ball_is_judged_by_what_is_on_and_not_where_that_is_unknown() 
     assert list_fouls(record, "solid-2")[1]["wrong-ball"] == "yes"
     with pytest.raises(ValueError, match="no ball of this clip"):
         answer_foul(record, "", "stripes")
+
+
+def weaken(record: ShotRecord, cause: str, p: float) -> ShotRecord:
+    """The record with the probability p of the first moment with a cause, which may have had another one instead."""
+    moments = list(record.explanation.moments)
+    k = next(k for k, moment in enumerate(moments) if moment.best.cause == cause)
+    doubt = CauseHypothesis("unexplained", "", 1 - p)
+    moments[k] = replace(moments[k], hypotheses=(replace(moments[k].best, probability=p), doubt))
+    return replace(record, explanation=replace(record.explanation, moments=tuple(moments)))
+
+
+def test_a_foul_is_undecided_where_the_ball_that_was_hit_first_is() -> None:
+    _, clear = film_carom(0, -0.02)
+    record = weaken(clear, "ball", 0.6)
+    first, foul = answer_first_contact(record, "cue"), answer_foul(record)
+    assert (first.verdict, foul.verdict) == ("inconclusive", "inconclusive")
+    assert foul.doubts == first.doubts
+    assert foul.stated_probability < 0.9
+    no_contact = format_call(foul.parts[0], record.naming)
+    assert no_contact.verdict == "no"
+    assert "(or an unknown ball " in no_contact.statement
+    assert answer_foul(clear).verdict == "no"
+
+
+def test_a_ball_that_moves_when_the_clip_begins_is_no_part_of_a_stroke_that_the_clip_shows() -> None:
+    _, record = film_pool((0.9, 0.6), (0.6, 0.0))
+    record = replace(record, explanation=replace(record.explanation, moving_at_start=("solid-2",)))
+    assert answer_first_contact(record, "cue").verdict == "yes"
+    assert answer_first_contact(weaken(record, "strike", 0.3), "cue").verdict == "inconclusive"
 
 
 def test_a_cue_ball_in_a_pocket_that_met_no_ball_is_two_fouls() -> None:
