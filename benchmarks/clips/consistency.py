@@ -42,7 +42,7 @@ from pipeline.io.certificate_files import NAMES
 from pipeline.io.run_folder import list_folders_with
 from pipeline.io.run_views import read_shot_record
 from pipeline.reporting.pages.certificate_page import FALLS
-from pipeline.reporting.text.number_sentences import NUMBER_NAMES, SURE_SIGMAS
+from pipeline.reporting.text.number_sentences import NUMBER_NAMES
 from pipeline.terminal import command_line
 from video.overlay.close_up import draw_close_up
 
@@ -63,8 +63,9 @@ EVENT_VERBS = {
 }
 """Clauses on an event, by its kind; names are ids in «»."""
 ROW_VALUES = {
-    "time": rf"({NUMBER} s)(?: ±|,| \(|\b)", "time sigma": rf"\d s ± ({NUMBER} ms)", "speed": rf"at ({NUMBER} m/s)",
-    "speed in km/h": rf"\(({NUMBER} km/h)\)", "probability": rf"({NUMBER} %)(?! of the ball)",
+    "time": rf"(?<!± )({NUMBER} s)(?: ±|,| \(|\b)", "time sigma": rf"\d s ± ({NUMBER} m?s)",
+    "speed": rf"at ({NUMBER} m/s)", "speed in km/h": rf"\(({NUMBER} km/h)\)",
+    "probability": rf"({NUMBER} %)(?! of the ball)",
     "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) from a (?:miss|touch)", "frame": rf"(?<!around )frame ({NUMBER})",
 }  # fmt: skip
 """Values that a row with one event states of it."""
@@ -114,7 +115,7 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
         return Statement(key, f"{value}", source, float(value), float(value))
     form = rf"({'|'.join(BOUNDS)}|)(-?\d+(?:\.(\d+))?)(?: ± [\d.]+)? ?((?!top|back|right|left|either)[a-z/]+|%|°|)"
     form += rf"(?: \([^)]*\))?(?: ?({'|'.join(SIGNS)}|either way))?"
-    parts = re.fullmatch(form, re.sub(r"none measurable \((.*)\)", r"\1 either way", value))
+    parts = re.fullmatch(form, re.sub(r"may be zero \((.*)\)", r"\1 either way", value))
     if parts is None or parts[4] not in UNITS:
         return Statement(key, value.lower().removeprefix("the "), source)
     limit, number, decimals, unit, side = (one or "" for one in parts.groups())
@@ -194,7 +195,8 @@ class RunStatements:
                      "probability": "probability", "frame": "frame"}  # fmt: skip
             for name, column in names.items():
                 if one[column]:
-                    yield state((name, key), float(one[column]), "events.csv")
+                    value, half = float(one[column]), 0.5 * 10.0 ** -len(one[column].partition(".")[2])
+                    yield Statement((name, key), one[column], "events.csv", value - half, value + half)
             if one["kind"] == "strike" and one["speed"] and sum(two["kind"] == "strike" for two in self.events) == 1:
                 yield state(("number", NUMBER_NAMES["cue_speed"], one["a"]), float(one["speed"]), "events.csv")
             if one["gap_mm"]:
@@ -286,7 +288,7 @@ class RunStatements:
         yield state(("question", about), about, "JSON of call")
         yield state(("verdict", about), document["answer"], "JSON of call")
         yield state(("probability", about), document["stated_probability"], "JSON of call")
-        for name, key, pattern in (("time", "t", rf"({NUMBER} s) ±"), ("time sigma", "t_sigma", rf"s ± ({NUMBER} ms)"),
+        for name, key, pattern in (("time", "t", rf"({NUMBER} s) ±"), ("time sigma", "t_sigma", rf"s ± ({NUMBER} m?s)"),
                                    ("frame", "frame", rf"(?<!around )frame ({NUMBER})"),
                                    ("margin", "margin_mm", rf"({NUMBER}(?: ± {NUMBER})? mm)")):  # fmt: skip
             shown = [(where, one) for where, texts in rows.items() for one in re.findall(pattern, " | ".join(texts))]
@@ -374,14 +376,14 @@ class RunStatements:
                     yield state(("distance", ball["id"], rail, "predicted"), float(distance), "JSON of predict")
             for distance, rail in re.findall(PLACE, text):
                 yield state(("distance", ball["id"], rail, "predicted"), distance, "terminal of predict")
-                if ball["id"] not in moved:
+                if ball["id"] not in moved and "stays at rest" in text:  # another one may be touched later
                     yield state(("distance", ball["id"], rail, "always"), distance, "terminal of predict")
 
     def read_what_if(self, document: dict[str, Any], sentences: Iterable[str], is_single: bool) -> Iterator[Statement]:
-        """Read what a what-if states of the real stroke, of its plays, and of a shot as it was struck."""
+        """Read what a what-if states of the real stroke, of its plays, and of a shot in which nothing is changed."""
         cue, source = document["cue"], "terminal of what-if"
         text = " ".join(map(self.identify, sentences))
-        is_real = "nothing is changed" in text
+        is_real = "Nothing is changed" in text
         named = {"cue_speed": rf"instead of ({NUMBER} m/s \([^)]*\))",
                  "top_spin_share": rf"instead of ({NUMBER} (?:top|back)) ",
                  "side_spin_share": rf"instead of ({NUMBER} (?:left|right)) side"}  # fmt: skip
@@ -392,13 +394,13 @@ class RunStatements:
         for name, side in (("top_spin_share", "top|back"), ("side_spin_share", "(?:left|right) side")):
             if is_single and re.search(rf"(?:{side}) spin[^;]*, where it is not measurable", text):
                 yield state(("measurable", NUMBER_NAMES[name], cue), "no", source)
-        form = rf"with a probability (?:of )?({NUMBER}(?: ± {NUMBER})? %)"
-        for what, begin in (("changed", "Played so, "), ("real", "As it was struck, ")):
-            if found := re.search(rf"{begin}[^.]*?{form}", text):
+        form = rf"[^.:]*?with a probability (?:of )?({NUMBER}(?: ± {NUMBER})? %)"
+        for what, begin in (("changed", "Played so, "), ("real", "as it was struck, ")):
+            if found := re.search(begin + form, text):
                 yield state(("chance", "real" if is_real else what, f"{is_real}"), found[1], source)
             chance = document[what]["probability"]
             yield state(("chance", "real" if is_real else what, f"{is_real}"), chance, "JSON of what-if")
-        result = re.search("the real shot (scored|did not)", text)
+        result = re.search("The real shot (scored|did not)", text)
         if document["goal"]["game"] == "pot" and is_single and result:
             is_potted = any(one["kind"] == "pocket" and one["a"] != cue and float(one["probability"]) >= MIN_PROBABILITY
                             for one in self.events)  # fmt: skip
@@ -408,41 +410,42 @@ class RunStatements:
             yield state(("end of the observations",), found[1], source)
             yield state(("end of the plays", f"{is_real}"), found[2], source)
             yield state(("end of the plays", f"{is_real}"), document["play_end"], "JSON of what-if")
-        yield from self.read_plays(document, text, is_real and is_single, f"{is_real}")
+        listed = re.search(r"(?:Played so|In the film): (.*?)\. ", text)
+        clauses = listed[1].split(", ") if listed and listed[1] != "nothing is met" else []
+        yield from self.read_filmed(document, clauses, is_single) if is_real else self.read_plays(document, clauses)
 
-    def read_plays(self, document: dict[str, Any], text: str, is_real: bool, about: str) -> Iterator[Statement]:
-        """Read the events of a what-if; of a shot as it was struck, they are those of the run while the film lasts."""
-        met = set()
+    def read_filmed(self, document: dict[str, Any], clauses: list[str], is_single: bool) -> Iterator[Statement]:
+        """Read the events of a what-if without a change, which are those of the run."""
+        read = list(self.read_rows(clauses, "terminal of what-if"))
+        yield from read
+        for what in ("real", "changed"):
+            for one in document[what]["events"]:
+                key = self.find_event(one["kind"], one["a"], one["b"], one["t"])
+                names = {"time": "t", "time sigma": "t_sigma", "probability": "probability"}
+                yield from (state((name, key), one[of_it], "JSON of what-if") for name, of_it in names.items())
+        met = {one.key[1] for one in read if one.key[0] == "event"}
+        for row in self.events if is_single else ():
+            event = self.find_event(row["kind"], row["a"], row["b"], float(row["t"]))
+            if row["kind"] in ("ball", "cushion", "pocket") and event not in met:
+                yield state(("event", event), "absent", "terminal of what-if")
+
+    def read_plays(self, document: dict[str, Any], clauses: list[str]) -> Iterator[Statement]:
+        """Read the events of the plays of a what-if with a change."""
         times = [(one["kind"], {one["a"], one["b"]} - {""}, one["t"]) for one in document["changed"]["events"]]
-        listed = text.partition("Played so: ")[2].partition("In the image")[0]
-        for shown in re.findall(rf"{NUMBER} s [^,:.]+", listed):
+        for shown in clauses:
             found = next(((kind, one) for kind, verb in EVENT_VERBS.items() if (one := re.search(verb, shown))), None)
-            if found is None:
-                yield state(("form of a play", about), shown, "terminal of what-if")
-                yield state(("form of a play", about), "an event", "JSON of what-if")
+            moment = re.search(rf" at ({NUMBER} s) ±", shown)
+            if found is None or moment is None:
+                yield state(("form of a play",), shown, "terminal of what-if")
+                yield state(("form of a play",), "an event", "JSON of what-if")
                 continue
-            kind, bodies, t = found[0], [one for one in found[1].groups() if one], float(shown.split()[0])
-            moment = f"{t:.2f} s"
+            bodies, t = [one for one in found[1].groups() if one], float(moment[1].split()[0])
+            kind = "cushion" if found[0] == "ball" and bodies[-1] in CUSHIONS else found[0]
             own = [one[2] for one in times if one[0] == kind and one[1] == set(bodies)]
-            key = f"{kind} {' '.join(bodies)} {moment}"
-            yield state(("played time", key, about), moment, "terminal of what-if")
+            key = f"{kind} {' '.join(bodies)} {moment[1]}"
+            yield state(("played time", key), moment[1], "terminal of what-if")
             nearest = min(own, key=lambda one: abs(one - t), default="none")
-            yield state(("played time", key, about), nearest, "JSON of what-if")
-            if is_real and t < document["clip_end"]:
-                event = self.find_event(kind, bodies[0], bodies[-1], t)
-                met.add(event)
-                yield state(("event, played again", event), "there", "terminal of what-if")
-                yield state(("time, played again", event), moment, "terminal of what-if")
-        for row in self.events if is_real else ():
-            t = float(row["t"])
-            if row["kind"] in ("ball", "cushion", "pocket") and float(row["probability"]) >= MIN_PROBABILITY:
-                event = self.find_event(row["kind"], row["a"], row["b"], t)
-                yield state(("event, played again", event), "there", "events.csv")
-                reach = SURE_SIGMAS * float(row["t_sigma"])  # the plays differ by the uncertainty of the measurement
-                words = f"{t:.4f} ± {reach:.4f} s"
-                yield Statement(("time, played again", event), words, "events.csv", t - reach, t + reach)
-                if event not in met:
-                    yield state(("event, played again", event), "absent", "terminal of what-if")
+            yield state(("played time", key), nearest, "JSON of what-if")
 
 
 def read_certificate(

@@ -8,6 +8,10 @@ import numpy as np
 
 MAX_DECIMALS = 9
 """Decimals of a number at most: no value of a clip is known better, in any unit that is printed."""
+TIME_DECIMALS = 4
+"""Decimals of a time in s at most: no contact is timed to better than 0.1 ms."""
+LONG_ERROR = 0.1
+"""s: from here on, the error of a time is written in s as the time is."""
 SPEED_DECIMALS = 2
 """Decimals of a speed in m/s."""
 CREEPING_SPEED = 0.1
@@ -89,16 +93,25 @@ def format_speed(speed: float, sigma: float = nan) -> str:
 
 
 def format_time(t: float, sigma: float = nan) -> str:
-    """Format the time of a moment of the clip.
+    """Format an estimated time of the clip.
 
     Args:
         t: s.
         sigma: Its standard deviation, s; NaN where it is unknown.
 
     Returns:
-        Such as `0.7012 s ± 0.3 ms`, or `about 0.7 s` without a standard deviation.
+        Such as `0.7012 s ± 0.3 ms`, `4.12 s ± 0.20 s`, or `about 0.7 s` without a standard deviation.
     """
-    return f"{t:.4f} s ± {1000 * sigma:.1f} ms" if isfinite(sigma) else f"about {t:.1f} s"
+    if not isfinite(sigma):
+        return f"about {t:.1f} s"
+    shown, error = format_measured(t, max(sigma, 10.0**-TIME_DECIMALS), TIME_DECIMALS)
+    in_ms = f"{1000 * float(error):.{max(len(error.partition('.')[2]) - 3, 0)}f} ms"
+    return f"{shown} s ± {in_ms if float(error) < LONG_ERROR else f'{error} s'}"
+
+
+def format_moment(t: float) -> str:
+    """Format a time of the clip that has no error: of a frame, of the end of the clip, or one that somebody chose."""
+    return f"{t:.3f} s"
 
 
 def format_probability(probability: float) -> str:

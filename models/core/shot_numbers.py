@@ -11,6 +11,9 @@ turning forwards but still sliding, rolling."""
 SPIN_STATES: tuple[SpinState, ...] = ("draw", "stun", "follow", "roll")
 """All states but `unknown`, in the order of the spin."""
 
+SAME_STRIKE = 0.1
+"""s between a strike and the start of a shot or of its fit as a whole, at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShotNumber:

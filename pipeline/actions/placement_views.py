@@ -13,7 +13,7 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming
-from models.core.number_format import format_measured, format_speed
+from models.core.number_format import format_measured, format_moment, format_speed
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_placement.ball_places import BallPlaces, find_nearest_cushions, measure_cushion_distances
@@ -63,8 +63,8 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         write_image(drawn, figures[1])
     absent = f"Not on the table: {', '.join(map(naming.name_ball, places.absent))}." if places.absent else ""
     return Answer(
-        f"Where did the balls lie at {places.t:.3f} s?",
-        (f"Where the balls lay at {places.t:.3f} s, in mm from the centre of each ball to the noses of the"
+        f"Where did the balls lie at {format_moment(places.t)}?",
+        (f"Where the balls lay at {format_moment(places.t)}, in mm from the centre of each ball to the noses of the"
          f" {naming.rail_word}s, ± standard deviation:",),
         quantities=tuple(
             Quantity(axis, float(xy[k]), float(sigma[k]), "m", ball, naming.name_ball(ball))
@@ -96,8 +96,8 @@ def _draw_wanted_plan(wanted: WantedPlaces) -> ImageArray:
     """Draw the plan of the wanted places."""
     places, table = wanted.places, wanted.table
     title = (
-        f"{places.t:.3f} s: mm from the centre of each ball to the noses of its two nearest {wanted.naming.rail_word}s;"
-        f" the gap at the nose is {1e3 * table.ball_radius:.1f} mm less"
+        f"{format_moment(places.t)}: mm from the centre of each ball to the noses of its two nearest"
+        f" {wanted.naming.rail_word}s; the gap at the nose is {1e3 * table.ball_radius:.1f} mm less"
     )
     distances = measure_cushion_distances(table, places.xy)
     return draw_placement_plan(table, wanted.naming, places.ids, places.xy, distances, title)
@@ -113,7 +113,7 @@ def _draw_wanted_frame(wanted: WantedPlaces) -> ImageArray | None:
         numbers = ", ".join(f"{view.name_rail(CUSHIONS[k])} {own[k]:.0f}" for k in find_nearest_cushions(own))
         rings.append(PlacedRing(xy, WANTED_COLOUR, f"{wanted.naming.name_ball(name)}: {numbers}"))
     note = f"mm from the centre to the nearest {wanted.naming.rail_word}s"
-    header: list[tuple[str, Colour]] = [(f"{wanted.places.t:.3f} s", WHITE), (note, NOTE_COLOUR)]
+    header: list[tuple[str, Colour]] = [(format_moment(wanted.places.t), WHITE), (note, NOTE_COLOUR)]
     middles = (
         wanted.table.corners[[0, 1, 0, 3]] / 2 + wanted.table.corners[[3, 2, 1, 2]] / 2
     )  # in the order of CUSHIONS

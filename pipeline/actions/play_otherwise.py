@@ -11,7 +11,7 @@ import numpy as np
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError
-from models.core.fit_result import Fit
+from models.core.events import Events
 from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot_numbers import ShotNumbers
@@ -133,8 +133,8 @@ def play_otherwise(
     real = play_changed_shot(ensemble, StrokeChange(), plan.spread, goal, t, seed)
     changed = play_changed_shot(ensemble, plan.change, plan.spread, goal, t, seed)
     document = summarize_changed_shot(
-        ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, _did_score(fit, ensemble, goal),
-        (float(tracks.t[-1]), SECONDS), fit.shot_numbers[stroke],
+        ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, fit.events,
+        (float(tracks.t[-1]), SECONDS), fit.shot_numbers[stroke : stroke + 2],
     )  # fmt: skip
     require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -167,13 +167,10 @@ def _find_goal(plan: StrokePlan, tracks: Tracks, scene: Scene, naming: Naming) -
     return ShotGoal(game, ball or "", pocket or "")
 
 
-def _did_score(fit: Fit, ensemble: StruckEnsemble, goal: ShotGoal) -> bool:
+def _did_score(events: Sequence[dict[str, Any]], ensemble: StruckEnsemble, goal: ShotGoal) -> bool:
     """Return whether the real shot scored, by its probable events."""
-    events = fit.events
     contacts = [
-        (float(events.t[k]), (events.kind[k], events.a[k], events.b[k]))
-        for k in range(len(events))
-        if events.probability[k] >= MIN_PROBABILITY and events.t[k] >= ensemble.t
+        (one["t"], (one["kind"], one["a"], one["b"])) for one in events if one["probability"] >= MIN_PROBABILITY
     ]
     return is_scored(group_by_ball(contacts, ensemble.ids), ensemble.ids, ensemble.cue, goal)
 
@@ -200,7 +197,7 @@ QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 
 def summarize_changed_shot(
     ensemble: StruckEnsemble, change: StrokeChange, spread: PlayerSpread, spread_source: str, goal: ShotGoal,
-    real: ChangedShot, changed: ChangedShot, did_score: bool, ends: tuple[float, float], numbers: ShotNumbers,
+    real: ChangedShot, changed: ChangedShot, events: Events, ends: tuple[float, float], strokes: Sequence[ShotNumbers],
 ) -> dict[str, Any]:  # fmt: skip
     """Build the content of what_if.json.
 
@@ -212,14 +209,18 @@ def summarize_changed_shot(
         goal: What must happen to score.
         real: The shot as it was struck, played again.
         changed: The shot with the change.
-        did_score: Whether the real shot scored.
+        events: What happened in the film.
         ends: s of the clip at which it ends, and s after the strike at which the drawn plays end at the latest.
-        numbers: What the run states of the stroke.
+        strokes: What the run states of the stroke, and of the next one if there is one.
 
     Returns:
-        A tree of JSON values with the schema `trueroll.what-if/1`.
+        A tree of JSON values with the schema `trueroll.what-if/1`. The events of the real shot are those of the film;
+        those of a shot in which nothing is changed are the same ones.
     """
-    stroke = _describe_stroke(ensemble, numbers)
+    stroke = _describe_stroke(ensemble, strokes[0])
+    filmed = _list_filmed_events(events, ensemble, strokes[1].t if len(strokes) > 1 else np.inf)
+    chances = [{"probability": one.probability, "probability_sigma": one.probability_sigma} for one in (real, changed)]
+    played = filmed if change == StrokeChange() else _list_played_events(ensemble, changed)
     return {
         "schema": SCHEMA,
         "t": ensemble.t,
@@ -232,8 +233,8 @@ def summarize_changed_shot(
         "play_end": ensemble.t + ends[1],
         "spread": {"speed": spread.speed, "angle_deg": spread.angle, "source": spread_source},
         "goal": asdict(goal),
-        "real": {"scored": did_score, **_summarize_play(ensemble, real)},
-        "changed": _summarize_play(ensemble, changed),
+        "real": {"scored": _did_score(filmed, ensemble, goal), **chances[0], "events": filmed},
+        "changed": {**chances[1], "events": played},
     }
 
 
@@ -262,19 +263,21 @@ def _compute_quantiles(places: FloatArray) -> FloatArray:
     return np.asarray(np.nanquantile(filled, list(QUANTILES.values()), axis=0))
 
 
-def _describe_stroke(ensemble: StruckEnsemble, numbers: ShotNumbers) -> dict[str, float]:
+def _describe_stroke(ensemble: StruckEnsemble, numbers: ShotNumbers) -> dict[str, Any]:
     """Describe the real stroke as the run states it, else by the median of the plays: speed (m/s), spins as shares."""
     balls, cue = [member.balls for member in ensemble.members], ensemble.cue
     strokes = [measure_stroke(one.state[cue], float(one.radius[cue])) for one in balls]
-    stroke: dict[str, float] = {}
+    stroke: dict[str, Any] = {"observable": []}
     for k, (name, number) in enumerate(STROKE_NUMBERS.items()):
         played, stated = [one[k] for one in strokes], numbers.find_number(number, numbers.cue)
-        one = (stated.value, stated.sigma) if stated is not None and stated.observable else None
-        stroke[name], stroke[f"{name}_sigma"] = one or (float(np.median(played)), float(np.std(played)))
+        stroke[name], stroke[f"{name}_sigma"] = float(np.median(played)), float(np.std(played))
+        if stated is not None and stated.observable:
+            stroke[name], stroke[f"{name}_sigma"] = stated.value, stated.sigma
+            stroke["observable"].append(name)
     return stroke
 
 
-def _describe_changed_stroke(real: dict[str, float], change: StrokeChange) -> dict[str, float]:
+def _describe_changed_stroke(real: dict[str, Any], change: StrokeChange) -> dict[str, float]:
     """Describe a stroke with a change by the real one."""
     replaced = {"speed": change.speed, "side": change.side, "top": change.top}
     factors, added = {"speed": change.speed_factor}, {"side": change.side_added, "top": change.top_added}
@@ -286,10 +289,20 @@ def _describe_changed_stroke(real: dict[str, float], change: StrokeChange) -> di
     return changed
 
 
-def _summarize_play(ensemble: StruckEnsemble, shot: ChangedShot) -> dict[str, Any]:
-    events = [
+def _list_filmed_events(events: Events, ensemble: StruckEnsemble, end: float) -> list[dict[str, Any]]:
+    """List what happened in the film from the strike of a shot until a time, s."""
+    return [
+        {"kind": events.kind[k], "a": events.a[k], "b": events.b[k], "probability": float(events.probability[k]),
+         "t": float(events.t[k]), "t_sigma": float(events.t_sigma[k])}
+        for k in range(len(events))
+        if events.kind[k] != "strike" and ensemble.t <= events.t[k] < end
+    ]  # fmt: skip
+
+
+def _list_played_events(ensemble: StruckEnsemble, shot: ChangedShot) -> list[dict[str, Any]]:
+    """List what happens in at least a few plays of a shot."""
+    return [
         {"kind": one.event[0], "a": one.event[1], "b": one.event[2], "probability": one.probability,
-         "t": ensemble.t + one.t, "t05": ensemble.t + one.t_low, "t95": ensemble.t + one.t_high}
+         "t": ensemble.t + one.t, "t_sigma": one.t_sigma}
         for one in shot.events
     ]  # fmt: skip
-    return {"probability": shot.probability, "probability_sigma": shot.probability_sigma, "events": events}

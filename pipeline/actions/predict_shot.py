@@ -10,7 +10,7 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
-from models.core.number_format import format_measured
+from models.core.number_format import format_measured, format_moment
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import PredictedEvent, ShotPrediction, forecast_shot
@@ -75,7 +75,7 @@ def predict_shot(
     write_json(document, folder / "prediction.json")
     write_image(_draw_prediction(prediction, tracks, naming), folder / "prediction.png")
     compared = [
-        (naming.name_ball(row["id"]), f"{row['t']:.2f} s",
+        (naming.name_ball(row["id"]), format_moment(row["t"]),
          *(f"{one} cm" for one in format_measured(row["error_mm"] / 10, row["sigma_mm"] / 10, 1)),
          "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
@@ -83,7 +83,7 @@ def predict_shot(
     assumed = () if has_shot(source) else scene.notes
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
     return Answer(
-        f"Where do the balls go from {t:.2f} s to {times[-1]:.2f} s?",
+        f"Where do the balls go from {format_moment(t)} to {format_moment(times[-1])}?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
             Quantity(axis, float(prediction.path[-1, k, column]), float(prediction.sigma[-1, k]), "m", ball,
@@ -127,8 +127,8 @@ def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, naming: Naming)
         fans.append(PredictionFan(name, observed[past], courses, later))
     dots = " Dots: what was seen." if any(len(fan.later_path) for fan in fans) else ""
     title = (
-        f"From {state.t:.2f} to {prediction.t[-1]:.2f} s. The stronger the shade, the more of {len(prediction.members)}"
-        f" possible courses pass there. Line: the most typical one.{dots}"
+        f"From {format_moment(state.t)} to {format_moment(prediction.t[-1])}. The stronger the shade, the more of"
+        f" {len(prediction.members)} possible courses pass there. Line: the most typical one.{dots}"
     )
     return draw_prediction_fans(state.table, naming, fans, title)
 
@@ -217,8 +217,8 @@ def _summarize_ball(prediction: ShotPrediction, k: int, naming: Naming) -> dict[
 
 def _summarize_event(one: PredictedEvent) -> dict[str, Any]:
     kind, a, b = one.event
-    return {"kind": kind, "a": a, "b": b, "probability": one.probability, "t": one.t, "t05": one.t_low,
-            "t95": one.t_high}  # fmt: skip
+    return {"kind": kind, "a": a, "b": b, "probability": one.probability, "t": one.t, "t_sigma": one.t_sigma,
+            "t05": one.t_low, "t95": one.t_high}  # fmt: skip
 
 
 def _compare_with_observations(prediction: ShotPrediction, check: PredictionCheck) -> list[dict[str, Any]]:

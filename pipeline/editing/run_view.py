@@ -24,7 +24,7 @@ from pipeline.reporting.text.call_sentences import format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
 from pipeline.reporting.text.correction_sentences import format_outcomes
-from pipeline.reporting.text.text_formatting import format_event
+from pipeline.reporting.text.text_formatting import format_event, format_event_time
 from video.io.clip import Clip
 
 SAME_EVENT_S = 0.1
@@ -206,7 +206,7 @@ def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[s
             if before.kind[i] == after.kind[k] and {before.a[i], before.b[i]} == {after.a[k], after.b[k]}
             and abs(before.t[i] - after.t[k]) <= SAME_EVENT_S
         ]  # fmt: skip
-        text = f"{after.t[k]:.3f} s: {format_event(after, k, naming)}"
+        text = f"{format_event_time(after, k)}: {format_event(after, k, naming)}"
         if not same:
             changes.append({"kind": "added", "text": text})
             continue
@@ -220,7 +220,8 @@ def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[s
             old, new = (format_probability(p) for p in (before.probability[i], after.probability[k]))
             changes.append({"kind": "changed", "text": f"{text}: probability {new} instead of {old}"})
     changes += [
-        {"kind": "removed", "text": f"{before.t[i]:.3f} s: {format_event(before, i, naming)}"} for i in unmatched
+        {"kind": "removed", "text": f"{format_event_time(before, i)}: {format_event(before, i, naming)}"}
+        for i in unmatched
     ]
     return changes
 
@@ -276,7 +277,7 @@ def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
             "frame": round(float(events.frame[k]) + offset, 3), "a": events.a[k], "b": events.b[k],
             "px": _round_pixels(run.scene, events.xy[k], max(int(events.frame[k]), 0)),
             "probability": round(float(events.probability[k]), 4), "text": format_event(events, k, run.fit.naming),
-            "share": format_probability(events.probability[k]),
+            "share": format_probability(events.probability[k]), "when": format_event_time(events, k),
         }
         for k in range(len(events))
     ]  # fmt: skip

@@ -152,9 +152,13 @@ def _name_tile(name: str, colour: Colour, width: int, height: int, letters: int)
     return compose_tile(width, height, inks)
 
 
+LABEL_LETTERS = 14.0
+"""Font size of labels in a frame of 720 rows, px."""
+
+
 def _font_size(scale: float) -> int:
     """Return the font size of labels, px."""
-    return round(14 * scale)
+    return round(LABEL_LETTERS * scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,14 +201,6 @@ def _clock_tile(clock: ClockPanel, width: int, height: int, advance: int, scale:
         ColouredMask(word, round(float(dot[0]) + radius + 0.45 * small), row, MUTED_GREY),
     )
     return compose_tile(width, height, inks)
-
-
-def format_time_error(sigma: float) -> str:
-    """Format one standard deviation of a time (s) with its significant digits: "± 0.6 ms"."""
-    if not np.isfinite(sigma):
-        return ""
-    ms = sigma * 1e3
-    return f"± {ms:.1f} ms" if ms < 9.95 else f"± {ms:.0f} ms"
 
 
 @dataclass(frozen=True, slots=True)

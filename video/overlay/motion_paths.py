@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from models.core.events import Events
 from models.core.fit_result import Fit
-from models.core.number_format import format_probability
+from models.core.number_format import format_probability, format_time
 from models.core.shot_explanation import SURE_PROBABILITY
 from models.core.typing import FloatArray
 from video.drawing.palette import FLASH
 from video.matting.ball_timeline import BallTimeline
-from video.overlay.frame_overlay import Label, format_time_error
+from video.overlay.frame_overlay import Label
 
 PATH_STEP = 1 / 240
 """s between points of a path."""
@@ -150,7 +150,7 @@ def select_contact_marks(timeline: BallTimeline, fit: Fit) -> tuple[ContactMark,
         xy = _contact_point(timeline, fit, k)
         is_sure = events.probability[k] >= SURE_PROBABILITY
         probability_text = "" if is_sure else f"  {format_probability(events.probability[k])}"
-        value = f"{events.t[k]:.3f} s {format_time_error(float(events.t_sigma[k]))}{probability_text}"
+        value = f"{format_time(float(events.t[k]), float(events.t_sigma[k]))}{probability_text}"
         a, b = fit.naming.name_ball(events.a[k]), events.b[k]
         title = {
             "ball": f"{a} – {fit.naming.name_ball(b)}", "cushion": f"{a} – {fit.naming.name_rail(b)}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -23,14 +23,17 @@ from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
 from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
-from video.overlay.frame_overlay import FrameBalls, Label, draw_trail, keep_balls_on_top
+from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
+from video.overlay.motion_paths import EVENT_STRENGTHS
 
 GHOST_SPACING_RADII = 5.0
 """Ball radii between two ghosts of a ball."""
 GHOST_OPACITY = 0.5
 """Opacity of the ghosts."""
-MAX_POSTER_TIMES = 8
-"""Contacts whose time is shown; more would hide the table."""
+PHONE_WIDTH, LEAST_LETTERS = 390.0, 9.0
+"""Width of a phone's page, and the least font size on it that people read without zooming, CSS px."""
+NOTE_PLACES = 12
+"""Columns and rows of places that are tried for the note on contacts without a label."""
 
 
 @dataclass(slots=True)
@@ -94,7 +97,8 @@ class Poster:
             raise ValueError("a poster needs at least one frame; none was added")
         annotation = prepare_annotation(self.timeline, tracks, fit, self.first, options.slow)
         still = annotation.extend(self.last.copy())
-        _draw_poster(still, self.timeline, annotation, self.ghosts, fit)
+        count = sum(kind in EVENT_STRENGTHS for kind in fit.events.kind)
+        _draw_poster(still, self.timeline, annotation, self.ghosts, fit, count)
         encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
         if not encoded:
             height, width = still.shape[:2]
@@ -141,16 +145,17 @@ def _draw_poster(
     annotation: Annotation,
     ghosts: Sequence[tuple[MattedSprite, FloatArray]],
     fit: Fit,
+    count: int,
 ) -> None:
-    """Draw ghosts, paths, contacts, names and the plan onto the last frame and its strip."""
+    """Draw ghosts, paths, names, the plan and a count of contacts onto the last frame and its strip."""
     frame = still[: len(still) - annotation.strip_height]
     end = float(timeline.t[-1])
     for sprite, place in ghosts:
         composite_balls(frame, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
-    count = len(annotation.paths)
+    ball_count = len(annotation.paths)
     centre = timeline.centre[-1]
-    none = np.zeros(count, dtype=bool)
-    balls = FrameBalls(centre, timeline.radius[-1], np.zeros(count), np.zeros((count, 2)), none, none, ~none)
+    none, zeros = np.zeros(ball_count, dtype=bool), np.zeros((ball_count, 2))
+    balls = FrameBalls(centre, timeline.radius[-1], zeros[:, 0], zeros, none, none, ~none)
     left, top = (round(v) for v in annotation.inset_place[:2])
     paths = [path.xy for path in annotation.paths]
     with keep_balls_on_top(frame, balls):
@@ -160,17 +165,19 @@ def _draw_poster(
                 width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
                 draw_trail(frame, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
         annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
-        _draw_labels(frame, timeline, annotation, balls)
+        _draw_labels(frame, timeline, annotation, balls, count)
 
 
-def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotation, balls: FrameBalls) -> None:
-    """Draw contacts with their times, and names at the starts of the balls."""
+def _draw_labels(
+    still: ImageArray, timeline: BallTimeline, annotation: Annotation, balls: FrameBalls, count: int
+) -> None:
+    """Draw contacts with their times, names at the starts of the balls, and how many contacts have no label."""
     end, scale = float(timeline.t[-1]), annotation.scale
     bounds = (still.shape[1], still.shape[0])
     crossed = np.vstack([balls.boxes(0.3), annotation.path_squares(end, -np.inf, np.inf, balls=True)])
     obstacles: list[Rect] = [annotation.inset_place, *crossed.tolist()]
-    order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))[:MAX_POSTER_TIMES]
-    times = [(mark.label, timeline.project(mark.xy, end), mark.opacity) for mark in order]
+    order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))
+    times = [(_shorten_label(mark.label), timeline.project(mark.xy, end), mark.opacity) for mark in order]
     names = []
     for mark in annotation.marks:
         spot = timeline.project(mark.xy, end)
@@ -181,12 +188,30 @@ def _draw_labels(still: ImageArray, timeline: BallTimeline, annotation: Annotati
             start = timeline.project(path.xy[0], end)
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
             names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start, 1.0))
-    for label, spot, opacity in [*names, *times]:
-        size = label.size(scale)
+    letters = max(scale, bounds[0] * LEAST_LETTERS / PHONE_WIDTH / LABEL_LETTERS)
+    for k, (label, spot, opacity) in enumerate([*times, *names]):
+        size = label.size(letters)
         corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), obstacles, bounds, None).top_left_corner(
             size, 12 * scale
         )
         rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
-        if not overlap_share(rect, obstacles):
-            label.draw(still, corner, scale, opacity)
+        is_inside = rect[0] >= 0 and rect[1] >= 0 and rect[0] + rect[2] <= bounds[0] and rect[1] + rect[3] <= bounds[1]
+        if is_inside and not overlap_share(rect, obstacles):
+            label.draw(still, corner, letters, opacity)
             obstacles.append(rect)
+            count -= k < len(times)
+    if count:
+        note = Label(f"{count} more contact{'s' * (count > 1)}", "", FLASH)
+        note.draw(still, _find_free_corner(note.size(letters), obstacles, bounds), letters)
+
+
+def _shorten_label(label: Label) -> Label:
+    """Leave out the error of the time, which the report has."""
+    return replace(label, value=label.value.partition(" ±")[0])
+
+
+def _find_free_corner(size: tuple[int, int], obstacles: Sequence[Rect], bounds: tuple[int, int]) -> FloatArray:
+    """Find the top-left corner (2,) px of a place in the image that hides the least, from the bottom left on."""
+    columns, rows = (np.linspace(0, bound - side, NOTE_PLACES) for bound, side in zip(bounds, size, strict=True))
+    corners = [np.array([x, y]) for y in rows[::-1] for x in columns]
+    return min(corners, key=lambda corner: overlap_share((*corner, *size), obstacles))

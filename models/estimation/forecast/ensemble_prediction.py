@@ -54,6 +54,10 @@ MIN_EVENT_PROBABILITY = 0.02
 """Probability below which an event is not listed."""
 
 
+NORMAL_WIDTH = 3.2897
+"""Standard deviations between the 5 % and the 95 % quantile of a normal distribution."""
+
+
 @dataclass(frozen=True, slots=True)
 class PredictedEvent:
     """An event that may happen."""
@@ -64,6 +68,11 @@ class PredictedEvent:
     """s, median of its first time where it happens; the others are its 5 % and 95 % quantiles."""
     t_low: float
     t_high: float
+
+    @property
+    def t_sigma(self) -> float:
+        """Standard deviation of `t`, s, of the normal distribution with these quantiles."""
+        return (self.t_high - self.t_low) / NORMAL_WIDTH
 
 
 @dataclass(frozen=True, slots=True)

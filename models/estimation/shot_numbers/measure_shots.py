@@ -14,7 +14,7 @@ from models.core.events import Events
 from models.core.fit_result import Fit, WholeShotSolution
 from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import POCKETS, Table
-from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers, SpinState
+from models.core.shot_numbers import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
@@ -50,8 +50,6 @@ from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 
 MIN_PROBABILITY = 0.5
 """Probability from which an event counts as having happened."""
-SAME_STRIKE = 0.1
-"""s between a strike and the start of a whole shot, at most."""
 _NODES = 24
 """Gauss-Legendre nodes of a segment: exact to micrometres on a path of two smooth parts."""
 MAX_MISS_RADII = 6.0

@@ -319,10 +319,10 @@ function render(isFirst) {
     ...shown.contradictions.map(listContradiction),
     ...shown.changes.map((one) => element("li", { className: one.kind, textContent: one.text })),
   ], state.revision ? "The events and calls are the same as before." : "Nothing yet: correct something in the clip.");
-  fill($("checks"), shown.checks.map((one, k) => entry([["when", `${one.t.toFixed(2)} s`], ["", one.reason]],
+  fill($("checks"), shown.checks.map((one, k) => entry([["when", `${one.t.toFixed(3)} s`], ["", one.reason]],
     () => goToCheck(k), page.check === k)), "There is no doubtful place.");
   fill($("events"), shown.events.map((one) => entry([
-    ["when", `${one.t.toFixed(3)} s`], ["", one.text],
+    ["when", one.when], ["", one.text],
     handMark(one) ? ["hand", "by hand"] : [one.probability < 0.9 ? "share unsure" : "share", one.share],
   ], () => chooseEvent(one), page.event && isSameEvent(one, page.event))), "Nothing moves in this clip.");
   fill($("balls"), shown.balls.map((ball) => {
@@ -607,7 +607,7 @@ function renderBall(box, ball) {
 function renderEvent(box, event) {
   box.append(element("h2", { textContent: event.text }));
   box.append(element("p", { className: "small",
-    textContent: `${event.t.toFixed(4)} s ± ${(1000 * event.t_sigma).toFixed(1)} ms, frame ${event.frame.toFixed(2)}, probability ${event.share}` }));
+    textContent: `${event.when}, frame ${event.frame.toFixed(2)}, probability ${event.share}` }));
   if (!["strike", "ball", "cushion"].includes(event.kind)) {
     box.append(element("p", { className: "small", textContent: "It follows from the motion: correct the contacts before it." }));
     return;

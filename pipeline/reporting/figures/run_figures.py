@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,7 +22,7 @@ from pipeline.reporting.text.text_formatting import (
     format_event_time,
     format_parameter_name,
 )
-from video.drawing.palette import INK, Colour, mix_colours
+from video.drawing.palette import INK, mix_colours
 
 PLOT_HZ = 60.0
 HOVER_TEMPLATE = (
@@ -30,22 +30,17 @@ HOVER_TEMPLATE = (
     "<br>%{customdata[3]:.3f} m from the far side"
 )
 MARKED_KINDS = ("strike", "ball", "cushion", "pocket")
+STRIPE_SYMBOL = "circle-dot"
 PARAMETER_ROW_PX = 92
 """Height of the row of one parameter, px."""
 AXIS_MARGIN = 0.15
 """Margin of an axis, as a share of the range that is drawn on it."""
 
 
-def darken_for_page(colour: Colour) -> str:
-    """Adapt the colour of a ball to a white page.
-
-    Args:
-        colour: RGB.
-
-    Returns:
-        CSS colour; light colours are darkened.
-    """
-    return format_colour(mix_colours(colour, INK, 0.35 if min(colour) > 150 else 0.0))
+def style_line(look: BallLook) -> dict[str, str]:
+    """Style the line of a ball on a white page: light colours are darkened, and striped balls have dashes."""
+    colour = mix_colours(look.colour, INK, 0.35 if min(look.colour) > 150 else 0.0)
+    return {"color": format_colour(colour), "dash": "dash" if look.is_striped else "solid"}
 
 
 def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:
@@ -79,8 +74,9 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
         for shown, mode in ((there if moves[k] else there[:0], "lines"), (there[-1:], "markers")):
             figure.add_scatter(
                 x=places[shown, k, 0], y=places[shown, k, 1], mode=mode, name=ball, legendgroup=ball,
-                showlegend=mode == "markers", line_color=darken_for_page(looks[k].colour),
-                marker={"size": 10, "color": format_colour(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1}},
+                showlegend=mode == "markers", line=style_line(looks[k]),
+                marker={"size": 10, "color": format_colour(looks[k].colour), "line": {"color": "#4b6b5d", "width": 1},
+                        "symbol": STRIPE_SYMBOL if looks[k].is_striped else "circle"},
                 customdata=hover[shown, k], hovertemplate=f"{HOVER_TEMPLATE}<extra>{ball}</extra>",
             )  # fmt: skip
     _add_contacts(figure, fit, view.turn_points(fit.events.xy, table))
@@ -114,30 +110,30 @@ def _add_contacts(figure: go.Figure, fit: Fit, places: FloatArray) -> None:
     )  # fmt: skip
 
 
-def build_speed_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
+def build_speed_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:
     """Build the plot of the speed of every moving ball over the time of the source clip.
 
     Args:
         scene: Table and camera.
         fit: The fit of N balls.
-        colours: CSS colours of the balls.
+        looks: How they look.
 
     Returns:
         The figure, in m/s.
     """
     t = sample_times(fit.trajectory, PLOT_HZ)
     state = fit.trajectory.at(t)
-    figure = _build_time_figure(scene, fit, colours, t, np.linalg.norm(state.v, axis=-1), state.xy)
+    figure = _build_time_figure(scene, fit, looks, t, np.linalg.norm(state.v, axis=-1), state.xy)
     return figure.update_yaxes(title="speed (m/s)", rangemode="tozero", hoverformat=".2f")
 
 
-def build_energy_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Figure:
+def build_energy_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:
     """Build the plot of the kinetic energy of every moving ball and of their sum over the time of the source clip.
 
     Args:
         scene: Table and camera.
         fit: The fit of N balls.
-        colours: CSS colours of the balls.
+        looks: How they look.
 
     Returns:
         The figure, in mJ.
@@ -145,22 +141,22 @@ def build_energy_figure(scene: Scene, fit: Fit, colours: Sequence[str]) -> go.Fi
     t = sample_times(fit.trajectory, PLOT_HZ)
     state = fit.trajectory.at(t)
     energy = 1000 * kinetic_energy(state, scene.table)
-    figure = _build_time_figure(scene, fit, colours, t, energy, state.xy)
+    figure = _build_time_figure(scene, fit, looks, t, energy, state.xy)
     moves = find_moving_balls(state.xy, scene.table.ball_radius)
     if moves.sum() > 1:
         whole = np.nansum(energy[:, moves], axis=1)
-        figure.add_scatter(x=t, y=whole, mode="lines", name="all balls", line={"color": "#1f4e9c", "dash": "dash"})
+        figure.add_scatter(x=t, y=whole, mode="lines", name="all balls", line={"color": "#1f4e9c", "dash": "dot"})
     return figure.update_yaxes(title="energy (mJ)", rangemode="tozero", hoverformat=".1f")
 
 
 def _build_time_figure(
-    scene: Scene, fit: Fit, colours: Sequence[str], t: FloatArray, values: FloatArray, xy: FloatArray
+    scene: Scene, fit: Fit, looks: Sequence[BallLook], t: FloatArray, values: FloatArray, xy: FloatArray
 ) -> go.Figure:
     figure = go.Figure()
     moves = find_moving_balls(xy, scene.table.ball_radius)
     for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
         if moves[k]:
-            figure.add_scatter(x=t, y=values[:, k], mode="lines", name=ball, line_color=colours[k])
+            figure.add_scatter(x=t, y=values[:, k], mode="lines", name=ball, line=style_line(looks[k]))
     line = {"width": 1, "dash": "dot", "color": "#9ca3af"}
     marks = [
         {"type": "line", "xref": "x", "yref": "y domain", "x0": when, "x1": when, "y0": 0, "y1": 1, "line": line}
@@ -173,13 +169,12 @@ def _build_time_figure(
     return figure.update_xaxes(title="time of the clip (s)", hoverformat=".3f")
 
 
-def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str], naming: Naming) -> go.Figure:
+def build_forecast_figure(errors: ForecastErrors, naming: Naming) -> go.Figure:
     """Build a plot of the error of a prediction over time, and over the cushion contacts since its start.
 
     Args:
         errors: Comparison of the rest of a shot with its prediction.
-        colours: CSS colours by ball.
-        naming: What balls are called.
+        naming: What balls are called, and how they look.
 
     Returns:
         The figure, in mm.
@@ -189,14 +184,12 @@ def build_forecast_figure(errors: ForecastErrors, colours: Mapping[str, str], na
     for ball in dict.fromkeys(errors.ball):
         rows = balls == ball
         error = 1000 * errors.error[rows]
-        shown = {"name": naming.name_ball(ball), "legendgroup": ball}
-        figure.add_scatter(
-            x=errors.seconds[rows], y=error, mode="lines", line_color=colours[ball], row=1, col=1, **shown
-        )
+        shown, line = {"name": naming.name_ball(ball), "legendgroup": ball}, style_line(naming.find_look(ball))
+        figure.add_scatter(x=errors.seconds[rows], y=error, mode="lines", line=line, row=1, col=1, **shown)
         counts = np.unique(errors.cushions[rows])
         median = [float(np.median(error[errors.cushions[rows] == count])) for count in counts]
         figure.add_scatter(
-            x=counts, y=median, mode="markers", marker={"color": colours[ball], "size": 10}, row=1, col=2,
+            x=counts, y=median, mode="markers", marker={"color": line["color"], "size": 10}, row=1, col=2,
             showlegend=False, **shown,
         )  # fmt: skip
     figure.update_layout(hovermode="x")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import combinations
@@ -32,7 +32,6 @@ from pipeline.reporting.figures.run_figures import (
     build_parameter_figure,
     build_plan_figure,
     build_speed_figure,
-    darken_for_page,
 )
 from pipeline.reporting.pages.page_template import (
     build_jpeg_uri,
@@ -49,6 +48,7 @@ from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.shot_summary import summarize_shots
 from pipeline.reporting.text.text_formatting import (
     format_event,
+    format_event_time,
     format_parameter_name,
     format_textbook_range,
 )
@@ -110,7 +110,6 @@ def write_report(
         path: File to write.
         errors: Comparison of the rest of the shot with its prediction, if there is one.
     """
-    colours = [darken_for_page(look.colour) for look in tracks.looks]
     by_hand = [note for note in scene.notes if note.startswith(HAND_PREFIX)]
     places = select_check_places(tracks, fit, scene.table)
     calls = answer_standard_questions(
@@ -125,6 +124,7 @@ def write_report(
         trust=fit.trust,
         summaries=summarize_shots(tracks, fit, scene.table, doubts, calls),
         balls=list_ball_colours(tracks),
+        stripes=any(look.is_striped for look in tracks.looks),
         poster=embed_image_file(files.poster),
         video=files.slow,
         slow=files.slow_factor,
@@ -134,8 +134,8 @@ def write_report(
         least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
-        speeds=embed_figure(build_speed_figure(scene, fit, colours), "speeds", 330),
-        energies=embed_figure(build_energy_figure(scene, fit, colours), "energies", 330),
+        speeds=embed_figure(build_speed_figure(scene, fit, tracks.looks), "speeds", 330),
+        energies=embed_figure(build_energy_figure(scene, fit, tracks.looks), "energies", 330),
         calls=[format_call(call, fit.naming) for call in calls],
         shot_numbers=shot_numbers,
         terms=" ".join(f"{what} {value}" for _, rows in shot_numbers for what, _, value, _ in rows),
@@ -145,7 +145,7 @@ def write_report(
         parameter_plot=_embed_parameter_plot(fit),
         parameters=_list_parameters(fit),
         whole_shot=format_whole_shot(fit),
-        forecast_plot=_embed_forecast_plot(errors, dict(zip(tracks.ids, colours, strict=True)), fit.naming),
+        forecast_plot=_embed_forecast_plot(errors, fit.naming),
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, fit),
         notes=[
@@ -187,11 +187,11 @@ def _embed_parameter_plot(fit: Fit) -> str:
     return embed_figure(build_parameter_figure(parameters), "parameters", height) if parameters else ""
 
 
-def _embed_forecast_plot(errors: ForecastErrors | None, colours: Mapping[str, str], naming: Naming) -> str:
+def _embed_forecast_plot(errors: ForecastErrors | None, naming: Naming) -> str:
     """Embed the figure of the errors of a prediction; empty if there is none."""
     if errors is None or not len(errors.error):
         return ""
-    return embed_figure(build_forecast_figure(errors, colours, naming), "forecast", 330)
+    return embed_figure(build_forecast_figure(errors, naming), "forecast", 330)
 
 
 def build_event_rows(
@@ -206,8 +206,7 @@ def build_event_rows(
             {
                 "seek": _seek_time(float(events.t[k]), files),
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
-                "time": f"{events.t[k]:.4f}",
-                "sigma": f"{1000 * events.t_sigma[k]:.1f}",
+                "time": format_event_time(events, k),
                 "sentence": format_event(events, k, naming),
                 "gap": format_gap(events.gap[k], events.gap_sigma[k], radius) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from models.core.events import Events
 from models.core.naming import Naming
-from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_time
+from models.core.number_format import EXTREME_PROBABILITY, format_moment, format_probability, format_time
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
@@ -22,6 +22,11 @@ MAX_FURTHER_REASONS = 2
 """Reasons that a sentence names besides the main one."""
 NOTHING_WORDS = {"rest": "still moving", "strike": "not struck", "pocket": "not potted"}
 """Words for no cause at all, by the only cause that a moment may have."""
+FALL_REASONS = {
+    "fall": ": its path leads there, but its fall is not seen",
+    "vanish": ": it is not seen any more near there, but its fall is not seen either",
+}  # fmt: skip
+"""Why a pot is not certain, by what it is concluded from."""
 SELF_EVIDENT_DOUBTS = ("rival", "no_cause", "hidden")
 """Doubts that the probabilities show, or that have their own clause with a number of frames."""
 
@@ -37,12 +42,12 @@ def format_check_place(place: CheckPlace, naming: Naming) -> str:
 
 
 def format_hypotheses(moment: Moment, naming: Naming) -> str:
-    """Format the most probable hypotheses of a moment, such as `red 3 61 %, unknown cause 39 %`."""
+    """Format the most probable hypotheses of a moment, such as `red 3 61 %, something else 39 %`."""
     return _format_causes(moment, moment.hypotheses, naming)
 
 
 def format_alternatives(events: Events, k: int, explanation: ShotExplanation, naming: Naming) -> str:
-    """Format what may have happened instead of an event, such as `else red 3 8 %`; empty where nothing is named.
+    """Format what may have happened instead of an event, such as `or red 3 8 %`; empty where nothing is named.
 
     A ball that does not rest yet is no alternative: the time of its rest has an error.
     """
@@ -51,7 +56,7 @@ def format_alternatives(events: Events, k: int, explanation: ShotExplanation, na
         return ""
     others = [one for one in moment.hypotheses if not _is_event(moment, one, events, k)]
     causes = _format_causes(moment, others, naming)
-    return causes and f"else {causes}"
+    return causes and f"or {causes}{FALL_REASONS.get(_find_category(moment, events, k), '')}"
 
 
 def format_event_probability(events: Events, k: int, explanation: ShotExplanation, naming: Naming) -> str:
@@ -64,7 +69,7 @@ def format_event_probability(events: Events, k: int, explanation: ShotExplanatio
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Such as `99.8 %`, `92 %, else not potted 8 %` or `undecided: 61 %, else red 3 39 %`.
+        Such as `99.8 %`, `95 %, or something else 5 %` or `undecided: 61 %, or red 3 39 %`.
     """
     alternatives = format_alternatives(events, k, explanation, naming)
     begin = "undecided: " if alternatives and is_undecided(events.probability[k]) else ""
@@ -81,8 +86,8 @@ def format_least_sure(events: Events, rows: Iterable[int], explanation: ShotExpl
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Such as `yellow 9 falls into the far-left pocket (92 %, else not potted 8 %)`; empty where all are as good as
-        certain.
+        Such as `yellow 9 falls into the far-left pocket (92 %, or not potted 8 %: its
+        path leads there, but its fall is not seen)`; empty where all are as good as certain.
     """
     contacts = (row for row in rows if events.kind[row] != "rest")  # the time of a rest is unsure, not the rest
     k = min(contacts, key=lambda row: events.probability[row], default=None)
@@ -101,6 +106,11 @@ def _find_moment(events: Events, k: int, explanation: ShotExplanation) -> Moment
         if abs(moment.t - t) < MOMENT_TIME and _is_event(moment, one, events, k)
     ]
     return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
+
+
+def _find_category(moment: Moment, events: Events, k: int) -> str:
+    """Find what event k is concluded from."""
+    return next((one.category for one in moment.hypotheses if _is_event(moment, one, events, k)), "")
 
 
 def _is_event(moment: Moment, one: CauseHypothesis, events: Events, k: int) -> bool:
@@ -125,7 +135,7 @@ def _format_cause(hypothesis: CauseHypothesis, nothing: str, naming: Naming) -> 
         "cushion": naming.name_rail(hypothesis.other),
         "pocket": naming.name_pocket(hypothesis.other),
         "rest": "at rest",
-        "unexplained": "unknown cause",
+        "unexplained": "something else",
         "none": nothing,
     }[hypothesis.cause]
 
@@ -165,7 +175,7 @@ def _format_further_clause(reason: CheckReason, ball: str, naming: Naming) -> st
     """Format a reason after others, which name `ball`."""
     it = "it" if reason.balls[0] == ball else naming.say(reason.balls[0])
     its = "its" if it == "it" else f"{it}'s"
-    when = f"{reason.t:.2f} s" if reason.moment is None else format_time(reason.t, reason.moment.t_sigma)
+    when = format_moment(reason.t) if reason.moment is None else format_time(reason.t, reason.moment.t_sigma)
     if reason.code == "undecided" and reason.moment is not None:
         subject = "" if it == "it" else f" for {it}"
         return f"also unsure{subject} at {when}: {format_hypotheses(reason.moment, naming)}"
@@ -178,7 +188,7 @@ def _format_further_clause(reason: CheckReason, ball: str, naming: Naming) -> st
         "moving_at_start": f"{it} already moves when it is first detected, at {when}; the cause is not known",
         "gap": f"{it} moves, but is not detected for {_format_frames(reason.value)} around {when}",
         "lost": f"{it} is not detected any more after {when}, although it moves",
-        "unfitted": f"{its} motion from {when} to {reason.value:.2f} s is not explained",
+        "unfitted": f"{its} motion from {when} to {format_moment(reason.value)} is not explained",
         "outlier": f"{it} is detected {1000 * reason.value:.0f} mm beside {its} path at {when}",
     }[reason.code]
 

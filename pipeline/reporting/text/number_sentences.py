@@ -16,7 +16,7 @@ from models.core.number_format import (
     format_unit,
     format_with_sigma,
 )
-from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
+from models.core.shot_numbers import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers
 
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
@@ -55,7 +55,7 @@ DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
 """Most decimals by unit that a player can use."""
 UNSURE_CUSHIONS = 0.1
 """Deviation of an expected number of cushions from a whole one from which both neighbours are possible."""
-NOT_OBSERVABLE, NONE_MEASURABLE = "not measurable", "none measurable"
+NOT_OBSERVABLE, NEAR_ZERO = "not measurable", "may be zero"
 SURE_SIGMAS = 2.0
 """Standard deviations from 0 from which the side of a number is known."""
 FULLNESS_WORDS = (
@@ -78,8 +78,8 @@ def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:
         has_sigma: Whether to write the standard deviation; it decides on the digits in any case.
 
     Returns:
-        Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `none measurable (1 ± 2°)`
-        where its side is not known, because its error holds zero.
+        Such as `12.3 ± 0.4° right`; `not measurable` where the data do not determine it, `may be zero (1 ± 2°)`
+        where its side is not known, because its error reaches zero.
     """
     if not one.observable:
         return NOT_OBSERVABLE
@@ -93,7 +93,7 @@ def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:
     shown = f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}{' ' * (unit not in '°')}{unit}"
     if sides is None:
         return shown
-    return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NONE_MEASURABLE} ({shown})"
+    return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NEAR_ZERO} ({shown})"
 
 
 def _is_sure(one: ShotNumber) -> bool:
@@ -137,7 +137,11 @@ def format_hit(shot: ShotNumbers, events: Events, radius: float) -> str:
 
 def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events, radius: float) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
-    parts = [f"{naming.say(shot.cue)} at {format_time(shot.t)}"]
+    strikes = (
+        format_time(float(events.t[k]), float(events.t_sigma[k])) for k in range(len(events))
+        if (events.kind[k], events.a[k]) == ("strike", shot.cue) and abs(events.t[k] - shot.t) < SAME_STRIKE
+    )  # fmt: skip
+    parts = [f"{naming.say(shot.cue)} at {next(strikes, format_time(shot.t))}"]
     labels = {"cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue "}
     parts += [
         label + format_number(one)

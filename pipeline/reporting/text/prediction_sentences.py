@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.naming import Naming
-from models.core.number_format import EXTREME_PROBABILITY, format_doubt, format_probability
+from models.core.number_format import (
+    EXTREME_PROBABILITY,
+    format_doubt,
+    format_moment,
+    format_probability,
+    format_time,
+)
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
 from pipeline.reporting.text.table_words import format_place
 from pipeline.reporting.text.text_formatting import format_meeting
@@ -27,8 +33,8 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Such as `The cue ball keeps moving, touches red 3 first (97 %); it comes to rest at 2.31 s, its centre 12 cm
-        (0.4 diamonds) from the near long rail and 64 cm (2.0 diamonds) from the left short rail, each ± 2 cm.`
+        Such as `The cue ball keeps moving, touches red 3 first (97 %); it comes to rest at 2.31 s ± 40 ms, its centre
+        12 cm (0.4 diamonds) from the near long rail and 64 cm (2.0 diamonds) from the left short rail, each ± 2 cm.`
     """
     state, table = prediction.state, prediction.state.table
     name = naming.say(state.ids[k])
@@ -44,17 +50,17 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         stays = format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
         return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}."
     begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
+    left = 1 - sum(p for _, p in prediction.first_contacts[k])
     if contacts:
         begin += f", {' or '.join(contacts)}"
-        left = 1 - sum(p for _, p in prediction.first_contacts[k])
         begin += f", or touches nothing ({format_probability(left)})" if left >= MIN_REPORTED_PROBABILITY else ""
     potted = 1 - float(prediction.on_table[-1, k])
     if potted > 1 - EXTREME_PROBABILITY:
         return f"{begin}, and is potted."
     rest = next((one for one in prediction.events if one.event == ("rest", state.ids[k], "")), None)
-    when = f"at {prediction.t[-1]:.2f} s it has"
-    if rest is not None and rest.probability >= 0.5:
-        when = f"it comes to rest at {rest.t:.2f} s{format_doubt(rest.probability)},"
+    when = f"at {format_moment(prediction.t[-1])} it has"
+    if rest is not None and rest.probability >= 0.5 and (state.moving[k] or left < 0.5):
+        when = f"it comes to rest at {format_time(rest.t, rest.t_sigma)}{format_doubt(rest.probability)},"
     place = format_place(prediction.path[-1, k], float(prediction.sigma[-1, k]), table, naming)
     unless = f", unless it is potted ({format_probability(potted)})" if potted >= MIN_REPORTED_POT else ""
     return f"{begin}; {when} {place}{unless}."

@@ -10,7 +10,7 @@ import numpy as np
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.naming import join_names
-from models.core.number_format import format_probability, format_speed
+from models.core.number_format import format_moment, format_probability, format_speed
 from models.core.scene import Table
 from models.core.shot_explanation import RackBreak
 from models.core.shot_numbers import ShotNumber, ShotNumbers
@@ -217,7 +217,8 @@ class _Stroke:
             f" {to_rail} reached a {naming.rail_word} and {potted or 'none'} {'was' if potted < 2 else 'were'} potted."
         )
         if rack.end > rack.t:
-            text += f" Which of them touched each other until {rack.end:.2f} s is beyond what the film can show."
+            until = format_moment(rack.end)
+            text += f" Which of them touched each other until {until} is beyond what the film can show."
         return text
 
     def _find_partner(self, k: int) -> str:
@@ -289,7 +290,7 @@ class _Stroke:
         ends = {ball: self._format_end(ball) for ball in balls}
         moving = [naming.say(ball) for ball in balls if self.is_moving(ball)]
         t = min(self.end, float(self.tracks.t[-1]))
-        moment = f"the {'next stroke begins' if t < self.tracks.t[-1] else 'clip ends'}, at {t:.2f} s"
+        moment = f"the {'next stroke begins' if t < self.tracks.t[-1] else 'clip ends'}, at {format_moment(t)}"
         still = f"{join_names(moving) or 'no ball'} still move{'s' * (len(moving) < 2)} when {moment}."
         lines = [start_sentence(still), *(f"{start_sentence(naming.name_ball(ball))}: {ends[ball]}." for ball in balls)]
         others = join_names(naming.say(ball) for ball in self.tracks.ids if ball not in balls)
@@ -318,7 +319,7 @@ class _Stroke:
         if not np.isfinite(state.xy[row]).all():
             return "its end is unknown"
         speed = float(np.linalg.norm(state.v[row]))
-        motion = MOVING if is_seen else f"last seen at {t:.2f} s, moving"
+        motion = MOVING if is_seen else f"last seen at {format_moment(t)}, moving"
         words = "at rest" if speed < REST_SPEED else f"{motion} at {format_speed(speed)}"
         if last_event is not None and events.kind[last_event] == "rest":
             words = f"at rest since {format_event_time(events, last_event)}"
@@ -336,7 +337,8 @@ class _Stroke:
         others = {k for k in (*self.likely, self.strike) if k not in (None, main) and events.kind[k] != "rest"}
         worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
         if others:
-            parts.append(f"Least sure other contact: {worst}." if worst else "All other contacts: above 99.9 %.")
+            shown = f"Of the other contacts, the least sure: {worst}."
+            parts.append(shown if worst else "All other contacts: above 99.9 %.")
         return " ".join([*parts, f"Trust level of the clip: {self.fit.trust.level}."])
 
 

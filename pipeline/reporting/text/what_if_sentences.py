@@ -6,7 +6,7 @@ from math import ceil
 from typing import Any
 
 from models.core.naming import Naming
-from models.core.number_format import format_doubt, format_speed
+from models.core.number_format import format_doubt, format_moment, format_speed, format_time
 from pipeline.reporting.text.number_sentences import SURE_SIGMAS
 from pipeline.reporting.text.text_formatting import format_meeting
 
@@ -14,9 +14,6 @@ MIN_PROBABILITY = 0.1
 """Least probability of an event that is mentioned."""
 MIN_CHANGE = 1e-9
 """Least change of a share or an angle that is mentioned."""
-MAX_SPIN_SIGMA = 0.25
-"""Standard deviation of a spin, as a share of rolling, from which it is not measurable: twice as much to both sides
-reaches from stun to natural roll."""
 GOAL_WORDS = {
     "pot": "a ball is potted",
     "carom": "the carom is made",
@@ -43,33 +40,45 @@ def format_what_if(document: dict[str, Any], naming: Naming) -> tuple[str, ...]:
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Sentences: what was played, how probably it scores, what the real shot did, and what would happen.
+        Sentences: what was played, how probably it scores, what the real shot did, and what would happen; without a
+        change, what did happen.
     """
     spread, real, changed = document["spread"], document["real"], document["changed"]
-    goal = _format_goal(document["goal"], naming)
+    goal, plays = _format_goal(document["goal"], naming), f"{document['draws']} plays"
     scatter = SPREAD_WORDS[spread["source"]].format(speed=f"{100 * spread['speed']:.1f}", angle=spread["angle_deg"])
-    parts = _list_changes(document)
-    lines = [
-        f"Played with {'; '.join(parts)}." if parts else "Played as it was struck: nothing is changed.",
-        f"Played so, {goal} with a probability {_format_chance(changed)}.",
-        f"As it was struck, {goal} with a probability {_format_chance(real)}; the real shot"
-        f" {'scored' if real['scored'] else 'did not score'}.",
-        f"The probabilities are shares of {document['draws']} plays, which differ by {scatter}.",
-    ]
-    events = [
-        f"{one['t']:.2f} s {naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)}"
-        f"{format_doubt(one['probability'])}"
-        for one in changed["events"]
-        if one["probability"] >= MIN_PROBABILITY and one["kind"] != "rest"
-    ]
-    lines.append(f"Played so: {', '.join(events)}." if events else "Played so, nothing is met.")
+    did = f"The real shot {'scored' if real['scored'] else 'did not score'}."
+    if parts := _list_changes(document):
+        lines = [
+            f"Played with {'; '.join(parts)}.",
+            f"Played so, {goal} with a probability {_format_chance(changed)}; as it was struck, with a probability"
+            f" {_format_chance(real)}. {did}",
+            f"The two probabilities are shares of {plays} each, which differ by {scatter}.",
+            f"Played so: {_list_events(changed, naming)}. These are the plays; the film is in the report.",
+        ]
+    else:
+        lines = [
+            f"Nothing is changed. In the film: {_list_events(real, naming)}.",
+            f"{did} Played again as it was struck, {goal} with a probability {_format_chance(real)}.",
+            f"The probability is a share of {plays}, which differ by {scatter}.",
+        ]
     lines.append(
-        f"In the image the real paths end with the clip, at {document['clip_end']:.2f} s; the others go on until the"
-        f" balls rest, at most to {document['play_end']:.2f} s."
+        f"In the image the real paths end with the clip, at {format_moment(document['clip_end'])}; those of the plays"
+        f" go on until the balls rest, at most to {format_moment(document['play_end'])}."
     )
     if document["model"] == "segments":
         lines.append(SIDE_SPIN_WARNING)
     return tuple(lines)
+
+
+def _list_events(shot: dict[str, Any], naming: Naming) -> str:
+    """List the contacts and pots of a shot with their times."""
+    events = [
+        f"{naming.say(one['a'])} {format_meeting(one['kind'], one['b'], naming)} at"
+        f" {format_time(one['t'], one['t_sigma'])}{format_doubt(one['probability'])}"
+        for one in shot["events"]
+        if one["probability"] >= MIN_PROBABILITY and one["kind"] != "rest"
+    ]
+    return ", ".join(events) or "nothing is met"
 
 
 def format_what_if_question(document: dict[str, Any], naming: Naming) -> str:
@@ -105,10 +114,10 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
     for name, sides in (("side", ("right side", "left side")), ("top", ("top", "back"))):
         if abs(changed[name] - real[name]) <= MIN_CHANGE:
             continue
-        if real[f"{name}_sigma"] < MAX_SPIN_SIGMA:
+        if name in real["observable"]:
             new, old = (f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real))
             is_sure = abs(real[name]) >= SURE_SIGMAS * real[f"{name}_sigma"]
-            parts.append(f"{new} spin instead of {old if is_sure else f'no measurable {name}'} spin")
+            parts.append(f"{new} spin instead of {f'{old} spin' if is_sure else 'one that may be zero'}")
         else:
             added = changed[name] if change[name] is not None else change[f"{name}_added"]
             more = "" if change[name] is not None else " more than in the real stroke"

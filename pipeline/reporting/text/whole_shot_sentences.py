@@ -6,6 +6,7 @@ import math
 
 from models.core.fit_result import Fit, WholeShotMisfit, WholeShotSolution
 from models.core.naming import Naming, join_names
+from models.core.number_format import format_moment
 from pipeline.reporting.text.text_formatting import start_sentence
 
 NOT_ASKED = "Whether one published contact model explains the whole shot was not tested; trueroll run --laws tests it."
@@ -55,12 +56,12 @@ def _format_misfit(misfit: WholeShotMisfit, naming: Naming) -> str:
     where = (
         f"{ball} then deviates from it by {amount}"
         if contact is None
-        else f"The first contact whose outcome it does not explain is {contact} at {misfit.t:.2f} s:"
+        else f"The first contact whose outcome it does not explain is {contact} at {format_moment(misfit.t)}:"
         f" {ball} deviates by {amount}"
     )
     sentences = [
         "No published contact model explains the whole shot.",
-        f"{format_law(misfit.cushion_model)} explains all positions until {misfit.explained_until:.2f} s.",
+        f"{format_law(misfit.cushion_model)} explains all positions until {format_moment(misfit.explained_until)}.",
         f"{start_sentence(where)}.",
         f"Over the whole shot, the best model leaves {misfit.whole_times_noise:.1f} times the noise.",
     ]

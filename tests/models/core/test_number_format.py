@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from models.core.number_format import format_measured, format_probability, format_speed, format_value, format_with_sigma
+from models.core.number_format import (
+    format_measured,
+    format_probability,
+    format_speed,
+    format_time,
+    format_value,
+    format_with_sigma,
+)
 from models.core.shot_numbers import ShotNumber
 from pipeline.reporting.text.number_sentences import format_number
 
@@ -25,6 +32,15 @@ from pipeline.reporting.text.number_sentences import format_number
 )
 def test_the_standard_deviation_determines_the_digits(value: float, sigma: float, expected: tuple[str, str]) -> None:
     assert format_measured(value, sigma) == expected
+
+
+@pytest.mark.parametrize(
+    ("sigma", "text"),
+    [(0.0, "4.1235 s ± 0.1 ms"), (6.2e-4, "4.1235 s ± 0.6 ms"), (0.0123, "4.123 s ± 12 ms"),
+     (0.0697, "4.12 s ± 70 ms"), (0.12, "4.12 s ± 0.12 s"), (float("nan"), "about 4.1 s")],
+)  # fmt: skip
+def test_a_time_has_the_digits_that_its_error_allows(sigma: float, text: str) -> None:
+    assert format_time(4.123456, sigma) == text
 
 
 def test_a_creeping_ball_has_no_pace_in_kilometres_an_hour() -> None:
@@ -54,5 +70,5 @@ def test_no_probability_is_printed_as_certain(probability: float, text: str) -> 
 
 
 def test_a_number_without_a_side_has_no_word_for_it() -> None:
-    assert format_number(ShotNumber("throw", 0.001, 0.1, "deg", True)) == "none measurable (0 ± 0.1°)"
+    assert format_number(ShotNumber("throw", 0.001, 0.1, "deg", True)) == "may be zero (0 ± 0.1°)"
     assert format_number(ShotNumber("throw", -0.84, 0.1, "deg", True)) == "0.8 ± 0.1° left"

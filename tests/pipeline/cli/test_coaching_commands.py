@@ -143,7 +143,7 @@ def test_a_session_is_printed_with_the_digits_of_its_errors() -> None:
 def test_a_session_words_a_number_as_the_report_of_its_shot_does() -> None:
     for name, unit, value, sigma, words in (
         ("cut_angle", "deg", -30.54, 0.34, "30.5 ± 0.3° left"),
-        ("throw", "deg", 0.19, 0.3, "none measurable (0.2 ± 0.3°)"),
+        ("throw", "deg", 0.19, 0.3, "may be zero (0.2 ± 0.3°)"),
         ("top_spin_share", "", 0.44, 0.17, "0.44 ± 0.17 top"),
         ("contact_speed", "m/s", 2.0, 0.5, "2.0 ± 0.5 m/s (7.2 km/h)"),
         ("pocket_offset", "mm", -9.57, 0.31, "9.6 ± 0.3 mm left"), ("object_length", "m", 1.51, 0.01, "1.51 ± 0.01 m"),

@@ -25,6 +25,6 @@ def test_an_event_is_undecided_where_an_alternative_is_named(
     _print_answer(FinishedRun(tmp_path, saved, replace(fit, events=events)))
     struck, cushion, rest = (line.rstrip() for line in capsys.readouterr().out.splitlines() if " ms " in line)
     assert struck.endswith("97 %")
-    assert cushion.endswith("undecided: 61 %, else unknown cause 39 %")
+    assert cushion.endswith("undecided: 61 %, or something else 39 %")
     assert rest.endswith(" 85 %")
     assert "undecided" not in rest, "a ball that does not rest yet is no alternative"

@@ -225,7 +225,7 @@ def test_scene_json_lists_the_places_to_check(clip: Clip, scene: Scene, tracks: 
     expected = {
         "frame": 15, "t": 0.5, "balls": ["white"], "x": 0.7, "y": 0.5, "uncertainty": pytest.approx(0.39),
         "codes": ["undecided"],
-        "reason": "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, unknown cause 39 %;"
+        "reason": "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, something else 39 %;"
         " too few frames"
         " show the motion before or after.",
     }  # fmt: skip

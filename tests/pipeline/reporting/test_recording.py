@@ -132,7 +132,7 @@ def test_a_mark_is_shown_from_its_event_on_with_balls_time_speed_and_gap(
 
 def test_the_mark_of_an_undecided_event_has_its_probability() -> None:
     fit = shot.make_unsure_fit(np.linspace(0, 0.8, 25))
-    assert format_mark(fit, 1).endswith(" · undecided: 61 %, else unknown cause 39 %")
+    assert format_mark(fit, 1).endswith(" · undecided: 61 %, or something else 39 %")
     assert "undecided" not in format_mark(fit, 0)
 
 

@@ -30,7 +30,12 @@ from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
 from models.estimation.shot_numbers.measure_shots import state_strike_speeds
 from pipeline.io.run_views import assess_run_trust
-from pipeline.reporting.figures.run_figures import build_forecast_figure, build_plan_figure, build_speed_figure
+from pipeline.reporting.figures.run_figures import (
+    build_energy_figure,
+    build_forecast_figure,
+    build_plan_figure,
+    build_speed_figure,
+)
 from pipeline.reporting.pages import run_report
 from pipeline.reporting.pages.run_report import ReportFiles, build_event_rows, write_report
 from pipeline.reporting.text.call_sentences import format_call, format_gap
@@ -112,10 +117,25 @@ def test_the_plan_shows_every_ball_and_the_ways_of_those_that_get_somewhere(cree
     position = fit.trajectory.position.copy()
     position[1, 1] = [0, creep]
     fit = replace(fit, trajectory=replace(fit.trajectory, position=position))
-    drawn = build_plan_figure(shot.make_scene(), fit, (BallLook("white"), BallLook("red"))).data[:-1]
+    looks = (BallLook("white"), BallLook("red"))
+    drawn = build_plan_figure(shot.make_scene(), fit, looks).data[:-1]
     assert sorted(trace.name for trace in drawn if trace.mode == "markers") == ["red", "white"]
     assert sorted(trace.name for trace in drawn if trace.mode == "lines" and len(trace.x)) == lines
-    assert sorted(trace.name for trace in build_speed_figure(shot.make_scene(), fit, ["white", "red"]).data) == lines
+    assert sorted(trace.name for trace in build_speed_figure(shot.make_scene(), fit, looks).data) == lines
+
+
+def test_a_ball_and_a_striped_one_of_the_same_colour_differ_in_every_chart() -> None:
+    fit = shot.make_fit(np.linspace(0, 0.8, 25))
+    blue = (44, 104, 232)
+    looks = (BallLook("white", blue), BallLook("red", blue, is_striped=True))
+    position = fit.trajectory.position.copy()
+    position[1, 1] = [0, 0.1]
+    fit = replace(fit, trajectory=replace(fit.trajectory, position=position))
+    for build in (build_plan_figure, build_speed_figure, build_energy_figure):
+        lines = [one for one in build(shot.make_scene(), fit, looks).data if one.name in fit.trajectory.ids]
+        assert {(one.name, one.line.dash) for one in lines} == {("white", "solid"), ("red", "dash")}
+    marks = [one.marker.symbol for one in build_plan_figure(shot.make_scene(), fit, looks).data if one.showlegend]
+    assert marks == ["circle", "circle-dot"]
 
 
 @pytest.mark.parametrize("turns", range(4))
@@ -166,9 +186,9 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
     assert [Image.open(io.BytesIO(image)).size for image in images] == [(480, 360), (480, 360)]
     middle = np.asarray(Image.open(io.BytesIO(images[0])).convert("L"))[150:210, 210:270]
     assert middle.max() > 200, "the white ball is in the middle of its close-up"
-    assert "frame 15 · 0.50 s · 39 % unsure" in unsure_page
+    assert "frame 15 · 0.500 s · 39 % unsure" in unsure_page
     assert (
-        "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, unknown cause 39 %; too few frames"
+        "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, something else 39 %; too few frames"
         in unsure_page
     )
     assert unsure_page.index("frame 15 ·") < unsure_page.index("frame 21 ·")
@@ -176,8 +196,8 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
 
 
 def test_undecided_events_are_marked_with_their_hypotheses(unsure_page: str) -> None:
-    assert unsure_page.count("? undecided: 61 %, else unknown cause 39 %") == 1
-    assert 'class="doubt">undecided: 61 %<div class="small">else unknown cause 39 %</div>' in unsure_page
+    assert unsure_page.count("? undecided: 61 %, or something else 39 %") == 1
+    assert 'class="doubt">undecided: 61 %<div class="small">or something else 39 %</div>' in unsure_page
 
 
 def test_a_sure_run_says_that_nothing_is_unsure(page: str) -> None:
@@ -409,7 +429,7 @@ def test_the_error_of_a_prediction_is_drawn_over_time_and_cushions() -> None:
         0.5, ("white",) * 4, np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]),
         np.array([0.001, 0.003, 0.010, 0.020]),
     )  # fmt: skip
-    over_time, over_cushions = build_forecast_figure(errors, {"white": "rgb(1,2,3)"}, Naming()).data
+    over_time, over_cushions = build_forecast_figure(errors, Naming()).data
     np.testing.assert_allclose(over_time.y, [1, 3, 10, 20])
     assert list(over_cushions.x) == [0, 1]
     np.testing.assert_allclose(over_cushions.y, [2, 15])

@@ -84,8 +84,8 @@ def test_a_break_is_told_with_its_spread_and_a_lost_ball_with_the_time_it_was_la
     fit = replace(fit, explanation=replace(fit.explanation, breaks=(rack,)), moving=np.ones((len(T), 2), bool))
     (summary,) = summarize(replace(tracks, xy=hidden), fit)
     assert summary.spread.startswith("White broke a cluster of 1 balls: 1 of them moved, 0 reached a rail and none")
-    assert summary.spread.endswith("until 0.90 s is beyond what the film can show.")
-    assert summary.ends[1].startswith("White: last seen at 1.50 s, moving at 0.64 m/s")
+    assert summary.spread.endswith("until 0.900 s is beyond what the film can show.")
+    assert summary.ends[1].startswith("White: last seen at 1.500 s, moving at 0.64 m/s")
 
 
 def test_a_call_that_is_less_sure_states_its_probability_but_drops_no_contact() -> None:
@@ -119,10 +119,10 @@ def test_cushions_before_and_after_the_contact_are_mentioned_in_their_place() ->
     assert "It had no further contact" in before.after
     (after,) = summarize(*make_shot((0.0, 0.5), cushion=1.5))
     assert "Then it touched the far long rail at 1.5000 s ± 1.0 ms." in after.after
-    assert "Least sure other contact: white hits the far long rail (80 %)." in after.confidence
+    assert "Of the other contacts, the least sure: white hits the far long rail (80 %)." in after.confidence
     tracks, fit = make_shot((0.0, 0.5))
     (struck,) = summarize(tracks, replace(fit, events=replace(fit.events, probability=np.array([0.98, 0.997]))))
-    assert "Least sure other contact: white is struck (98 %)." in struck.confidence
+    assert "Of the other contacts, the least sure: white is struck (98 %)." in struck.confidence
 
 
 def test_a_ball_that_the_fit_holds_still_just_before_it_meets_a_cushion_did_not_stop() -> None:
@@ -188,7 +188,7 @@ def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:
 def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
     (summary,) = summarize(*make_shot((0.0, 0.3)))
     assert summary.ends[:2] == (
-        "White and red still move when the clip ends, at 2.00 s.",
+        "White and red still move when the clip ends, at 2.000 s.",
         "White: still moving at 0.30 m/s (1.1 km/h), its centre 14 cm (0.6 diamonds) from the near long rail and 100 cm"
         " (4.0 diamonds) from the left short rail.",
     )
@@ -205,7 +205,7 @@ def test_every_ball_has_its_end_and_its_way() -> None:
     played = replace(fit, events=events, moving=moving, shot_numbers=(ShotNumbers(0.2, "white", "red", "unknown", (),
                      (), (), ways),))  # fmt: skip
     (summary,) = summarize(tracks, played)
-    assert summary.ends[0] == "No ball still moves when the clip ends, at 2.00 s."
+    assert summary.ends[0] == "No ball still moves when the clip ends, at 2.000 s."
     assert summary.ends[1].startswith("White: at rest since 1.5000 s ± 1.0 ms, its centre ")
     assert summary.ends[1].endswith("; it ran 1.20 ± 0.01 m and met 2 rails.")
     assert summary.ends[2] == "Red: fell into the far-side pocket at 0.8000 s ± 1.0 ms."

@@ -28,7 +28,6 @@ from video.overlay.frame_overlay import (
     draw_flash,
     draw_measured_rings,
     draw_trail,
-    format_time_error,
     keep_balls_on_top,
 )
 
@@ -149,12 +148,6 @@ def test_a_panel_takes_the_corner_that_hides_least() -> None:
     assert top < 20
     other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)], 1 / 8)
     assert overlap_area((left, top, width, height), other) == 0
-
-
-def test_time_errors_are_formatted_with_their_significant_digits() -> None:
-    assert format_time_error(6.2e-4) == "± 0.6 ms"
-    assert format_time_error(0.0123) == "± 12 ms"
-    assert format_time_error(float("nan")) == ""
 
 
 def test_lines_in_the_colour_of_the_cloth_are_drawn_lighter_or_darker() -> None:

@@ -23,6 +23,8 @@ from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
 from video.overlay.annotation import prepare_annotation
+from video.overlay.frame_overlay import LABEL_LETTERS, Label
+from video.overlay.motion_paths import EVENT_STRENGTHS
 from video.overlay.poster import Poster
 from video.overlay.slow_motion import balls_at_times, find_output_times, render_slow_motion
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
@@ -173,6 +175,27 @@ def test_the_poster_shows_the_ball_along_its_path(tmp_path: Path) -> None:
     start, end = (round(x * shot.SCALE + shot.MARGIN) for x in (0.3, 0.3 + 0.9 * 0.7))
     runs = np.flatnonzero(np.diff(above[start:end].astype(int)) == 1)
     assert len(runs) >= 2
+
+
+def test_the_poster_labels_every_contact_legibly_on_a_phone_or_counts_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[tuple[str, str, float]] = []
+    monkeypatch.setattr(
+        Label, "draw", lambda label, image, corner, scale, opacity=1.0: drawn.append((label.name, label.value, scale))
+    )
+    clip = shot.clip_in(tmp_path, 31)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    assert len(fit.events), "there is something to label"
+    crowd = fit.events.select_rows(np.zeros(30, dtype=np.int64))
+    for events in (fit.events, crowd):
+        drawn.clear()
+        render_poster(clip, appearance_of(clip), tracks, replace(fit, events=events), tmp_path / "poster.png")
+        assert min(scale for *_, scale in drawn) * LABEL_LETTERS >= 9 * shot.WIDTH / 390 - 0.01
+        timed = sum(value.endswith(" s") for _, value, _ in drawn)
+        noted = sum(int(name.split()[0]) for name, *_ in drawn if name.endswith(("more contact", "more contacts")))
+        assert timed + noted == sum(kind in EVENT_STRENGTHS for kind in events.kind)
+    assert noted > 0
 
 
 def test_a_shot_without_a_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
+from models.core.events import Events
 from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.forecast.ensemble_prediction import EventKey
 from models.estimation.what_if.changed_shot import (
@@ -26,6 +27,9 @@ R = 0.028575
 STATE = np.array([0.5, 0.6, 2.0, 0.0, 0.0, 0.6 * 2.0 / R, -0.3 * 2.0 / R])
 IDS = ("cue", "yellow", "red")
 EXACT = PlayerSpread()
+NONE = np.empty(0)
+NONE_OF_FOUR = np.full(4, np.nan)
+NOTHING = Events((), NONE, NONE, NONE, (), (), np.empty((0, 2)), NONE, NONE, NONE, NONE)
 T = np.linspace(0, 3, 31)
 
 
@@ -115,13 +119,31 @@ def test_a_what_if_states_the_stroke_of_the_run_and_where_it_states_none_that_of
     )
     numbers, shot = ShotNumbers(0.2, "cue", "red", "unknown", (), (), (), stated), play(change)
     document = summarize_changed_shot(
-        ensemble, change, EXACT, "none", ShotGoal("pot"), shot, shot, True, (1.0, 6.0), numbers
+        ensemble, change, EXACT, "none", ShotGoal("pot"), shot, shot, NOTHING, (1.0, 6.0), [numbers]
     )
     real, changed = document["stroke"]["real"], document["stroke"]["changed"]
+    assert real["observable"] == ["speed", "top"]
     balls = ensemble.members[0].balls
     assert (real["speed"], real["top"], real["speed_sigma"]) == (2.29, -0.31, 0.02)
     assert real["side"] == pytest.approx(measure_stroke(balls.state[0], float(balls.radius[0]))[1])
     assert (changed["speed"], changed["top"], changed["side"]) == pytest.approx((0.9 * 2.29, -0.11, 0.3))
+
+
+@pytest.mark.parametrize("change", [StrokeChange(), StrokeChange(angle=2.0)])
+def test_the_events_of_the_real_shot_are_those_of_the_film(change: StrokeChange) -> None:
+    values = np.array([0.2, 0.7, 0.8, 1.5])
+    film = Events(("strike", "ball", "pocket", "ball"), values, values / 128, 60 * values, ("cue", "cue", "red", "cue"),
+                  ("", "red", "top", "red"), np.zeros((4, 2)), np.array([1.0, 0.9, 0.6, 1.0]), NONE_OF_FOUR,
+                  NONE_OF_FOUR, NONE_OF_FOUR)  # fmt: skip
+    strokes = [ShotNumbers(t, "cue", "red", "unknown", (), (), (), ()) for t in (0.2, 1.4)]
+    ensemble, shot = make_ensemble(2), play(change, count=2)
+    document = summarize_changed_shot(
+        ensemble, change, EXACT, "none", ShotGoal("pot"), shot, shot, film, (2.0, 6.0), strokes
+    )
+    filmed = [(one["kind"], one["t"], one["t_sigma"], one["probability"]) for one in document["real"]["events"]]
+    assert filmed == [("ball", 0.7, 0.7 / 128, 0.9), ("pocket", 0.8, 0.8 / 128, 0.6)]
+    assert document["real"]["scored"]
+    assert (document["changed"]["events"] == document["real"]["events"]) == (change == StrokeChange())
 
 
 def test_the_shot_as_it_was_scores_and_one_aimed_elsewhere_does_not() -> None:
