@@ -51,7 +51,7 @@ def test_an_event_that_is_gone_is_named_as_the_ball_is_called_now(run: ClipRun) 
     after = replace(after, fit=replace(after.fit, events=after.fit.events.select_rows([0])))
     changes = compare_runs(run, after)
     assert [one["kind"] for one in changes[:2]] == ["changed", "removed"]
-    assert changes[1]["text"].startswith("0.500 s: The cue ball hits the right short cushion")
+    assert changes[1]["text"].startswith("0.5000 s ± 1.0 ms: The cue ball hits the right short cushion")
 
 
 def test_a_ball_that_is_no_longer_tracked_is_named(run: ClipRun) -> None:
