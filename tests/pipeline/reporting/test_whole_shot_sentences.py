@@ -25,7 +25,7 @@ def test_an_explained_shot_is_described_by_its_model_and_the_noise() -> None:
 def test_an_unexplained_shot_is_described_by_its_first_unexplained_contact() -> None:
     sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(misfit=MISFIT)))
     assert "Han 2005 explains all positions until 1.350 s." in sentence
-    assert "that of red and the far long rail at 1.380 s: red deviates by 9.3 mm (RMS), 4.2 times" in sentence
+    assert "that of red and the far long rail at 1.381 s: red deviates by 9.3 mm (RMS), 4.2 times" in sentence
     vague = replace(MISFIT, contact="", other="")
     sentence = format_whole_shot(replace(staged_fit(np.arange(31) / 30), laws=WholeShotFit(misfit=vague)))
     assert "Red then deviates from it by 9.3 mm" in sentence
