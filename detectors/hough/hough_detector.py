@@ -29,6 +29,7 @@ from detectors.measurement.cloth_background import (
     ClothBackground,
     build_disc_kernel,
     contrast_strength,
+    find_hollow_discs,
     learn_cloth_background,
 )
 from detectors.measurement.frame_change import ForegroundScan, SearchMemory, find_touched_places, find_windows
@@ -128,7 +129,7 @@ class HoughDetector:
             self._cloth_colour_at(working_centre),
             self.cloth.basis,
         )
-        balls = self._accept_circles(circles, memory.scan.foreground, frame)
+        balls = self._accept_circles(circles, memory.scan, frame)
         if len(balls) < len(working_centre):
             measured_centre = self.view.frame_to_working(balls.centre, frame)
             distance = np.linalg.norm(working_centre[:, None] - measured_centre[None], axis=-1)
@@ -195,11 +196,11 @@ class HoughDetector:
         expected = self.view.predict_radius(reference)
         cloth, basis = self._cloth_colour_at(candidates), self.cloth.basis
         circles = fit_circles(rgb, smooth, self.view.reference_to_frame(reference, frame), expected, cloth, basis)
-        first = concatenate_rows([self._accept_circles(circles, scan.foreground, frame), remembered])
+        first = concatenate_rows([self._accept_circles(circles, scan, frame), remembered])
         intruders = self._find_intruders(first, scan, frame)
         is_free = ~values_at(intruders, candidates)
         retried = retry_doubtful_circles(rgb, smooth, circles.take(is_free), expected[is_free], cloth[is_free], basis)
-        accepted = [self._accept_circles(part, scan.foreground, frame) for part in (retried, circles.take(~is_free))]
+        accepted = [self._accept_circles(part, scan, frame) for part in (retried, circles.take(~is_free))]
         balls = suppress_overlaps(concatenate_rows([*accepted, remembered]), self.view.scene, frame)
         working_centre = self.view.frame_to_working(balls.centre, frame)
         is_clear = balls.score > CLEAR_SCORE
@@ -209,12 +210,14 @@ class HoughDetector:
         is_doubtful = values_at(intruders, working_centre) | (at_pocket & (balls.score < CLEAR_SCORE))
         return balls.take(is_sure | ~is_doubtful)
 
-    def _accept_circles(self, circles: Circles, foreground: BoolArray, frame: int) -> FrameDetections:
-        """Accept circles that are round, differ from the cloth and are on the table."""
+    def _accept_circles(self, circles: Circles, scan: ForegroundScan, frame: int) -> FrameDetections:
+        """Accept circles that are round, differ from the cloth throughout and are on the table."""
         working_centre = self.view.frame_to_working(circles.centre, frame)
-        coverage = _disc_coverage(foreground, working_centre, self.view)
+        coverage = _disc_coverage(scan.foreground, working_centre, self.view)
         is_on_table = values_at(self.view.centre_area, working_centre)
-        is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE)
+        at = working_centre[:, None] + self.view.scale * circles.radius[:, None, None] * DISC_SAMPLES
+        is_hollow = find_hollow_discs(values_at(scan.strength, at), self.cloth.threshold)
+        is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE) & ~is_hollow
         return suppress_overlaps(_circles_to_detections(circles, coverage).take(is_good), self.view.scene, frame)
 
     def _find_intruders(self, detections: FrameDetections, scan: ForegroundScan, frame: int) -> BoolArray:

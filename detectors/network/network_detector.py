@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.circle_fit import smooth_image
-from detectors.measurement.cloth_background import ClothBackground, learn_cloth_background
+from detectors.measurement.cloth_background import ClothBackground, find_hollow_discs, learn_cloth_background
 from detectors.measurement.frame_change import (
     FULL_SEARCH_INTERVAL,
     REACH_RADII,
@@ -221,10 +222,21 @@ class PostProcessor:
         confirmed = confirm_streaks(context, measured.take(is_moving), certain[is_moving], at_rest)
         streaks = concatenate_rows([confirmed, missed])
         discs = resting.detections.take(~is_missed & ~_is_part_of_streak(resting, streaks))
-        balls = resolve_overlaps(concatenate_rows([streaks, discs]), self.view.scene, frame)
+        is_hollow = self._find_hollow_discs(rgb, discs, frame)
+        balls = resolve_overlaps(concatenate_rows([streaks, discs.take(~is_hollow)]), self.view.scene, frame)
         is_unclear = resting.outlines.support <= MIN_SUPPORT
         unclear = np.concatenate([candidates.centre[is_moving & certain], resting.candidates.centre[is_unclear]])
         return PostProcessingResult(add_colours(rgb, balls, frame), unclear, is_rejected)
+
+    def _find_hollow_discs(self, rgb: ByteArray, discs: FrameDetections, frame: int) -> BoolArray:
+        """Find the discs (K,) through which the cloth shows."""
+        if not len(discs):
+            return np.zeros(0, dtype=bool)
+        working, centre = self.view.working_image(rgb, frame), self.view.frame_to_working(discs.centre, frame)
+        at = np.rint(centre[:, None] + self.view.scale * discs.radius[:, None, None] * DISC_SAMPLES).astype(np.int64)
+        x, y = (np.clip(at[..., axis], 0, working.shape[1 - axis] - 1) for axis in (0, 1))
+        difference = self.cloth.measure_difference(working, y.ravel(), x.ravel()).reshape(x.shape)
+        return find_hollow_discs(difference, self.cloth.threshold)
 
 
 def _is_part_of_streak(balls: RestingBalls, streaks: FrameDetections) -> BoolArray:

@@ -157,3 +157,19 @@ def test_a_shape_is_an_intruder_where_balls_explain_less_than_three_quarters(
     centre = detector.view.reference_to_frame(detector.view.to_reference(working), 0)
     found = detector._find_intruders(FrameDetections(centre, radius * one, 0 * working, one, one, one), scan, 0)
     assert found[top + height // 2, left + width // 2] == is_intruder
+
+
+def test_rings_of_light_are_no_balls_and_hide_none() -> None:
+    """A projector draws thick ones over the cloth, which cover as much as a ball does, and thin ones around balls."""
+    rng = np.random.default_rng(9)
+    balls = spread_balls(rng, COLOURS, 5)
+    cloth = [(k, render_balls(balls, rng)) for k in range(3)]
+    ring = np.zeros((HEIGHT, WIDTH), np.uint8)
+    rings = [(330, 275, 0.8, 4), (420, 260, 0.85, 4), *((ball.x, ball.y, 1.6, 2) for ball in balls)]
+    for x, y, radii, thickness in rings:
+        at = round(16 * x), round(16 * y)
+        cv2.circle(ring, at, round(16 * radii * RADIUS * PX_PER_M), 255, thickness, cv2.LINE_AA, 4)
+    lit = np.clip(render_balls(balls, rng) * (1 + 1.2 * ring[..., None] / 255), 0, 255).astype(np.uint8)
+    detections = build_hough_detector(build_test_scene(), cloth).detect(lit)
+    assert len(detections) == len(balls)
+    assert np.linalg.norm(nearest_errors(detections, balls), axis=1).max() < 1.0

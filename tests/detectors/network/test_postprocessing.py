@@ -142,3 +142,17 @@ def test_a_row_of_balls_that_the_network_is_sure_of_is_no_streak() -> None:
     assert not result.is_rejected.any()
     gap = np.abs(result.detections.centre[:, None] - np.array([[b.x, b.y] for b in row])).max(axis=2).min(axis=0)
     assert gap.max() < 0.4 * SIZE_PX
+
+
+@pytest.mark.parametrize(("share", "balls"), [(0.0, 0), (0.5, 0), (0.9, 1)])
+def test_a_disc_through_which_the_cloth_shows_is_no_ball(share: float, balls: int) -> None:
+    """A ring of light, also over a haze of its own light; a ball is somewhat darker at its rim."""
+    rng = np.random.default_rng(8)
+    image = render_balls(spread_balls(rng, (WHITE, BLUE), 3), rng)
+    processor = build_post_processor(image)
+    ring, light = np.zeros(image.shape[:2], np.uint8), np.array([60.0, 70.0, 60.0])
+    cv2.circle(ring, (16 * 300, 16 * 250), round(16 * SIZE_PX), round(255 * share), -1, cv2.LINE_AA, 4)
+    cv2.circle(ring, (16 * 300, 16 * 250), round(16 * 0.85 * SIZE_PX), 255, 3, cv2.LINE_AA, 4)
+    image = np.clip(image + ring[..., None] / 255 * light, 0, 255).astype(np.uint8)
+    result = process(processor, image, (300.0, 250.0, 1.0, (0.0, 0.0), 0.95))
+    assert len(result.detections) == balls
