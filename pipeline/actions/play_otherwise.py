@@ -16,7 +16,7 @@ from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
-from models.core.typing import FloatArray
+from models.estimation.forecast.ensemble_prediction import QUANTILES, compute_quantiles
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.what_if.changed_shot import (
@@ -192,7 +192,6 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, 
 SCHEMA = "trueroll.what-if/1"
 STROKE_NUMBERS = {"speed": "cue_speed", "side": "side_spin_share", "top": "top_spin_share"}
 """Numbers of the shot that describe its stroke."""
-QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 
 
 def summarize_changed_shot(
@@ -250,17 +249,10 @@ def write_changed_paths(ensemble: StruckEnsemble, changed: ChangedShot, path: Pa
     row, ball = np.nonzero(on_table > 0)
     columns: Columns = {"t": ensemble.t + changed.t[row], "id": [ensemble.ids[k] for k in ball]}
     for axis, letter in enumerate("xy"):
-        for name, values in zip(QUANTILES, _compute_quantiles(changed.members[..., axis]), strict=True):
+        for name, values in zip(QUANTILES, compute_quantiles(changed.members[..., axis]), strict=True):
             columns[f"{letter}{name}"] = values[row, ball]
     columns["on_table"] = on_table[row, ball]
     write_columns(columns, path)
-
-
-def _compute_quantiles(places: FloatArray) -> FloatArray:
-    """Compute the quantiles (Q, T, N) over the plays (M, T, N) in which a ball is on the table."""
-    gone = np.isnan(places).all(axis=0)
-    filled = np.where(gone, 0.0, places)
-    return np.asarray(np.nanquantile(filled, list(QUANTILES.values()), axis=0))
 
 
 def _describe_stroke(ensemble: StruckEnsemble, numbers: ShotNumbers) -> dict[str, Any]:

@@ -13,7 +13,13 @@ from models.core.naming import Naming, build_naming
 from models.core.number_format import format_measured, format_moment
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.ensemble_prediction import PredictedEvent, ShotPrediction, forecast_shot
+from models.estimation.forecast.ensemble_prediction import (
+    QUANTILES,
+    PredictedEvent,
+    ShotPrediction,
+    compute_quantiles,
+    forecast_shot,
+)
 from models.estimation.forecast.forecast_check import PredictionCheck, check_prediction, estimate_state
 from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
@@ -24,7 +30,7 @@ from pipeline.io.image_file import write_image
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
-from pipeline.reporting.text.prediction_sentences import format_ball_prediction
+from pipeline.reporting.text.prediction_sentences import format_ball_prediction, stays_at_rest
 from pipeline.reporting.text.text_formatting import summarize_trust
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
@@ -86,10 +92,9 @@ def predict_shot(
         f"Where do the balls go from {format_moment(t)} to {format_moment(times[-1])}?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
-            Quantity(axis, float(prediction.path[-1, k, column]), float(prediction.sigma[-1, k]), "m", ball,
-                     naming.name_ball(ball))
-            for k, ball in enumerate(state.ids)
-            for column, axis in enumerate("xy")
+            Quantity(axis, ball["end"][axis], ball["end"]["sigma"], "m", ball["id"], naming.name_ball(ball["id"]))
+            for ball in document["balls"] if ball["end"]
+            for axis in "xy"
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
         notes=(*((f"Do not trust this: {why}",) if why else ()), *(f"Note: {note}." for note in assumed)),
@@ -133,7 +138,6 @@ def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, naming: Naming)
     return draw_prediction_fans(state.table, naming, fans, title)
 
 
-QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
 NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
 """The same quantiles of the standard normal distribution."""
 
@@ -166,11 +170,7 @@ def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:
 def _compute_quantiles(prediction: ShotPrediction, axis: int) -> dict[str, FloatArray]:
     """Compute quantiles (T, N): normal at first, later those of the ensemble members with the ball on the table."""
     middle, spread = prediction.path[..., axis], np.sqrt(prediction.covariance[..., axis, axis])
-    drawn = np.ma.masked_invalid(prediction.members[..., axis]).filled(np.nan)
-    gone = np.isnan(drawn).all(axis=0)
-    drawn[:, gone] = 0.0
-    shares = np.nanquantile(drawn, list(QUANTILES.values()), axis=0)
-    shares[:, gone] = np.nan
+    shares = compute_quantiles(prediction.members[..., axis])
     chosen = prediction.is_ensemble[:, None]
     return {
         name: np.where(chosen, share, middle + NORMAL_QUANTILES[name] * spread)
@@ -208,7 +208,8 @@ def _summarize_ball(prediction: ShotPrediction, k: int, naming: Naming) -> dict[
     on_table = float(prediction.on_table[-1, k])
     end = None
     if on_table > 0:
-        place, sigma = prediction.path[-1, k], float(prediction.sigma[-1, k])
+        row = 0 if stays_at_rest(prediction, k) else -1
+        place, sigma = prediction.path[row, k], float(prediction.sigma[row, k])
         end = {"x": float(place[0]), "y": float(place[1]), "sigma": sigma, "on_table": on_table}
     first = [{"kind": what[0], "b": what[2], "probability": p} for what, p in prediction.first_contacts[k]]
     sentence = format_ball_prediction(prediction, k, naming)

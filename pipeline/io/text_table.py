@@ -163,7 +163,9 @@ def _parse_header(header: list[str]) -> tuple[list[str], dict[str, str]]:
             units[k] = unit
     familiar = {name for names in ALIASES.values() for name in names} | set(ALIASES)
     names = [
-        bare[k] if k in units and bare[k] in familiar and bare[k] not in plain and bare.count(bare[k]) == 1 else plain[k]
+        bare[k]
+        if k in units and bare[k] in familiar and bare[k] not in plain and bare.count(bare[k]) == 1
+        else plain[k]
         for k in range(len(header))
     ]
     return names, {names[k]: unit for k, unit in units.items() if names[k] == bare[k]}

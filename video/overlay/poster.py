@@ -14,7 +14,7 @@ from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import draw_disc, draw_ring
-from video.drawing.label_layout import Rect, overlap_share, place_label
+from video.drawing.label_layout import Rect, overlap_share, place_label, place_panel
 from video.drawing.palette import FLASH, INK, WHITE
 from video.io.video_options import RenderOptions
 from video.matting.background_plate import BackgroundPlate
@@ -22,7 +22,7 @@ from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
-from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.annotation import COST_CELL_PX, DEFAULT_OPTIONS, Annotation, prepare_annotation
 from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
 from video.overlay.motion_paths import EVENT_STRENGTHS
 
@@ -32,8 +32,6 @@ GHOST_OPACITY = 0.5
 """Opacity of the ghosts."""
 PHONE_WIDTH, LEAST_LETTERS = 390.0, 9.0
 """Width of a phone's page, and the least font size on it that people read without zooming, CSS px."""
-NOTE_PLACES = 12
-"""Columns and rows of places that are tried for the note on contacts without a label."""
 
 
 @dataclass(slots=True)
@@ -202,16 +200,11 @@ def _draw_labels(
             count -= k < len(times)
     if count:
         note = Label(f"{count} more contact{'s' * (count > 1)}", "", FLASH)
-        note.draw(still, _find_free_corner(note.size(letters), obstacles, bounds), letters)
+        cost = np.zeros((bounds[1] // COST_CELL_PX, bounds[0] // COST_CELL_PX))
+        place = place_panel(note.size(letters), bounds, cost, obstacles, 1 / COST_CELL_PX)
+        note.draw(still, np.array(place[:2]), letters)
 
 
 def _shorten_label(label: Label) -> Label:
     """Leave out the error of the time, which the report has."""
     return replace(label, value=label.value.partition(" ±")[0])
-
-
-def _find_free_corner(size: tuple[int, int], obstacles: Sequence[Rect], bounds: tuple[int, int]) -> FloatArray:
-    """Find the top-left corner (2,) px of a place in the image that hides the least, from the bottom left on."""
-    columns, rows = (np.linspace(0, bound - side, NOTE_PLACES) for bound, side in zip(bounds, size, strict=True))
-    corners = [np.array([x, y]) for y in rows[::-1] for x in columns]
-    return min(corners, key=lambda corner: overlap_share((*corner, *size), obstacles))

@@ -350,6 +350,19 @@ def summarize_events(
     return tuple(sorted(events, key=lambda one: one.t))
 
 
+QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
+"""Quantiles of tables, by the ends of the names of their columns."""
+
+
+def compute_quantiles(places: FloatArray) -> FloatArray:
+    """Compute the quantiles (Q, T, N) over the members (M, T, N) with the ball on the table; NaN where none has it."""
+    drawn = np.ma.masked_invalid(places).filled(np.nan)
+    gone = np.isnan(drawn).all(axis=0)
+    shares = np.nanquantile(np.where(gone, 0.0, drawn), list(QUANTILES.values()), axis=0)
+    shares[:, gone] = np.nan
+    return np.asarray(shares)
+
+
 def _rank_first_contacts(
     order: list[list[list[tuple[float, EventKey]]]], ball: int
 ) -> tuple[tuple[EventKey, float], ...]:

@@ -45,7 +45,7 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         if p >= MIN_REPORTED_PROBABILITY
     ]
     here = prediction.path[0, k]
-    if not state.moving[k] and not contacts:
+    if stays_at_rest(prediction, k):
         moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
         stays = format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
         return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}."
@@ -64,3 +64,9 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     place = format_place(prediction.path[-1, k], float(prediction.sigma[-1, k]), table, naming)
     unless = f", unless it is potted ({format_probability(potted)})" if potted >= MIN_REPORTED_POT else ""
     return f"{begin}; {when} {place}{unless}."
+
+
+def stays_at_rest(prediction: ShotPrediction, k: int) -> bool:
+    """Return whether a ball rests and will hardly be touched: it ends where it lies, not at the mean of all plays."""
+    touched = any(p >= MIN_REPORTED_PROBABILITY for _, p in prediction.first_contacts[k])
+    return not (prediction.state.moving[k] or touched)

@@ -10,6 +10,7 @@ import pytest
 
 from models.core.errors import TrackError
 from models.core.fit_result import Trust
+from models.core.naming import Naming
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.ensemble_prediction import ShotPrediction, forecast_shot
@@ -21,6 +22,7 @@ from models.estimation.forecast.state_estimate import (
     law_probabilities,
 )
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from pipeline.actions.predict_shot import summarize_prediction
 
 R, G, MU = 0.028575, 9.81, 0.01
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, R, 0.17, False)
@@ -211,3 +213,15 @@ def test_the_check_compares_every_later_place_with_the_prediction() -> None:
 def test_too_few_frames_raise_an_error() -> None:
     with pytest.raises(TrackError, match="at least 5"):
         estimate_state(make_filmed_tracks(0), SCENE, 0.02)
+
+
+def test_a_ball_that_will_hardly_be_touched_ends_where_it_lies_in_every_output() -> None:
+    resting = (1.0, 0.6 + 2 * R + 1.7e-3, 0.0, 0.0)
+    state = make_state([(0.4, 0.6, 0.8, 0.0), resting], [(1e-3, 1e-4), (1e-5, 0.0)])
+    prediction = forecast_shot(state, 1.0 + np.linspace(0, 4, 9), draws=1000)
+    assert 0 < sum(p for _, p in prediction.first_contacts[1]) < 0.1
+    assert np.linalg.norm(prediction.path[-1, 1] - resting[:2]) > 1e-4, "the mean of all plays lies elsewhere"
+    ball = summarize_prediction(prediction, 0, None, Naming())["balls"][1]
+    assert (ball["end"]["x"], ball["end"]["y"]) == pytest.approx(resting[:2], abs=1e-6)
+    assert ball["sentence"].startswith("B stays at rest (")
+    assert f"{100 * (TABLE.width - resting[1]):.1f} cm" in ball["sentence"]
