@@ -382,7 +382,8 @@ class RunStatements:
     def read_what_if(self, document: dict[str, Any], sentences: Iterable[str], is_single: bool) -> Iterator[Statement]:
         """Read what a what-if states of the real stroke, of its plays, and of a shot in which nothing is changed."""
         cue, source = document["cue"], "terminal of what-if"
-        text = " ".join(map(self.identify, sentences))
+        raw = " ".join(sentences)
+        text = self.identify(raw)
         is_real = "Nothing is changed" in text
         named = {"cue_speed": rf"instead of ({NUMBER} m/s \([^)]*\))",
                  "top_spin_share": rf"instead of ({NUMBER} (?:top|back)) ",
@@ -410,7 +411,7 @@ class RunStatements:
             yield state(("end of the observations",), found[1], source)
             yield state(("end of the plays", f"{is_real}"), found[2], source)
             yield state(("end of the plays", f"{is_real}"), document["play_end"], "JSON of what-if")
-        listed = re.search(r"(?:Played so|In the film): (.*?)\. ", text)
+        listed = re.search(r"(?:Played so|In the film): (.*?)\. ", raw)
         clauses = listed[1].split(", ") if listed and listed[1] != "nothing is met" else []
         yield from self.read_filmed(document, clauses, is_single) if is_real else self.read_plays(document, clauses)
 
@@ -432,7 +433,7 @@ class RunStatements:
     def read_plays(self, document: dict[str, Any], clauses: list[str]) -> Iterator[Statement]:
         """Read the events of the plays of a what-if with a change."""
         times = [(one["kind"], {one["a"], one["b"]} - {""}, one["t"]) for one in document["changed"]["events"]]
-        for shown in clauses:
+        for shown in map(self.identify, clauses):
             found = next(((kind, one) for kind, verb in EVENT_VERBS.items() if (one := re.search(verb, shown))), None)
             moment = re.search(rf" at ({NUMBER} s) ±", shown)
             if found is None or moment is None:

@@ -169,6 +169,12 @@ def test_a_shot_in_which_nothing_is_changed_has_the_events_of_the_film(
     assert sorted(list_of_what_if(events, old, new)) == sorted(found)
 
 
+def test_names_that_are_ids_are_read_as_other_names_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = {"cue": BallLook("cue ball"), "solid-1": BallLook("solid-1")}
+    monkeypatch.setattr(f"{__name__}.NAMING", Naming(looks))
+    assert list_of_what_if([CONTACT]) == []
+
+
 @pytest.mark.parametrize(
     ("old", "new", "found"),
     [

@@ -31,6 +31,7 @@ def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> 
     places, error = [], ""
     for k in find_nearest_cushions(own)[::-1]:
         text, error = format_measured(100 * own[k], 100 * sigma, MAX_CM_DECIMALS)
+        text = text if error else f"{100 * own[k]:.{MAX_CM_DECIMALS}f}"
         diamonds, is_long = DIAMONDS[table.game], naming.view.is_long(CUSHIONS[k])
         size = diamonds and (table.width / diamonds[1] if is_long else table.length / diamonds[0])
         shown = f" ({own[k] / size:.1f} diamonds)" if size else ""

@@ -60,7 +60,9 @@ def test_a_track_folder_gives_the_rest_of_the_shot(tmp_path: Path, capsys: pytes
     assert float(last["x05"]) < float(last["x50"]) < float(last["x95"])
     printed = capsys.readouterr().out
     assert "The cue ball keeps moving" in printed
-    place = "its centre 27 cm (0.9 diamonds) from the near long rail and 54 cm (1.7 diamonds) from the right short rail"
+    place = (
+        "its centre 27.0 cm (0.9 diamonds) from the near long rail and 54.0 cm (1.7 diamonds) from the right short rail"
+    )
     assert f"The red stays at rest, {place}." in printed
     image = np.asarray(Image.open(tmp_path / "out" / "prediction.png"))
     assert image.shape[1] == 1280
