@@ -15,6 +15,7 @@ import numpy as np
 
 from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
+from video.io.blended_frames import find_blending
 from video.io.clip import DEFAULT_FPS, Clip, open_clip, require_readable_file
 from video.io.decoder import (
     DecodingDamage,
@@ -163,15 +164,16 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     wanted = set(np.linspace(0, clip.frame_count - 1, STILLS).round().astype(int).tolist())
     meter, changes, thumbnails = FrameChangeMeter(), list[tuple[float, float]](), list[ImageArray]()
     stills, places, steps = list[ImageArray](), list[int](), list[float]()
-    memory, layout = clip.memory or FrameMemory(), None
+    memory, layout, damage, damaged = clip.memory or FrameMemory(), None, DecodingDamage(), list[int]()
     with open_container(clip.path) as (container, stream):
         if not isinstance(container, ImageSequence):
             stream.codec_context.options = {"export_side_data": "venc_params"}
-        frames = decode_frames_from(container, stream, clip.first_frame, clip.stored_start)
+        frames = decode_frames_from(container, stream, clip.first_frame, clip.stored_start, damage)
         for k, frame in enumerate(frames):
             if k == clip.frame_count:
                 break
             memory.add_frame(k, frame)
+            damaged += [k] * damage.is_current
             layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
             if k < QUANTISER_FRAMES:
                 steps.append(_read_quantiser_step(frame))
@@ -191,8 +193,16 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
     repeats = find_duplicate_frames(*np.array(changes).T)
+    if blending := find_blending(*np.array(changes).T):
+        repeats |= blending.is_mixed
     part = replace(
-        clip, width=width, height=height, t=clip.t[:decoded], is_duplicate=repeats, stored_scale=layout.stored_scale
+        clip,
+        width=width,
+        height=height,
+        t=clip.t[:decoded],
+        is_duplicate=repeats,
+        stored_scale=layout.stored_scale,
+        unobserved_frames=tuple(damaged),
     )
     return ClipSample(
         times, bits_per_pixel, part, np.stack(thumbnails), tuple(stills), tuple(places),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from models.core.errors import ClipError
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
+from video.io.blended_frames import find_blending
 from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
     DecodingDamage,
@@ -79,8 +80,8 @@ class Clip:
     """Whether the clip covers the whole file."""
     memory: FrameMemory | None = None
     """Decoded frames that all passes share; None decodes the file in every pass."""
-    damaged_frames: tuple[int, ...] = ()
-    """Indices of frames that are damaged, or refer to damaged ones."""
+    unobserved_frames: tuple[int, ...] = ()
+    """Indices of frames that show no moment: they are damaged, refer to damaged ones, or are mixed of two images."""
     pixel_aspect: Fraction = Fraction(1)
     """Width of a stored pixel over its height, as the file states it."""
     stored_scale: tuple[float, float] = (1.0, 1.0)
@@ -109,9 +110,9 @@ class Clip:
 
     @property
     def distinct_frames(self) -> NDArray[np.int64]:
-        """(D,) indices of the frames that are observed: those that are neither duplicates nor damaged."""
+        """(D,) indices of the frames that are observed: those that are no duplicates and show a moment."""
         is_observed = ~self.is_duplicate
-        is_observed[list(self.damaged_frames)] = False
+        is_observed[list(self.unobserved_frames)] = False
         return np.flatnonzero(is_observed).astype(np.int64)
 
     def extract_subclip(self, first: int, stop: int) -> Clip:
@@ -132,10 +133,10 @@ class Clip:
         is_duplicate = self.is_duplicate[first:stop].copy()
         is_duplicate[0] = False
         t, start = self.t[first:stop], float(self.t[first])
-        damaged = tuple(k - first for k in self.damaged_frames if first <= k < stop)
+        unobserved = tuple(k - first for k in self.unobserved_frames if first <= k < stop)
         return replace(
             self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False,
-            memory=None, damaged_frames=damaged,
+            memory=None, unobserved_frames=unobserved,
         )  # fmt: skip
 
 
@@ -161,8 +162,10 @@ def open_clip(
         raise ValueError(f"fps must be positive; got {fps}")
     require_readable_file(path)
     scan = _scan_file(path, progress, memory or FrameMemory())
-    is_duplicate = find_duplicate_frames(*np.array(scan.change).T)
-    observed = int(np.count_nonzero(~np.delete(is_duplicate, scan.damaged)))
+    change = np.array(scan.change)
+    is_duplicate, blending = find_duplicate_frames(*change.T), find_blending(*change.T)
+    unobserved = np.unique([*scan.damaged, *(np.flatnonzero(blending.is_mixed) if blending else ())]).astype(np.int64)
+    observed = int(np.count_nonzero(~np.delete(is_duplicate, unobserved)))
     if observed < MIN_DISTINCT_FRAMES:
         raise ClipError(
             f"{path.name} has {observed} {'intact and ' * bool(scan.damaged)}distinct frame{'s' * (observed != 1)}; "
@@ -186,9 +189,15 @@ def open_clip(
         notes.append(
             f"its timestamps jitter by {1e3 * even[1]:.1f} ms about {float(nominal):.4g} fps; even times are used"
         )
+    if blending is not None:
+        t, rate = blending.estimate_times(t), 0.0
+        notes.append(
+            f"its frames were mixed of those of a camera at {float(nominal * blending.ratio):.4g} fps; "
+            f"{np.count_nonzero(blending.is_mixed)} of {len(t)} that show two moments are not observed"
+        )
     clip = Clip(
         path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate in (0, 1),
-        (*notes, *_describe_layout(scan)), memory=memory, damaged_frames=tuple(scan.damaged),
+        (*notes, *_describe_layout(scan)), memory=memory, unobserved_frames=tuple(unobserved.tolist()),
         pixel_aspect=scan.aspect, stored_scale=scan.layout.stored_scale, clock_rate=rate,
     )  # fmt: skip
     _check_times(path, t, nominal)

@@ -168,19 +168,21 @@ def _decode_stored_frames(container: Any, stream: Any, damage: DecodingDamage) -
             return
 
 
-def decode_frames_from(container: Any, stream: Any, first: int, start_time: float | None) -> Iterator[Any]:
+def decode_frames_from(
+    container: Any, stream: Any, first: int, start_time: float | None, damage: DecodingDamage | None = None
+) -> Iterator[Any]:
     """Yield every frame from index `first` of the file on; the container states `start_time` s for it, None if unknown.
 
     Seeks to the key frame before it where timestamps identify the frame again; otherwise decodes from the beginning
     and counts.
     """
     if first == 0 or isinstance(container, ImageSequence):
-        yield from islice(decode_frames(container, stream), first, None)
+        yield from islice(decode_frames(container, stream, damage), first, None)
         return
     timed = start_time is not None and container.format.name.startswith(TIMESTAMPED_FORMATS)
     zero = next(decode_frames(container, stream), None) if timed else None
     if start_time is not None and zero is not None and zero.time is not None:
-        after = _seek_frames(container, stream, zero.time + start_time)
+        after = _seek_frames(container, stream, zero.time + start_time, damage)
         wanted_frame = next(after, None)
         if wanted_frame is not None:
             yield wanted_frame
@@ -188,10 +190,10 @@ def decode_frames_from(container: Any, stream: Any, first: int, start_time: floa
             return
     container.seek(0)
     stream.codec_context.flush_buffers()
-    yield from islice(decode_frames(container, stream), first, None)
+    yield from islice(decode_frames(container, stream, damage), first, None)
 
 
-def _seek_frames(container: Any, stream: Any, start_time: float) -> Iterator[Any]:
+def _seek_frames(container: Any, stream: Any, start_time: float, damage: DecodingDamage | None) -> Iterator[Any]:
     """Yield the frames from the one at `start_time` s (container's clock) on; none where no frame has this time."""
     try:
         container.seek(max(int((start_time - SEEK_MARGIN_S) / stream.time_base), 0), stream=stream)
@@ -199,7 +201,7 @@ def _seek_frames(container: Any, stream: Any, start_time: float) -> Iterator[Any
         return
     stream.codec_context.flush_buffers()
     has_begun = False
-    for frame in decode_frames(container, stream):
+    for frame in decode_frames(container, stream, damage):
         if not has_begun:
             if frame.time is None or frame.time > start_time + TIME_TOLERANCE_S:
                 return

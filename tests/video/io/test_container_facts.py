@@ -296,20 +296,20 @@ def write_lossy_stream(path: Path, lost_frame: int) -> Path:
 def test_frames_from_a_loss_to_the_next_key_frame_are_not_observed(tmp_path: Path) -> None:
     clip = open_clip(write_lossy_stream(tmp_path / "a.ts", 45))
     shown = dict(read_frames(clip, indices=range(clip.frame_count)))
-    assert 20 < min(clip.damaged_frames) <= 45
-    assert max(clip.damaged_frames) >= 57
-    assert not set(clip.damaged_frames) & set(clip.distinct_frames.tolist())
+    assert 20 < min(clip.unobserved_frames) <= 45
+    assert max(clip.unobserved_frames) >= 57
+    assert not set(clip.unobserved_frames) & set(clip.distinct_frames.tolist())
     assert any(note.startswith("it is damaged") and "not observed" in note for note in clip.missing_parts)
     assert len(shown) == clip.frame_count
 
 
 def test_observation_resumes_at_the_next_intact_key_frame(tmp_path: Path) -> None:
     clip = open_clip(write_lossy_stream(tmp_path / "a.ts", 25))
-    assert 1 <= len(clip.damaged_frames) <= 20
-    assert set(clip.damaged_frames) <= set(range(19, 41))
+    assert 1 <= len(clip.unobserved_frames) <= 20
+    assert set(clip.unobserved_frames) <= set(range(19, 41))
     assert set(range(42, clip.frame_count)) <= set(clip.distinct_frames.tolist())
     part = clip.extract_subclip(10, clip.frame_count)
-    assert part.damaged_frames == tuple(k - 10 for k in clip.damaged_frames)
+    assert part.unobserved_frames == tuple(k - 10 for k in clip.unobserved_frames)
 
 
 def test_a_clip_with_hardly_an_intact_frame_is_refused(tmp_path: Path) -> None:
@@ -358,3 +358,38 @@ def test_times_that_are_truly_uneven_stay(tmp_path: Path, kind: str) -> None:
     ticks = np.rint(np.concatenate([[0], np.cumsum(steps)]))
     clip = open_clip(write_at_ticks(tmp_path / "a.mkv", ticks))
     np.testing.assert_allclose(clip.t, ticks / 1000, atol=1e-6)
+
+
+def mix_frames(frames: ImageArray, ratio: Fraction) -> ImageArray:
+    """Convert the frame rate as converters do: each new frame is the mean of both around it, weighted by its time."""
+    place = np.arange(int((len(frames) - 1) / ratio) + 1) * float(ratio)
+    first = np.minimum(np.floor(place).astype(int), len(frames) - 2)
+    share = (place - first)[:, None, None, None]
+    return np.asarray(np.rint((1 - share) * frames[first] + share * frames[first + 1]), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("ratio", [Fraction(5, 6), Fraction(6, 5), Fraction(4, 5), Fraction(5, 4), Fraction(2, 5)])
+@pytest.mark.parametrize("step", [6.0, 30.0])
+def test_frames_that_a_conversion_mixed_are_left_out(tmp_path: Path, ratio: Fraction, step: float) -> None:
+    frames = draw_moving_disc(60, step=0.0)
+    for k, image in enumerate(frames):
+        frames[k] = np.roll(image, round(step * k), axis=1)
+    clip = open_clip(write_plain_video(tmp_path / "a.mp4", mix_frames(frames, ratio)))
+    kept = clip.distinct_frames
+    taken = 30 * float(ratio) * clip.t[kept]
+    np.testing.assert_allclose(taken, np.round(taken), atol=0.02)
+    assert len(kept) >= 0.3 * clip.frame_count
+    assert any("were mixed of those of a camera" in note for note in clip.notes)
+    for (_, rgb), at in zip(read_frames(clip), taken, strict=True):
+        ghost = np.sort(np.abs(rgb.astype(int) - frames[round(at)]).ravel())[-300:]  # its area is four times as large
+        assert np.median(ghost) < 0.3 * 170
+
+
+@pytest.mark.parametrize("step", [1.0, 6.0, 30.0])
+def test_frames_of_a_camera_are_not_taken_for_mixed_ones(tmp_path: Path, step: float) -> None:
+    frames = draw_moving_disc(60, step=0.0)
+    for k, image in enumerate(frames):
+        frames[k] = np.roll(image, round(step * k), axis=1)
+    clip = open_clip(write_plain_video(tmp_path / "a.mp4", frames))
+    assert clip.unobserved_frames == ()
+    assert clip.notes == ()

@@ -1,0 +1,124 @@
+"""Recognition of frames that a conversion of the frame rate mixed of two frames of the camera.
+
+A converter from 25 to 30 fps shows, between two frames of the camera, means of both: a ball appears twice, half
+transparent. The largest change from frame to frame is then smaller where a frame shares more with the one before it,
+with a period of a few frames. Frames that one image dominates show its ball where it was when it was taken; the others
+show it nowhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from models.core.typing import BoolArray, FloatArray
+from video.io.duplicate_frames import MIN_MOTION_CHANGE
+
+RATIOS = tuple(Fraction(*each) for each in ((5, 6), (6, 5), (4, 5), (5, 4), (2, 3), (3, 2), (3, 5), (5, 3), (2, 5)))
+"""Frames of the camera per frame of the file: 25 to 30 fps and 30 to 25 fps, 24 and 30, 20 and 30, 30 and 50, 24 to 60.
+"""
+MIN_PERIODS = 3
+"""Periods of moving frames from which a pattern is more than chance."""
+MIN_AGREEMENT = 0.52
+"""Share of the variance of the changes that the pattern explains, at least (converted clips: 0.5 to 0.8; clips of
+cameras: below 0.1, and up to 0.37 where a hand moves balls at 4 fps)."""
+STRENGTH_RANGE = (0.35, 1.15)
+"""Strength of the pattern relative to balls that move by more than their diameter from frame to frame: for slower ones
+it is less, and 1 with some noise at most."""
+SAME_AGREEMENT = 0.05
+"""Difference of agreements that says nothing: rhythms of 4:5 and 6:5 differ by 0.01 on real mixtures of either."""
+LEAST_CHANGE = 0.05
+"""Relative change of a frame that shows nothing new: coding and noise."""
+LARGEST_MINOR_SHARE = 0.25
+"""Share of the second image up to which a frame is observed: a ball that is so faint is not taken for one."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBlending:
+    """How the T frames of a file were mixed of frames of the camera."""
+
+    ratio: Fraction
+    """Frames of the camera per frame of the file."""
+    place: FloatArray
+    """(T,) number of the camera's frame, between two of them where both are mixed."""
+
+    @property
+    def is_mixed(self) -> BoolArray:
+        """(T,) whether a frame shows two images of which none dominates, or one that was shown before."""
+        nearest = np.round(self.place)
+        is_mixed: BoolArray = np.abs(self.place - nearest) > LARGEST_MINOR_SHARE
+        kept = np.flatnonzero(~is_mixed)
+        is_mixed[kept[np.diff(nearest[kept], prepend=-1.0) == 0]] = True
+        return is_mixed
+
+    def estimate_times(self, t: FloatArray) -> FloatArray:
+        """Estimate the times (T,) at which the camera took the dominating images of frames shown at t (T,), s."""
+        kept = np.flatnonzero(~self.is_mixed)
+        order = np.arange(len(t), dtype=np.float64)
+        taken = kept + (np.round(self.place) - self.place)[kept] / float(self.ratio)
+        number = np.interp(order, kept, taken)
+        number += np.minimum(order - kept[0], 0) + np.maximum(order - kept[-1], 0)
+        interval = float(np.median(np.diff(t)))
+        return np.asarray(np.interp(number, order, t) + interval * np.maximum(number - order[-1], 0))
+
+
+def find_blending(change: FloatArray, third: FloatArray) -> FrameBlending | None:
+    """Find how the frames of a file were mixed.
+
+    Conversions to a higher and to a lower rate can change in the same rhythm, by different amounts.
+
+    Args:
+        change: (T,) grey levels, largest change of each frame from the previous one.
+        third: (T,) grey levels, largest change from the third frame before.
+
+    Returns:
+        The mixture that explains the changes best; None where none does well.
+    """
+    moving = np.isfinite(change) & np.isfinite(third) & (change >= MIN_MOTION_CHANGE)
+    level, level_of_three = (np.log(np.where(moving, np.maximum(each, 1.0), 1.0)) for each in (change, third))
+    found: list[tuple[float, float, FrameBlending]] = []
+    for ratio in RATIOS:
+        period = ratio.denominator
+        steady = _select_steady(moving, period)
+        if np.count_nonzero(steady) < MIN_PERIODS * period:
+            continue
+        deviation = _remove_trend(level, period)[steady]
+        for offset in range(period):
+            place = np.asarray(np.arange(len(change)) * float(ratio) + offset / period, dtype=np.float64)
+            expected = np.log(_predict_changes(place, 1))
+            pattern = _remove_trend(expected, period)[steady]
+            strength = float(deviation @ pattern) / max(float(pattern @ pattern), 1e-9)
+            agreement = 1 - float(np.sum((deviation - strength * pattern) ** 2) / np.sum(deviation**2))
+            if STRENGTH_RANGE[0] < strength < STRENGTH_RANGE[1] and agreement > MIN_AGREEMENT:
+                ratios = (expected - np.log(_predict_changes(place, 3)))[steady]
+                least = ratios < ratios.min() + 1e-6
+                misfit = abs(float(np.median((level - level_of_three)[steady][least] - ratios[least])))
+                found.append((agreement, misfit, FrameBlending(ratio, place)))
+    best = max((agreement for agreement, _, _ in found), default=0.0)
+    alike = [one for one in found if one[0] > best - SAME_AGREEMENT]
+    return min(alike, key=lambda one: one[1])[2] if alike else None
+
+
+def _select_steady(moving: BoolArray, period: int) -> BoolArray:
+    """Select the frames around which a whole period of frames is moving (T,)."""
+    return np.convolve(moving, np.ones(period + 1), "same") > period + 0.5
+
+
+def _remove_trend(level: FloatArray, period: int) -> FloatArray:
+    """Subtract the mean over one period around each frame (T,)."""
+    weights = np.ones(period + 1 - period % 2)
+    if period % 2 == 0:
+        weights[[0, -1]] = 0.5
+    return np.asarray(level - np.convolve(level, weights / period, "same"))
+
+
+def _predict_changes(place: FloatArray, lag: int) -> FloatArray:
+    """Predict the largest change (T,) of each frame from the one `lag` before, over that between two camera frames."""
+    first = np.floor(place).astype(np.int64)
+    share = place - first
+    mixture = np.zeros((len(place) + lag, int(first[-1]) + 2))
+    rows = lag + np.arange(len(place))
+    mixture[rows, first], mixture[rows, first + 1] = 1 - share, share
+    return np.asarray(np.maximum(np.abs(mixture[lag:] - mixture[:-lag]).max(axis=1), LEAST_CHANGE), dtype=np.float64)
