@@ -19,14 +19,10 @@ GOAL_WORDS = {
     "carom": "the carom is made",
     "three-cushion": "the three-cushion carom is made",
 }
-SPREAD_WORDS = {
-    "user": "the player's spread, {speed} % of the speed and {angle:.2g} degrees, and the uncertainty of the"
-    " measurement",
-    "session": "the spread of the session, {speed} % of the speed and {angle:.2g} degrees, and the uncertainty of the"
-    " measurement",
-    "none": "the uncertainty of the measurement alone, as if the player could repeat a stroke exactly; --spread or"
-    " --session add the player's own",
-}
+NO_SPREAD = (
+    "the uncertainty of the measurement alone, as if the player could repeat a stroke exactly; --spread or --session"
+    " add the player's own"
+)
 SIDE_SPIN_WARNING = (
     "No contact models explain this whole shot, so its side spin is not known; paths after cushions are wide."
 )
@@ -45,7 +41,10 @@ def format_what_if(document: dict[str, Any], naming: Naming) -> tuple[str, ...]:
     """
     spread, real, changed = document["spread"], document["real"], document["changed"]
     goal, plays = _format_goal(document["goal"], naming), f"{document['draws']} plays"
-    scatter = SPREAD_WORDS[spread["source"]].format(speed=f"{100 * spread['speed']:.1f}", angle=spread["angle_deg"])
+    own = f"{100 * spread['speed']:.1f} % of the speed and {spread['angle_deg']:.2g} degrees"
+    whose = "player" if spread["source"] == "user" else "session"
+    measured = f"the spread of the {whose}, {own}, and the uncertainty of the measurement"
+    scatter = NO_SPREAD if spread["source"] == "none" else measured
     did = f"The real shot {'scored' if real['scored'] else 'did not score'}."
     if parts := _list_changes(document):
         lines = [

@@ -189,8 +189,8 @@ def test_a_clip_that_ends_too_early_gives_the_last_speed_of_the_ball() -> None:
     (summary,) = summarize(*make_shot((0.0, 0.3)))
     assert summary.ends[:2] == (
         "White and red still move when the clip ends, at 2.000 s.",
-        "White: still moving at 0.30 m/s (1.1 km/h), its centre 14.0 cm (0.6 diamonds) from the near long rail and 100.0"
-        " cm (4.0 diamonds) from the left short rail.",
+        "White: still moving at 0.30 m/s (1.1 km/h), its centre 14.0 cm (0.6 diamonds) from the near long rail and"
+        " 100.0 cm (4.0 diamonds) from the left short rail.",
     )
 
 
