@@ -30,13 +30,14 @@ from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from pipeline.chain import default_run_folder, run_clip
+from pipeline.chain import default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import ResultCache, default_cache_root
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.io.text_table import TEXT_COLUMNS
+from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
 from pipeline.reporting.text.text_formatting import format_event_time, name_event
 from pipeline.run_options import RunSettings, build_options, list_settings
@@ -161,6 +162,8 @@ def run(
     clip: str | Path,
     out: str | Path | None = None,
     *,
+    shot: int | None = None,
+    at: float | None = None,
     cache: str | Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     **settings: Unpack[RunSettings],
@@ -170,6 +173,8 @@ def run(
     Args:
         clip: Path of a video, or of a folder of numbered images.
         out: Folder of the results; out/<stem of the clip> by default.
+        shot: Number, from 1, of the shot in a recording of several; the longest by default.
+        at: A time in the shot, s of the recording, instead of its number.
         cache: Folder of the cache; $TRUEROLL_CACHE or ~/.cache/trueroll by default.
         progress: Called with the name of the running stage and its finished share, 0 to 1.
         settings: Options of `trueroll run`, such as slow=4 or table="pool-9ft".
@@ -188,7 +193,7 @@ def run(
     path = Path(clip)
     folder = parse_output_path(out) if out is not None else default_run_folder(path)
     store = ResultCache(Path(cache) if cache is not None else default_cache_root())
-    finished = run_clip(path, folder, options, store, _CallbackWatcher(progress))
+    finished = run_chosen_shot(path, folder, options, store, _CallbackWatcher(progress), ShotChoice(shot, at))
     return Run(folder, finished.shot, finished.fit.laws)
 
 

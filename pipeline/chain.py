@@ -144,7 +144,7 @@ def honour_corrections(clip: Path, digest: str, options: RunOptions, shot: ClipS
 def _read_own_corrections(clip: Path, digest: str, shot: ClipShot | None) -> Corrections:
     """Read the corrections of a clip, or of one of its shots."""
     corrections = read_corrections(clip, digest).corrections
-    return corrections if shot is None else corrections.extract_span(shot.first, shot.stop)
+    return corrections if shot is None else corrections.select_span(shot.first, shot.stop)
 
 
 def _build_graph(
@@ -271,6 +271,7 @@ def run_clip(
     executor: Executor = SERIAL,
     start_helpers: Callable[[Collection[str]], object] | None = None,
     memory: FrameMemory | None = None,
+    notes: tuple[str, ...] = (),
 ) -> FinishedRun:
     """Run the chain on one clip and publish its files in a folder.
 
@@ -288,6 +289,7 @@ def run_clip(
         executor: Where stages run parts of their work; it changes no result.
         start_helpers: Called before each stage that runs, with the names of the stages whose results exist.
         memory: Keeps the decoded frames of the clip until the run ends; None opens one.
+        notes: Further notes of the run.
 
     Returns:
         The run.
@@ -305,7 +307,7 @@ def run_clip(
     require_clip_not_overwritten(clip, folder)
     stages = {stage.name: stage for stage in graph.stages}
     by_hand = len(format_corrections(corrected.corrections, Naming()))
-    notes: tuple[str, ...] = (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
+    notes += (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     if overridden := list_overridden_flags(options, corrections):
         notes += (f"{', '.join(overridden)} of this command was used instead of what {corrections_path(clip)} sets",)
     is_answered = False
@@ -469,9 +471,7 @@ def write_source(
         report_tables: Digest of the tables that video, report and recording in the folder were made of; empty for none.
     """
     settings = list_changed_values(replace(options, render=replace(options.render, no_video=False)))
-    part: dict[str, Any] = (
-        {} if shot is None else {"first": shot.first, "stop": shot.stop, "begins": shot.clip.start_time}
-    )
+    part: dict[str, Any] = {} if shot is None else {"first": shot.first, "stop": shot.stop}
     part |= {"settings": settings} if settings else {}
     part |= {"report_tables": report_tables} if report_tables else {}
     text = json.dumps({"path": str(clip.absolute()), **part})

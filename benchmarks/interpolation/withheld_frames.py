@@ -57,7 +57,7 @@ def withhold(source: Path, step: int, folder: Path) -> WithheldClip:
     if not thin.is_file():
         _write_visible(source, thin, set(frames[::step].tolist()))
         _check_same(clip, open_clip(thin), frames[::step])
-    return WithheldClip(f"{source.stem} 1 of {step}", source, thin, step, frames, clip.t[frames])
+    return WithheldClip(f"{source.stem} 1 of {step}", source, thin, step, frames, clip.times_of(frames))
 
 
 def _write_visible(source: Path, thin: Path, visible: set[int]) -> None:

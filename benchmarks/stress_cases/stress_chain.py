@@ -85,7 +85,7 @@ def run_clip_stages(path: Path, cache: ResultCache) -> tuple[Clip, FittedShot]:
     entries = graph.run(cache, SilentWatcher(), snapshot=SNAPSHOT)
     values = {stage.name: load_stage_output(stage, entries[stage.name]) for stage in graph.stages}
     clip, shot = values["read"], values["explain"]
-    recording = Recording(values["detect"], clip.distinct_frames, clip.t[clip.distinct_frames], shot.scene)
+    recording = Recording(values["detect"], clip.distinct_frames, clip.times_of(clip.distinct_frames), shot.scene)
     return clip, FittedShot(recording, shot.tracks, view_shot(shot))
 
 

@@ -67,8 +67,8 @@ class WorkingView:
 
     def reference_to_frame(self, px: FloatArray, frame: int) -> FloatArray:
         """Px (n, 2) of the reference image to px of a frame."""
-        motion = self.scene.camera.motion
-        return px if motion is None else apply_homography(motion[frame], px)
+        motion = self.scene.camera.motion_of(frame)
+        return px if motion is None else apply_homography(motion, px)
 
     def working_to_frame(self, working: FloatArray, frame: int) -> FloatArray:
         """Working px (n, 2) to px of a frame."""
@@ -76,16 +76,16 @@ class WorkingView:
 
     def frame_to_working(self, px: FloatArray, frame: int) -> FloatArray:
         """Px (n, 2) of a frame to working px."""
-        motion = self.scene.camera.motion
-        return self.to_working(px if motion is None else apply_homography(np.linalg.inv(motion[frame]), px))
+        motion = self.scene.camera.motion_of(frame)
+        return self.to_working(px if motion is None else apply_homography(np.asarray(np.linalg.inv(motion)), px))
 
     def working_image(self, rgb: ByteArray, frame: int | None = None) -> ByteArray:
         """Compute the working image (h, w, 3) of an image (H, W, 3) of a frame."""
         h, w = self.radius.shape
         x0, y0, x1, y1 = self.box
-        motion = self.scene.camera.motion
-        if motion is not None and frame is not None:
-            return self._warp_frame(rgb, motion[frame])
+        motion = None if frame is None else self.scene.camera.motion_of(frame)
+        if motion is not None:
+            return self._warp_frame(rgb, motion)
         crop = rgb[y0:y1, x0:x1]
         if crop.shape[:2] == (h, w):
             return np.ascontiguousarray(crop)
@@ -105,12 +105,12 @@ class WorkingView:
         """
         rows, columns = part
         size = round((columns.stop - columns.start) * factor), round((rows.stop - rows.start) * factor)
-        motion = self.scene.camera.motion
-        if motion is not None and frame is not None:
+        motion = None if frame is None else self.scene.camera.motion_of(frame)
+        if motion is not None:
             grown = np.array([size[0] / (columns.stop - columns.start), size[1] / (rows.stop - rows.start)])
             shift = (0.5 - np.array([columns.start, rows.start])) * grown - 0.5
             matrix = np.diag([*grown, 1.0]) + np.column_stack([np.zeros((3, 2)), [*shift, 0.0]])
-            matrix = matrix @ self._frame_to_working_matrix(motion[frame])
+            matrix = matrix @ self._frame_to_working_matrix(motion)
             return np.asarray(cv2.warpPerspective(rgb, matrix, size, flags=cv2.INTER_LINEAR), dtype=np.uint8)
         (x0, y0, _, _), s = self.box, self.scale
         left, right = x0 + round(columns.start / s), x0 + round(columns.stop / s)

@@ -166,43 +166,20 @@ class Corrections:
         if self.ball_radius is not None and not 0 < self.ball_radius < math.inf:
             raise ValueError(f"ball_radius is more than 0 m; got {self.ball_radius}")
 
-    def extract_span(self, first: int, stop: int) -> Corrections:
-        """Return the corrections of frames `first` to `stop` - 1 of a recording, with frames from `first` on."""
+    def select_span(self, first: int, stop: int) -> Corrections:
+        """Return the corrections of frames `first` to `stop` - 1 of a recording."""
 
         def is_inside(*places: BallPlace | None) -> bool:
             return all(place is None or first <= place.frame < stop for place in places)
 
-        def move(place: BallPlace) -> BallPlace:
-            return replace(place, frame=place.frame - first)
-
-        def move_other(place: BallPlace | None) -> BallPlace | None:
-            return None if place is None else move(place)
-
-        def move_frame(frame: int | None) -> int | None:
-            return None if frame is None else max(frame - first, 0)
-
-        balls = (
-            replace(one, ball=move(one.ball), first=move_frame(one.first), last=move_frame(one.last))
-            for one in self.balls
-            if is_inside(one.ball)
+        return replace(
+            self,
+            balls=tuple(one for one in self.balls if is_inside(one.ball)),
+            tracks=tuple(one for one in self.tracks if is_inside(one.ball, one.other)),
+            contacts=tuple(
+                one for one in self.contacts if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
+            ),
         )
-        tracks = (
-            replace(
-                one, ball=move(one.ball), other=move_other(one.other),
-                first=move_frame(one.first), last=move_frame(one.last),
-            )
-            for one in self.tracks
-            if is_inside(one.ball, one.other)
-        )  # fmt: skip
-        contacts = (
-            replace(
-                one, ball=move(one.ball), other=move_other(one.other),
-                frame=one.frame - first, to_frame=None if one.to_frame is None else one.to_frame - first,
-            )
-            for one in self.contacts
-            if is_inside(one.ball, one.other) and min(one.frame, one.at) >= first
-        )  # fmt: skip
-        return replace(self, balls=tuple(balls), tracks=tuple(tracks), contacts=tuple(contacts))
 
 
 NO_CORRECTIONS = Corrections()

@@ -100,6 +100,8 @@ class Camera:
     """m, standard deviation of `height`."""
     motion: FloatArray | None = None
     """(T, 3, 3) homographies from pixels of the reference image to pixels of each frame; None for a static camera."""
+    first_frame: int = 0
+    """Index in the file of the first of these frames."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 4):
@@ -113,6 +115,16 @@ class Camera:
         plane[:, :2], plane[:, 2] = m[:, :2], m[:, 2] * z + m[:, 3]
         return plane
 
+    def motion_of(self, frame: NDArray[np.int64] | int) -> FloatArray | None:
+        """Return the homographies (..., 3, 3) of frames (...) by their indices in the file; None for a static camera.
+
+        Frames before the first one have its motion, and frames after the last one that of the last.
+        """
+        if self.motion is None:
+            return None
+        motion: FloatArray = self.motion[np.clip(np.asarray(frame) - self.first_frame, 0, len(self.motion) - 1)]
+        return motion
+
     def to_pixels(self, xy: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
         """Project points of the table to pixels.
 
@@ -125,9 +137,8 @@ class Camera:
             Pixels (..., 2).
         """
         px = apply_homography(self.homography(z), xy)
-        if self.motion is None or frame is None:
-            return px
-        return apply_homography(self.motion[frame], px)
+        motion = None if frame is None else self.motion_of(frame)
+        return px if motion is None else apply_homography(motion, px)
 
     def to_table(self, px: FloatArray, z: float, frame: NDArray[np.int64] | int | None = None) -> FloatArray:
         """Map pixels to points on a horizontal plane above the table.
@@ -140,8 +151,9 @@ class Camera:
         Returns:
             Points (..., 2), m.
         """
-        if self.motion is not None and frame is not None:
-            px = apply_homography(_invert_matrices(self.motion[frame]), px)
+        motion = None if frame is None else self.motion_of(frame)
+        if motion is not None:
+            px = apply_homography(_invert_matrices(motion), px)
         return apply_homography(_invert_matrices(self.homography(z)), px)
 
     def metres_per_pixel(self, xy: FloatArray, z: float) -> FloatArray:

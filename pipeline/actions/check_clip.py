@@ -47,7 +47,7 @@ class FilmingReport:
     still: ImageArray
     """(H, W, 3) the first frame of the part."""
     detections: Detections
-    """Balls in the first and in a few other frames, px."""
+    """Balls in the first and in a few other frames of the part, counted from its first, px."""
 
 
 def check_clip(
@@ -92,6 +92,5 @@ def _detect_fast_balls(sample: ClipSample, view: FilmedView, scene: Scene) -> De
     runs = select_lively_runs(sample.thumbnails, view.thumbnail_mask)
     detector = build_detector(scene, zip(sample.still_frames, sample.stills, strict=True), DetectOptions())
     frames = np.unique(np.concatenate([[0], *runs]))
-    return concatenate_detections(
-        [detector.detect(rgb, frame) for frame, rgb in read_frames(sample.clip, indices=frames)]
-    )
+    images = (rgb for _, rgb in read_frames(sample.clip, indices=sample.clip.frames[frames]))
+    return concatenate_detections([detector.detect(rgb, int(k)) for k, rgb in zip(frames, images, strict=True)])

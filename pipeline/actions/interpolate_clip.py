@@ -145,7 +145,7 @@ def interpolate_clip(
         finally:
             silent.unlink(missing_ok=True)
     watcher.finish_stage("interpolate", time.perf_counter() - start, False)
-    originals = int(np.isin(times, source.t[source.distinct_frames]).sum())
+    originals = int(np.isin(times, source.times_of(source.distinct_frames)).sum())
     notes = (*source.notes, *(source.memory.notes if source.memory else ()))
     return InterpolatedClip(len(times), originals, float(rate), fit.trust, notes)
 

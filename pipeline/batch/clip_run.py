@@ -10,12 +10,13 @@ import numpy as np
 
 from models.numerics.first_compilation import measure_compilation
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
-from pipeline.batch.long_clip import find_recording_shots, run_shots
+from pipeline.batch.long_clip import run_shots
 from pipeline.chain import FinishedRun, run_clip
 from pipeline.engine.atomic_write import remove_leftovers
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher
+from pipeline.recording_shots import find_recording_shots
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.stages.read_stage import open_frame_memory
@@ -71,15 +72,15 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
     clip, folder, options = Path(job.clip), Path(job.folder), job.options
     remove_leftovers(folder)
     with open_frame_memory() as memory:
-        shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT, memory)
+        shots = find_recording_shots(clip, options, cache, counted, SNAPSHOT, memory).shots
         if not shots:
             with KernelPreparation() as kernels:
                 run = run_clip(
                     clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start, memory=memory
                 )
-            return _summarize_runs(job, [(0.0, run)], "", counted.cached)
+            return _summarize_runs(job, [run], "", counted.cached)
     ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)
-    good = [(one.shot.clip.start_time, one.run) for one in ran if one.run is not None]
+    good = [one.run for one in ran if one.run is not None]
     bad = [one for one in ran if one.run is None]
     if not good:
         return build_failed_result(job.name, f"none of {len(ran)} shots could be used; the first: {bad[0].sentence}")
@@ -88,12 +89,12 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
 
 
 def _summarize_runs(
-    job: ClipJob, runs: list[tuple[float, FinishedRun]], sentence: str, cached: bool, *, in_shots: bool = False
+    job: ClipJob, runs: list[FinishedRun], sentence: str, cached: bool, *, in_shots: bool = False
 ) -> ClipResult:
-    """Summarize runs, each with the time (s) at which it begins in the clip."""
-    light = max((run.fit.trust.level for _, run in runs), key=TRUST_LEVELS.index)
-    contacts = sum(kind in ("ball", "cushion") for _, run in runs for kind in run.fit.events.kind)
-    last = max(begins + float(np.max(run.fit.events.t, initial=-begins)) for begins, run in runs)
+    """Summarize the runs of a clip."""
+    light = max((run.fit.trust.level for run in runs), key=TRUST_LEVELS.index)
+    contacts = sum(kind in ("ball", "cushion") for run in runs for kind in run.fit.events.kind)
+    last = max(float(np.max(run.fit.events.t, initial=0.0)) for run in runs)
     return ClipResult(
         job.name, "done", light, contacts, round(last, 3), job.folder, sentence, shots=len(runs), cached=cached,
         in_shots=in_shots,

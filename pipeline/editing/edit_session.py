@@ -11,12 +11,12 @@ from models.core.corrections import Corrections
 from models.core.naming import Naming
 from models.core.progress import Progress
 from models.estimation.hand_marks.resolved_marks import update_ball_names
-from pipeline.batch.long_clip import read_recording_shot
 from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, run_clip, run_tables
 from pipeline.editing.edited_clip import EditedClip, FrameImages
 from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
+from pipeline.recording_shots import read_recording_shot
 from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
@@ -98,7 +98,7 @@ class EditSession:
         """Describe corrections and run for the page."""
         with self._lock:
             corrections, run = self._file.corrections, self._run
-            present = corrections if run is None else update_ball_names(corrections, run.tracks, self.edited.first or 0)
+            present = corrections if run is None else update_ball_names(corrections, run.tracks)
             return {
                 "name": self.edited.name,
                 "revision": self._file.revision,
@@ -113,7 +113,7 @@ class EditSession:
         """Read a frame of the recording as JPEG; None if there is none."""
         with self._lock:
             frames = self._frames
-        return None if frames is None else frames.read(frame - (self.edited.first or 0))
+        return None if frames is None else frames.read(frame)
 
     def change(self, corrections: Corrections, revision: int) -> None:
         """Replace the corrections, write them and run the clip again.
@@ -222,7 +222,7 @@ class EditSession:
                     self._show(None, revision)
                 else:
                     run = self._run_tables(watcher, options, revision)
-                    view = describe_run(run, self.edited.first or 0, before, corrections)
+                    view = describe_run(run, before, corrections)
                     self._show((run, view), revision)
             except SupersededError:
                 continue

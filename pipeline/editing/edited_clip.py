@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
-import numpy as np
 
 from models.core.errors import OptionError, TruerollError
 from pipeline.chain import default_run_folder, hash_clip
@@ -104,7 +103,7 @@ class FrameImages:
     def __init__(self, clip: Clip) -> None:
         self._clip = clip
         self._folder = TemporaryDirectory(prefix="trueroll-edit-")
-        self._ready = [threading.Event() for _ in range(clip.frame_count)]
+        self._ready = {int(frame): threading.Event() for frame in clip.frames}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._decode, daemon=True)
         self._thread.start()
@@ -113,12 +112,13 @@ class FrameImages:
         """Read a frame.
 
         Args:
-            frame: Its index in the clip.
+            frame: Its index in the file.
 
         Returns:
             JPEG; None if there is no such frame, or it cannot be decoded.
         """
-        if not 0 <= frame < self._clip.frame_count or not self._ready[frame].wait(FRAME_WAIT_S):
+        ready = self._ready.get(frame)
+        if ready is None or not ready.wait(FRAME_WAIT_S):
             return None
         try:
             return self._path(frame).read_bytes()
@@ -137,7 +137,7 @@ class FrameImages:
     def _decode(self) -> None:
         """Decode all frames in order."""
         try:
-            for frame, rgb in read_frames(self._clip, indices=np.arange(self._clip.frame_count)):
+            for frame, rgb in read_frames(self._clip, indices=self._clip.frames):
                 if self._stop.is_set():
                     return
                 _, code = cv2.imencode(
@@ -148,5 +148,5 @@ class FrameImages:
         except (TruerollError, OSError):  # the page shows which frame is missing
             pass
         finally:
-            for event in self._ready:
+            for event in self._ready.values():
                 event.set()

@@ -51,16 +51,13 @@ class ClipRun:
     """Digest of its tables."""
 
 
-def describe_run(
-    run: ClipRun, offset: int, before: ClipRun | None, corrections: Corrections = NO_CORRECTIONS
-) -> dict[str, Any]:
+def describe_run(run: ClipRun, before: ClipRun | None, corrections: Corrections = NO_CORRECTIONS) -> dict[str, Any]:
     """Describe a run for the page.
 
     Args:
         run: The run.
-        offset: Frame of the recording at which the clip begins; all frames count from the recording's first.
         before: The run before the last correction; None for the first one.
-        corrections: Corrections of the run, with frames of the recording.
+        corrections: Corrections of the run.
 
     Returns:
         JSON values.
@@ -71,9 +68,9 @@ def describe_run(
     naming = fit.naming
     return {
         "frames": {
-            "first": offset,
+            "first": clip.first_frame,
             "count": clip.frame_count,
-            "distinct": (clip.distinct_frames + offset).tolist(),
+            "distinct": clip.distinct_frames.tolist(),
             "t": np.round(clip.t, 5).tolist(),
         },
         "image": [scene.camera.width_px, scene.camera.height_px],
@@ -83,18 +80,18 @@ def describe_run(
         "classes": list(GAME_CLASSES[scene.table.game]),
         "table": {"name": scene.table.name, "length": scene.table.length, "width": scene.table.width},
         "ball_radius": scene.table.ball_radius,
-        "balls": _describe_balls(run, offset),
+        "balls": _describe_balls(run),
         "rails": {name: naming.name_rail(name) for name in CUSHIONS},
-        "events": _describe_events(run, offset),
+        "events": _describe_events(run),
         "checks": [
             {
-                "frame": place.frame + offset, "t": place.t, "balls": list(place.balls),
+                "frame": place.frame, "t": place.t, "balls": list(place.balls),
                 "px": _round_pixels(scene, place.xy, place.frame), "reason": format_check_place(place, fit.naming),
             }
             for place in select_check_places(tracks, fit, scene.table)
         ],
         "trust": {"level": trust.level, "reasons": list(trust.reasons)},
-        "contradictions": _list_contradictions(run, offset, corrections),
+        "contradictions": _list_contradictions(run, corrections),
         "calls": calls,
         "changes": [] if before is None else compare_runs(before, run),
     }  # fmt: skip
@@ -171,15 +168,15 @@ def _format_table(table: Table) -> str:
     return f"{table.name}, {table.length:g} x {table.width:g} m"
 
 
-def _list_contradictions(run: ClipRun, offset: int, corrections: Corrections) -> list[dict[str, Any]]:
+def _list_contradictions(run: ClipRun, corrections: Corrections) -> list[dict[str, Any]]:
     """List where the motion contradicts a contact that was set by hand: a `text`, and its number in the corrections."""
-    contacts = update_ball_names(corrections, run.tracks, offset).contacts
+    contacts = update_ball_names(corrections, run.tracks).contacts
     rows = []
     for outcome in run.fit.mark_outcomes:
         distances = []
         for number, mark in enumerate(contacts):
             names = {place.id for place in (mark.ball, mark.other) if place is not None}
-            t = float(np.interp(mark.at - offset, run.tracks.frame, run.tracks.t))
+            t = float(np.interp(mark.at, run.tracks.frame, run.tracks.t))
             if (mark.kind, mark.cushion) == (outcome.kind, outcome.cushion):
                 distances.append((names != set(outcome.balls), abs(t - outcome.t), number))
         contact = min(distances)[2] if distances else None
@@ -243,7 +240,7 @@ def compare_calls(before: dict[str, str], after: dict[str, str]) -> list[dict[st
     ]
 
 
-def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
+def _describe_balls(run: ClipRun) -> list[dict[str, Any]]:
     """Describe every ball with its path: frame, x, y, radius (px), and whether it was detected."""
     tracks, scene = run.tracks, run.scene
     fitted = run.fit.trajectory.at(tracks.t).xy
@@ -259,8 +256,7 @@ def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
         radius = float(np.nanmedian(tracks.radius_px[:, k])) if observed.any() else 6.0
         look = tracks.looks[k]
         path = [
-            [int(tracks.frame[row]) + offset, round(float(px[row, 0]), 2), round(float(px[row, 1]), 2),
-             int(observed[row])]
+            [int(tracks.frame[row]), round(float(px[row, 0]), 2), round(float(px[row, 1]), 2), int(observed[row])]
             for row in np.flatnonzero(shown & np.isfinite(px[:, 0]))
         ]  # fmt: skip
         rows.append({"id": name, "name": look.name, "kind": tracks.kinds[k], "radius": round(radius, 2),
@@ -268,14 +264,14 @@ def _describe_balls(run: ClipRun, offset: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
+def _describe_events(run: ClipRun) -> list[dict[str, Any]]:
     """Describe every event with its place in the image."""
     events = run.fit.events
     return [
         {
             "kind": events.kind[k], "t": round(float(events.t[k]), 5), "t_sigma": float(events.t_sigma[k]),
-            "frame": round(float(events.frame[k]) + offset, 3), "a": events.a[k], "b": events.b[k],
-            "px": _round_pixels(run.scene, events.xy[k], max(int(events.frame[k]), 0)),
+            "frame": round(float(events.frame[k]), 3), "a": events.a[k], "b": events.b[k],
+            "px": _round_pixels(run.scene, events.xy[k], int(events.frame[k])),
             "probability": round(float(events.probability[k]), 4), "text": format_event(events, k, run.fit.naming),
             "share": format_probability(events.probability[k]), "when": format_event_time(events, k),
         }
@@ -285,7 +281,5 @@ def _describe_events(run: ClipRun, offset: int) -> list[dict[str, Any]]:
 
 def _round_pixels(scene: Scene, xy: np.ndarray, frame: int) -> list[float] | None:
     """Return the pixel of a place (2,) on the table; None where it is unknown."""
-    motion = scene.camera.motion
-    at = None if motion is None else min(frame, len(motion) - 1)
-    px = scene.camera.to_pixels(np.asarray(xy, float), scene.table.ball_radius, at)
+    px = scene.camera.to_pixels(np.asarray(xy, float), scene.table.ball_radius, frame)
     return [round(float(px[0]), 2), round(float(px[1]), 2)] if np.isfinite(px).all() else None

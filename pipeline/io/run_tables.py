@@ -113,7 +113,8 @@ def write_scene(
         "set_by_hand": {**describe_corrections(corrections), "outcomes": [asdict(one) for one in fit.mark_outcomes]},
         "notes": list(dict.fromkeys([*clip.notes, *fit.profile_misfits, *scene.notes])),
         "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
-                 "repeats": np.flatnonzero(clip.is_duplicate).tolist(), "seconds": float(clip.t[-1])},
+                 "repeats": clip.frames[clip.is_duplicate].tolist(), "first_frame": clip.first_frame,
+                 "begins": float(clip.t[0]), "seconds": float(clip.t[-1] - clip.t[0])},
     }  # fmt: skip
     path.write_text(format_strict_json(document), encoding="utf-8")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -28,6 +28,25 @@ class ClipShot:
     """Index of the frame after its last."""
     require_unchanged: Callable[[str], None]
     """Raises ClipError if the file no longer has this digest."""
+    motion_s: float = 0.0
+    """s in which things as small as balls move."""
+    note: str = ""
+    """Sentence about the part of the recording that is used."""
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether something as small as a ball moves."""
+        return self.motion_s > 0
+
+    @property
+    def begins(self) -> float:
+        """Time of its first frame in the recording, s."""
+        return float(self.whole.t[self.first])
+
+    @property
+    def ends(self) -> float:
+        """Time of its last frame in the recording, s."""
+        return float(self.whole.t[self.stop - 1])
 
     @property
     def name(self) -> str:
@@ -36,8 +55,23 @@ class ClipShot:
 
     @property
     def clip(self) -> Clip:
-        """Its frames as a clip, with indices and times from its first frame."""
-        return self.whole.extract_subclip(self.first, self.stop)
+        """Its frames as a clip."""
+        part = self.whole.extract_subclip(self.first, self.stop)
+        return replace(part, notes=(*part.notes, *filter(None, [self.note])))
+
+
+def find_single_span(clip: Clip) -> bool:
+    """Find out whether a clip is one shot by its length and its views alone, so that no frame need be searched.
+
+    Args:
+        clip: The clip.
+
+    Returns:
+        False where it has a cut or a fade, or is long enough for several shots.
+    """
+    from video.calibration.shot_segmentation import LONG_RECORDING_S  # slow to import
+
+    return clip.views.tolist() == [[0, clip.frame_count]] and float(clip.t[-1]) < LONG_RECORDING_S
 
 
 def shots_stage() -> Stage:
@@ -70,7 +104,7 @@ def shot_stage(shot: ClipShot, digest: str, fps: str | None, memory: FrameMemory
     Returns:
         The stage `read`, whose output is a `Clip`.
     """
-    facts = {"clip": digest, "first": shot.first, "stop": shot.stop, "fps": fps}
+    facts = {"clip": digest, "first": shot.first, "stop": shot.stop, "fps": fps, "note": shot.note}
     adapt = partial(locate_clip, shot.whole.path, memory)
     return Stage("read", __name__, (), Clip, partial(_extract_shot, shot), NoOptions(), facts, adapt)
 

@@ -42,7 +42,13 @@ def _build_tracks(
 
     clip, scene = inputs["read"], inputs["calibrate"]
     tracks = build_tracks(
-        inputs[detections], clip.distinct_frames, clip.t[clip.distinct_frames], scene, options, progress, corrections
+        inputs[detections],
+        clip.distinct_frames,
+        clip.times_of(clip.distinct_frames),
+        scene,
+        options,
+        progress,
+        corrections,
     )
     classified = [find_tracked_ball(tracks, edit.ball) for edit in corrections.tracks if edit.kind == "class"]
     looks = look_at_balls(clip, scene, tracks, [ball for ball in classified if ball is not None])

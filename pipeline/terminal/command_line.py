@@ -81,6 +81,13 @@ def make_output_option(description: str, metavar: str = "PATH") -> Any:
     return typer.Option("-o", "--out", parser=parse_output_path, metavar=metavar, help=description)
 
 
+ShotOption = Annotated[
+    int | None,
+    typer.Option("--shot", help="Number of the shot in a recording. Default: the longest.", min=1),
+]
+ShotTimeOption = Annotated[
+    float | None, typer.Option("--at", help="A time in the shot, in s of the recording, instead of --shot.", min=0.0)
+]
 OutOption = Annotated[Path | None, make_output_option("Folder of the results. Default: out/<clip>.")]
 OutBesideOption = Annotated[AnyPath | None, make_output_option("Folder of the results. Default: DIR.")]
 _CACHE = typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")

@@ -15,10 +15,10 @@ import pytest
 from support.carom_start import SLOW, Home
 
 from models.core.progress import Progress, ignore_progress
-from pipeline.batch.long_clip import find_recording_shots
 from pipeline.chain import STAGE_FILES, FinishedRun, build_run_graph, run_clip
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.recording_shots import find_recording_shots
 from pipeline.run_options import build_options, list_settings
 from pipeline.stages.read_stage import open_frame_memory
 from video.io import decoder
@@ -106,7 +106,7 @@ def test_a_clip_that_does_not_fit_is_decoded_by_each_stage_with_equal_results(
 def test_the_run_of_a_batch_uses_the_frames_from_the_search_for_shots(clip: Path, counts: Counter[str]) -> None:
     with open_frame_memory() as memory:
         cache = ResultCache(clip.parent / "cache-batch")
-        assert find_recording_shots(clip, OPTIONS, cache, SilentWatcher(), SourceSnapshot(), memory) == []
+        assert find_recording_shots(clip, OPTIONS, cache, SilentWatcher(), SourceSnapshot(), memory).shots == ()
         frame_count = counts["decoded"]
         build_run_graph(clip, OPTIONS, memory=memory).select("detect").run(cache, SilentWatcher())
     assert counts["decoded"] == frame_count

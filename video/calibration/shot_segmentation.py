@@ -1,37 +1,37 @@
-"""Segmentation of a long recording into shots: still balls, a strike, motion, and rest again.
+"""Segmentation of a recording into shots: still balls, a strike, motion, and rest again.
 
-Cuts of a broadcast are detected as well; the views between them are treated as recordings of their own.
+The views between cuts and fades are segmented one by one. A view without a table contains no shot, and a replay of an
+earlier shot is none: its frames show the same balls at the same places, in the same order.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.errors import TableNotFound
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import ByteArray, FloatArray
 from video.calibration.cloth_region import find_cloth_regions
+from video.calibration.table_finder import locate_table
 from video.io.clip import Clip, read_frames
 
 SCAN_HEIGHT_PX = 180
 """px, height of the reduced frame: the smallest ball of a table that fills the frame covers four of its pixels."""
-MIN_CUT_CHANGE = 12.0
-"""Grey levels, smallest mean change at a cut; a player who walks past changes less than five."""
-MIN_CUT_RATIO = 5.0
-"""Smallest ratio of the change at a cut to the usual change before: a camera that pans changes every frame."""
-USUAL_CHANGE_FRAMES = 12
-"""Number of frames whose median change is the usual one."""
 COMPARISON_GAP_S = 0.12
 """s between two compared frames: a ball at 5 mm/s is not at rest and moves half a millimetre."""
 MIN_MOTION_CHANGE = 16.0
 """Grey levels of the fourth largest change on the cloth; coding and a flickering lamp reach up to 10."""
 CHANGE_RANK = 4
 """Rank of the change that is used: one flickering pixel is no motion."""
+LARGE_SHARE = 0.05
+"""Share of the cloth that changes where a person or the camera moves; 16 balls of a break cover 2.5 %, twice."""
 MIN_STILLNESS_S = 1.0
 """s without motion that separate two shots."""
 MIN_MOTION_S = 0.25
@@ -39,7 +39,17 @@ MIN_MOTION_S = 0.25
 MARGIN_S = 0.5
 """s of stillness before and after the motion of a shot: longer observation of balls at rest is more precise."""
 LONG_RECORDING_S = 12.0
-"""s above which a clip may contain several shots."""
+"""s above which a view may contain several shots."""
+TABLE_TRIES, TABLE_TRY_S = 8, 1.0
+"""Frames of a view in which a table is searched, and s between them: a player may stand before it."""
+REPLAY_SHOTS = 12
+"""Earlier shots of which a shot may be a replay; each takes up to 3 MB."""
+REPLAY_FRAMES = 200
+"""Most frames that are kept of a shot to recognise its replay."""
+REPLAY_SAMPLES = 16
+"""Frames of a shot that are searched among those of an earlier one."""
+MIN_REPLAY_SHARE = 0.75
+"""Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +60,12 @@ class ShotIntervals:
     """(S,) first frame of each shot."""
     stop_frames: NDArray[np.int64]
     """(S,) frame after the last one of each shot."""
-    cut_frames: NDArray[np.int64]
-    """(C,) frames that show another view than the frame before."""
+    motion_s: FloatArray
+    """(S,) s in which things as small as balls move."""
+    replays: NDArray[np.int64]
+    """(R, 3) first frame of each replay, the frame after its last one, and the number of the shot that it repeats."""
+    views_without_table: int = 0
+    """Number of views in which no table was found."""
 
     def __post_init__(self) -> None:
         if self.first_frames.shape != self.stop_frames.shape or np.any(self.stop_frames <= self.first_frames):
@@ -61,24 +75,97 @@ class ShotIntervals:
         return len(self.first_frames)
 
 
+@dataclass(slots=True)
+class _View:
+    """What one pass collects of a view."""
+
+    first: int
+    stop: int
+    has_table: bool = False
+    change: list[float] = field(default_factory=list)
+    """Grey levels of change on the cloth of each frame; NaN where there is no cloth."""
+    share: list[float] = field(default_factory=list)
+    """Share of the cloth that changes."""
+    moving: deque[tuple[int, ByteArray]] = field(default_factory=lambda: deque(maxlen=REPLAY_SHOTS * REPLAY_FRAMES))
+    """The last frames in which something moves, reduced to half the size of the scan."""
+
+
 def segment_shots(clip: Clip, progress: Progress = ignore_progress) -> ShotIntervals:
-    """Segment a recording into shots. A view without a cloth contains no shot, nor does one without motion.
+    """Segment a recording into shots. A view without a table contains no shot, nor does one without motion.
 
     Args:
         clip: the recording.
         progress: is called with the share that has been read, 0 to 1.
 
     Returns:
-        The shots and the cuts between views.
+        The shots and the replays.
     """
-    views, change = _measure_changes(clip, progress)
-    intervals = [
-        interval
-        for view in pairwise([*views, clip.frame_count])
-        for interval in find_motion_intervals(clip.t, change, *view)
-    ]
-    first, stop = np.array(intervals, np.int64).reshape(-1, 2).T
-    return ShotIntervals(first, stop, np.array(views[1:], np.int64))
+    shots: list[tuple[int, int, float]] = []
+    replays: list[tuple[int, int, int]] = []
+    recent: deque[tuple[int, list[ByteArray]]] = deque(maxlen=REPLAY_SHOTS)
+    without_table = 0
+    for view in _scan_views(clip, progress):
+        without_table += not view.has_table
+        for first, stop in _find_intervals(clip, view) if view.has_table else ():
+            shown = _thin_out([image for frame, image in view.moving if first <= frame < stop])
+            repeated = [number for number, earlier in recent if is_replay(shown, earlier)]
+            if repeated:
+                replays.append((first, stop, repeated[-1]))
+                continue
+            recent.append((len(shots), shown))
+            shots.append((first, stop, _measure_motion(clip, view, first, stop)))
+    spans = np.array([shot[:2] for shot in shots], np.int64).reshape(-1, 2)
+    return ShotIntervals(
+        spans[:, 0], spans[:, 1], np.array([shot[2] for shot in shots]),
+        np.array(replays, np.int64).reshape(-1, 3), without_table,
+    )  # fmt: skip
+
+
+def _find_intervals(clip: Clip, view: _View) -> list[tuple[int, int]]:
+    """Find the shots of a view; a short view with one of them is the shot as a whole."""
+    change = np.full(clip.frame_count, np.nan)
+    change[view.first : view.stop] = view.change
+    intervals = find_motion_intervals(clip.t, change, view.first, view.stop)
+    is_short = clip.t[view.stop - 1] - clip.t[view.first] < LONG_RECORDING_S
+    return [(view.first, view.stop)] if is_short and len(intervals) == 1 else intervals
+
+
+def _measure_motion(clip: Clip, view: _View, first: int, stop: int) -> float:
+    """Measure how long, s, things as small as balls move."""
+    inside = slice(first - view.first, stop - view.first)
+    is_moving = np.nan_to_num(np.array(view.change[inside])) > MIN_MOTION_CHANGE
+    is_small = is_moving & (np.array(view.share[inside]) < LARGE_SHARE)
+    return float(np.sum(np.diff(clip.t[first:stop], prepend=clip.t[first])[is_small]))
+
+
+def _thin_out(images: list[ByteArray]) -> list[ByteArray]:
+    """Keep at most `REPLAY_FRAMES` images, evenly spread."""
+    places = np.unique(np.linspace(0, len(images) - 1, min(len(images), REPLAY_FRAMES)).round().astype(int))
+    return [images[k] for k in places]
+
+
+def is_replay(shown: list[ByteArray], earlier: list[ByteArray]) -> bool:
+    """Decide whether frames of a shot are those of an earlier one, at another speed or not.
+
+    Args:
+        shown: reduced frames (h, w) in which something moves.
+        earlier: those of the earlier shot.
+
+    Returns:
+        True where most frames equal one of the earlier shot, in the same order.
+    """
+    if len(shown) < REPLAY_SAMPLES or len(earlier) < 2 or shown[0].shape != earlier[0].shape:
+        return False
+    samples = np.linspace(0, len(shown) - 1, REPLAY_SAMPLES).round().astype(int)
+    matches = []
+    for k in samples:
+        changes = [_nth_largest_change(cv2.absdiff(shown[k], image).ravel()) for image in earlier]
+        best = int(np.argmin(changes))
+        if changes[best] < MIN_MOTION_CHANGE:
+            matches.append(best)
+    if len(matches) < MIN_REPLAY_SHARE * REPLAY_SAMPLES:
+        return False
+    return bool(np.mean(np.diff(matches) >= 0) >= MIN_REPLAY_SHARE)
 
 
 def find_motion_intervals(t: FloatArray, change: FloatArray, begin: int, end: int) -> list[tuple[int, int]]:
@@ -109,30 +196,52 @@ def find_motion_intervals(t: FloatArray, change: FloatArray, begin: int, end: in
     return [(a, min(b, c)) for (a, b), (c, _) in pairwise([*padded, (end, end)])]
 
 
-def _measure_changes(clip: Clip, progress: Progress) -> tuple[list[int], FloatArray]:
-    """Return the first frames of all views, and (T,) the change on the cloth of each frame."""
-    views, change = [0], np.full(clip.frame_count, np.nan)
-    usual, recent = deque[float](maxlen=USUAL_CHANGE_FRAMES), deque[tuple[float, ByteArray]]()
+def _scan_views(clip: Clip, progress: Progress) -> Iterator[_View]:
+    """Read all views once."""
+    number = np.full(clip.frame_count, -1)
+    for k, (first, stop) in enumerate(clip.views.tolist()):
+        number[first:stop] = k
+    frames = np.flatnonzero(number >= 0)
+    for k, images in groupby(read_frames(clip, indices=frames), key=lambda one: int(number[one[0]])):
+        view = _View(*clip.views[k].tolist())
+        _scan_view(clip, view, images)
+        progress(view.stop / clip.frame_count)
+        yield view
+
+
+def _scan_view(clip: Clip, view: _View, images: Iterator[tuple[int, ByteArray]]) -> None:
+    """Measure the changes on the cloth of a view, and search its table."""
+    recent = deque[tuple[float, ByteArray]]()
     mask: ByteArray | None = None
-    for frame, image in read_frames(clip, indices=np.arange(clip.frame_count)):
-        small = _downscale_frame(image)
+    tries, next_try = TABLE_TRIES, -np.inf
+    for frame, image in images:
+        t, small = float(clip.t[frame]), _downscale_frame(image)
+        if not view.has_table and tries and t >= next_try:
+            tries, next_try = tries - 1, t + TABLE_TRY_S
+            mask = _cloth_mask(small) if mask is None else mask
+            view.has_table = mask is not None and _has_table(image)
         grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.uint8)
-        step = float(cv2.absdiff(recent[-1][1], grey).mean()) if recent else 0.0
-        if recent and step > MIN_CUT_CHANGE and step > MIN_CUT_RATIO * float(np.median(usual or [0.0])):
-            views.append(frame)
-            usual.clear()
-            recent.clear()
-        elif recent:
-            usual.append(step)
-        if not recent:
-            mask = _cloth_mask(small)
-        while len(recent) > 1 and clip.t[frame] - recent[1][0] >= COMPARISON_GAP_S:
+        while len(recent) > 1 and t - recent[1][0] >= COMPARISON_GAP_S:
             recent.popleft()
+        change, share = np.nan, 0.0
         if mask is not None and recent:
-            change[frame] = _nth_largest_change(cv2.absdiff(recent[0][1], grey)[mask > 0])
-        recent.append((float(clip.t[frame]), grey))
-        progress((frame + 1) / clip.frame_count)
-    return views, change
+            difference = cv2.absdiff(recent[0][1], grey)[mask > 0]
+            change, share = _nth_largest_change(difference), float(np.mean(difference > MIN_MOTION_CHANGE))
+        view.change.append(change)
+        view.share.append(share)
+        if mask is not None and change > MIN_MOTION_CHANGE:
+            half = cv2.resize(cv2.bitwise_and(grey, mask), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+            view.moving.append((frame, half.astype(np.uint8, copy=False)))
+        recent.append((t, grey))
+
+
+def _has_table(image: ByteArray) -> bool:
+    """Whether a table can be located in a frame."""
+    try:
+        locate_table(image)
+    except TableNotFound:
+        return False
+    return True
 
 
 def _downscale_frame(image: ByteArray) -> ByteArray:

@@ -104,7 +104,9 @@ def calibrate_clip(
     progress(0.7)
     if motion is not None:
         # After registration to the first frame, the median is sharp again.
-        images = [_warp_to_reference(image, motion[frame]) for image, frame in zip(images, frames, strict=True)]
+        images = [
+            _warp_to_reference(image, motion[k]) for image, k in zip(images, frames - clip.first_frame, strict=True)
+        ]
         background = compute_median_image(images)
         location = _locate_in_image(background, clip, options.corners)
     table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options, prior)
@@ -114,7 +116,9 @@ def calibrate_clip(
     cloth = _convert_rgb_to_lab(location.cloth_colour)
     if prior is not None and not prior.agrees_with_cloth(cloth):
         notes += (CLOTH_MISFIT,)
-    return Scene(table, replace(camera, motion=motion), cloth, notes, warnings, ball_sizes)
+    return Scene(
+        table, replace(camera, motion=motion, first_frame=clip.first_frame), cloth, notes, warnings, ball_sizes
+    )
 
 
 def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "the image") -> Scene:
@@ -232,8 +236,8 @@ def _estimate_motion(clip: Clip, images: list[ImageArray], location: TableLocati
         return None, 0
     if not location.is_from_user:
         reference = select_reference_features(greys[0], locate_table(images[0], clip.path.name).corners)
-    all_frames = read_frames(clip, indices=np.arange(clip.frame_count), grey=True)
-    motion, lost = estimate_camera_motion(reference, all_frames, clip.frame_count)
+    all_images = (image for _, image in read_frames(clip, indices=clip.frames, grey=True))
+    motion, lost = estimate_camera_motion(reference, enumerate(all_images), clip.frame_count)
     if lost > MAX_LOST_SHARE * clip.frame_count:
         raise TableNotFound(
             f"{clip.path.name} was filmed by a moving camera, whose motion could not be estimated in {lost} of "

@@ -103,9 +103,9 @@ def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
     packets = _read_packets(path)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
     first, stop = _select_liveliest_part(packets, count)
-    t = packets.times[first:stop] - packets.times[first]
+    t = packets.times[first:stop]
     clip = Clip(
-        path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first, float(packets.times[first]),
+        path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first,
         stop - first == len(packets.times), memory, pixel_aspect=packets.pixel_aspect, clock_rate=packets.clock_rate,
     )  # fmt: skip
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))

@@ -60,7 +60,8 @@ def _stretch_audio(clip: Clip, slowdown: float, duration: float) -> Iterator[Any
     """Yield stretched audio frames from the first video frame on, at most `duration` s of them."""
     with av.open(str(clip.path)) as container:
         stream = container.streams.audio[0]
-        graph, source, sink = _build_filter_graph(stream, _first_frame_time(clip), slowdown, duration)
+        start = _first_frame_time(clip) + float(clip.t[0])
+        graph, source, sink = _build_filter_graph(stream, start, slowdown, duration)
         for packet in demux_packets(container, stream):
             for frame in packet.decode():
                 source.push(frame)
@@ -71,7 +72,7 @@ def _stretch_audio(clip: Clip, slowdown: float, duration: float) -> Iterator[Any
 
 
 def _first_frame_time(clip: Clip) -> float:
-    """Presentation time of the first video frame, s of the container's clock."""
+    """Presentation time of the first video frame of the file, s of the container's clock."""
     with open_container(clip.path) as (container, stream):
         for frame in container.decode(stream):
             return float(frame.time or 0.0)

@@ -29,6 +29,7 @@ from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_lum
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
 from video.io.timestamps import compute_presentation_times, even_times, find_jitter, is_slow_motion, nominal_fps
+from video.io.view_changes import ViewMeter
 
 MIN_DISTINCT_FRAMES = 5
 """Fewest distinct frames of a clip; fewer do not show a motion that can be tracked."""
@@ -38,6 +39,9 @@ SIDE_RANGE_PX = (32, 16384)
 
 FPS_RANGE = (1, 1000)
 """Lowest and highest frame rate of a clip, 1/s."""
+
+TIME_TOLERANCE_S = 1e-9
+"""s by which a time may be before that of its frame: rounding."""
 
 MAX_GAP_S = 60.0
 """Longest time between two frames: a screen recording skips still moments, but a damaged timestamp skips years."""
@@ -66,28 +70,30 @@ class Clip:
     fps: Fraction
     """Nominal frame rate of the container, 1/s, duplicate frames included."""
     t: FloatArray
-    """(T,) s, presentation time of each frame; the first is 0."""
+    """(T,) s, presentation time of each frame; that of the first frame of the file is 0."""
     is_duplicate: NDArray[np.bool_]
     """(T,) True where a frame shows the previous one again."""
     has_audio: bool
     notes: tuple[str, ...] = ()
     """Sentences for the user: defects of the file and how they were handled."""
     first_frame: int = 0
-    """Index in the file of the clip's first frame; above 0 for a shot cut from a long recording."""
-    start_time: float = 0.0
-    """s, presentation time of that frame in the file."""
+    """Index in the file of the clip's first frame; above 0 for a shot cut from a recording. All frames count so."""
     is_whole_file: bool = True
     """Whether the clip covers the whole file."""
     memory: FrameMemory | None = None
     """Decoded frames that all passes share; None decodes the file in every pass."""
     unobserved_frames: tuple[int, ...] = ()
-    """Indices of frames that show no moment: they are damaged, refer to damaged ones, or are mixed of two images."""
+    """Indices in the file of frames that show no moment: damaged, referring to damaged ones, or mixed of two images."""
     pixel_aspect: Fraction = Fraction(1)
     """Width of a stored pixel over its height, as the file states it."""
     stored_scale: tuple[float, float] = (1.0, 1.0)
     """Stored pixels per pixel of the upright image, along x and y."""
     clock_rate: float = 1.0
     """Seconds of `t` per second of the container: below 1 for slow motion, 0 where other times replaced its own."""
+    views: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    """(V, 2) first frame of each stretch without a cut or a fade, and the frame after its last one."""
+    sway: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(T,) shares of the width by which the image seems to move as a whole within `FADE_GAP_S`; empty if unknown."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -101,7 +107,7 @@ class Clip:
     @property
     def stored_start(self) -> float | None:
         """Time of the first frame by the container's timestamps, s after that of the file; None where unknown."""
-        return self.start_time / self.clock_rate if self.clock_rate else None
+        return float(self.t[0]) / self.clock_rate if self.clock_rate else None
 
     @property
     def frame_count(self) -> int:
@@ -109,14 +115,43 @@ class Clip:
         return len(self.t)
 
     @property
+    def frames(self) -> NDArray[np.int64]:
+        """(T,) indices in the file of all frames."""
+        return np.arange(self.first_frame, self.first_frame + self.frame_count, dtype=np.int64)
+
+    @property
     def distinct_frames(self) -> NDArray[np.int64]:
-        """(D,) indices of the frames that are observed: those that are no duplicates and show a moment."""
+        """(D,) indices in the file of the frames that are observed: those that are no duplicates and show a moment."""
         is_observed = ~self.is_duplicate
-        is_observed[list(self.unobserved_frames)] = False
-        return np.flatnonzero(is_observed).astype(np.int64)
+        is_observed[np.array(self.unobserved_frames, np.int64) - self.first_frame] = False
+        return self.frames[is_observed]
+
+    def times_of(self, frames: NDArray[np.int64]) -> FloatArray:
+        """Return the presentation times of frames.
+
+        Args:
+            frames: (K,) their indices in the file.
+
+        Returns:
+            (K,) s.
+        """
+        times: FloatArray = self.t[frames - self.first_frame]
+        return times
+
+    def frames_shown_at(self, t: FloatArray) -> NDArray[np.int64]:
+        """Return the frames that are shown at given times.
+
+        Args:
+            t: (K,) s.
+
+        Returns:
+            (K,) their indices in the file; before the first frame, the first.
+        """
+        rows = np.searchsorted(self.t, np.asarray(t) + TIME_TOLERANCE_S, side="right") - 1
+        return np.maximum(rows, 0).astype(np.int64) + self.first_frame
 
     def extract_subclip(self, first: int, stop: int) -> Clip:
-        """Cut a clip out of a whole file; its frames are counted and timed from its own first frame.
+        """Cut a clip out of a whole file; its frames keep their numbers and times.
 
         Args:
             first: index of its first frame in the file.
@@ -132,11 +167,11 @@ class Clip:
             raise ValueError(f"frames {first} to {stop} are no part of the {self.frame_count} frames of a whole file")
         is_duplicate = self.is_duplicate[first:stop].copy()
         is_duplicate[0] = False
-        t, start = self.t[first:stop], float(self.t[first])
-        unobserved = tuple(k - first for k in self.unobserved_frames if first <= k < stop)
+        unobserved = tuple(frame for frame in self.unobserved_frames if first <= frame < stop)
         return replace(
-            self, t=t - start, is_duplicate=is_duplicate, first_frame=first, start_time=start, is_whole_file=False,
-            memory=None, unobserved_frames=unobserved,
+            self, t=self.t[first:stop], is_duplicate=is_duplicate, first_frame=first, is_whole_file=False, memory=None,
+            views=np.array([[first, stop]], np.int64), sway=self.sway[first:stop],
+            unobserved_frames=unobserved,
         )  # fmt: skip
 
 
@@ -199,6 +234,7 @@ def open_clip(
         path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate in (0, 1),
         (*notes, *_describe_layout(scan)), memory=memory, unobserved_frames=tuple(unobserved.tolist()),
         pixel_aspect=scan.aspect, stored_scale=scan.layout.stored_scale, clock_rate=rate,
+        views=scan.views.find_views(t), sway=scan.views.measure_sway(t),
     )  # fmt: skip
     _check_times(path, t, nominal)
     return clip
@@ -214,7 +250,7 @@ def read_frames(
 
     Args:
         clip: the clip to read.
-        indices: (K,) indices of the requested frames in any order; None requests all distinct frames.
+        indices: (K,) indices in the file of the requested frames in any order; None requests all distinct frames.
         grey: return only the luma plane, which costs no colour conversion.
 
     Returns:
@@ -226,11 +262,10 @@ def read_frames(
     """
     wanted = np.zeros(clip.frame_count, np.bool_)
     chosen = clip.distinct_frames if indices is None else np.asarray(indices, np.int64)
-    if np.any((chosen < 0) | (chosen >= clip.frame_count)):
-        raise ValueError(
-            f"{clip.path.name} has frames 0 to {clip.frame_count - 1}; got {chosen.min()} to {chosen.max()}"
-        )
-    wanted[chosen] = True
+    first, stop = clip.first_frame, clip.first_frame + clip.frame_count
+    if np.any((chosen < first) | (chosen >= stop)):
+        raise ValueError(f"{clip.path.name} has frames {first} to {stop - 1}; got {chosen.min()} to {chosen.max()}")
+    wanted[chosen - first] = True
     return _decode_wanted_frames(clip, wanted, grey)
 
 
@@ -239,7 +274,7 @@ def _decode_wanted_frames(clip: Clip, wanted: NDArray[np.bool_], grey: bool) -> 
     for index, frame in enumerate(_iterate_frames(clip, int(np.max(np.flatnonzero(wanted), initial=-1)))):
         layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
         if wanted[index]:
-            yield index, layout.extract_luma(frame) if grey else layout.extract_rgb(frame)
+            yield clip.first_frame + index, layout.extract_luma(frame) if grey else layout.extract_rgb(frame)
 
 
 def _iterate_frames(clip: Clip, last: int) -> Iterator[Any]:
@@ -284,6 +319,7 @@ class _FileScan:
     pts: list[int | None]
     dts: list[int | None]
     change: list[tuple[float, float]]
+    views: ViewMeter = field(default_factory=ViewMeter)
     size: tuple[int, int] = (0, 0)
     layout: FrameLayout = STORED_LAYOUT
     has_fields: bool = False
@@ -310,6 +346,7 @@ def _scan_file(path: Path, progress: Progress, memory: FrameMemory) -> _FileScan
             scan.pts.append(frame.pts)
             scan.dts.append(frame.dts)
             scan.change.append(meter.measure_change(extract_stored_luma(frame)))
+            scan.views.add_frame(meter.thumbnail)
             if scan.duration_s and frame.time is not None:
                 progress(min(max(frame.time / scan.duration_s, 0.0), 1.0))
     if not scan.pts:

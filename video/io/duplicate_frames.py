@@ -80,6 +80,11 @@ class FrameChangeMeter:
         self._before.append(now)
         return last, third
 
+    @property
+    def thumbnail(self) -> NDArray[np.uint8]:
+        """The last frame in blocks."""
+        return self._before[-1]
+
 
 def _nth_largest_difference(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
     flat = cv2.absdiff(before, now).ravel()

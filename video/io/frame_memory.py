@@ -11,7 +11,15 @@ MAX_SHARE_PER_CORE = 0.25
 
 
 def frame_memory_budget(available_bytes: int, cores: int) -> int:
-    """Compute the bytes that the decoded frames of one process may take."""
+    """Compute the memory that the decoded frames of one process may take.
+
+    Args:
+        available_bytes: Free memory of the machine.
+        cores: Cores of the machine, each of which may run a clip.
+
+    Returns:
+        Bytes.
+    """
     return min(MAX_BYTES, int(MAX_SHARE_PER_CORE * available_bytes / cores))
 
 
@@ -67,6 +75,13 @@ class FrameMemory:
         if self._bytes > self.budget:
             self.is_exceeded = True
             self._clear()
+
+    def extract_frames(self, first: int, stop: int) -> FrameMemory:
+        """Return the memory of a part of the clip, with frames [first, stop) where all frames are held."""
+        part = FrameMemory(self.budget)
+        if self.is_complete:
+            part.frames, part.is_complete = self.frames[first:stop], True
+        return part
 
     def _clear(self) -> None:
         self.frames.clear()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import av
-import numpy as np
 
 from video.io.clip import Clip, read_frames
 from video.io.video_writer import VideoWriter
@@ -37,9 +36,8 @@ def re_encode_clip(clip: Clip, copy_path: Path) -> Path:
     Returns:
         `copy_path`.
     """
-    all_frames = np.arange(clip.frame_count)
     with VideoWriter(copy_path, clip.width, clip.height, clip.fps) as writer:
-        for _, rgb in read_frames(clip, indices=all_frames):
+        for _, rgb in read_frames(clip, indices=clip.frames):
             writer.write(rgb)
     return copy_path
 

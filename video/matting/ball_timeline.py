@@ -86,11 +86,11 @@ class BallTimeline:
 
         None for a still camera.
         """
-        motion = self.scene.camera.motion
-        if motion is None:
-            return None
         rows, share = self.locate_times(t)
-        before, after = motion[self.frame[rows]], motion[self.frame[np.minimum(rows + 1, len(self.t) - 1)]]
+        ends = rows, np.minimum(rows + 1, len(self.t) - 1)
+        before, after = (self.scene.camera.motion_of(self.frame[end]) for end in ends)
+        if before is None or after is None:
+            return None
         share = share[..., None, None]
         mean: FloatArray = before / before[..., 2:, 2:] * (1 - share) + after / after[..., 2:, 2:] * share
         return mean

@@ -82,7 +82,7 @@ def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
     """
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
-    t = clip.t[clip.distinct_frames]
+    t = clip.times_of(clip.distinct_frames)
     inner = [np.array([a, *_inner_times(a, b, factor)]) for a, b in pairwise(t)]
     return np.concatenate([*inner, t[-1:]])
 
@@ -97,7 +97,7 @@ def regular_frame_times(clip: Clip, rate: float) -> FloatArray:
     Returns:
         Times (K,), s; those of decoded frames where they nearly coincide.
     """
-    real = clip.t[clip.distinct_frames]
+    real = clip.times_of(clip.distinct_frames)
     times = real[0] + np.arange(int((real[-1] - real[0]) * rate + SNAP_SHARE) + 1) / rate
     after = np.clip(np.searchsorted(real, times), 1, len(real) - 1)
     nearest = np.where(times - real[after - 1] < real[after] - times, real[after - 1], real[after])
@@ -119,8 +119,9 @@ def regular_frame_rate(clip: Clip, factor: int) -> Fraction | None:
     if not len(strides) or (strides != strides[0]).any():
         return None
     rate = clip.fps / int(strides[0])
-    even = clip.t[frames[0]] + np.arange(len(frames)) / float(rate)
-    return rate * factor if np.abs(clip.t[frames] - even).max() < REGULAR_TOLERANCE_S else None
+    t = clip.times_of(frames)
+    even = t[0] + np.arange(len(frames)) / float(rate)
+    return rate * factor if np.abs(t - even).max() < REGULAR_TOLERANCE_S else None
 
 
 def _inner_times(first: float, last: float, factor: int) -> FloatArray:

@@ -92,22 +92,21 @@ def find_tracked_ball(tracks: Tracks, place: BallPlace) -> int | None:
     return number
 
 
-def update_ball_names(corrections: Corrections, tracks: Tracks, first: int = 0) -> Corrections:
+def update_ball_names(corrections: Corrections, tracks: Tracks) -> Corrections:
     """Replace the ids in corrections by those that the balls have now, where a correction names balls that exist.
 
     A renamed, joined or split ball keeps the id that it had: the correction is about that id.
 
     Args:
-        corrections: What a person corrected, with frames of the recording.
+        corrections: What a person corrected.
         tracks: Tracks of N balls over T frames.
-        first: Frame of the recording at which the tracks begin.
 
     Returns:
         The corrections with ids of `tracks`.
     """
 
     def update(place: BallPlace) -> BallPlace:
-        ball = find_tracked_ball(tracks, replace(place, frame=place.frame - first)) if place.frame >= first else None
+        ball = find_tracked_ball(tracks, place)
         return place if ball is None else replace(place, id=tracks.ids[ball])
 
     def update_both(one: Named) -> Named:

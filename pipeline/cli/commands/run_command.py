@@ -11,10 +11,11 @@ import typer
 from rich.table import Table as Grid
 
 from models.numerics.first_compilation import notify_first_compilation
-from pipeline.chain import FinishedRun, default_run_folder, run_clip
+from pipeline.chain import FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.shot_numbers_json import describe_shot_numbers
+from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
@@ -47,6 +48,8 @@ def run(
             help="Table profile that this run starts from, as with --profile, and improves; a missing file is started.",
         ),
     ] = None,
+    shot: cli.ShotOption = None,
+    at: cli.ShotTimeOption = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
     debug: cli.DebugOption = False,
@@ -76,9 +79,9 @@ def run(
             with display.pause():
                 _print_answer(answer)
 
-        finished = run_clip(
-            clip, folder, options, store, display, answer_listener=None if as_json else print_answer, executor=executor,
-            start_helpers=start_helpers,
+        finished = run_chosen_shot(
+            clip, folder, options, store, display, ShotChoice(shot, at), executor=executor,
+            answer_listener=None if as_json else print_answer, start_helpers=start_helpers,
         )  # fmt: skip
     _print_run(finished, options, update_profile, as_json, is_answered=bool(answers))
 

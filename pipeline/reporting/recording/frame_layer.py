@@ -30,7 +30,7 @@ def log_video(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
         asset, stamps = _load_video_asset(clip, Path(aside) / "copy.mp4")
     stream.log("picture/video", asset, static=True)
     stamps = np.sort(stamps)[: clip.frame_count]
-    times = build_time_columns(clip.t[: len(stamps)], clip.t)
+    times = build_time_columns(clip.t[: len(stamps)], clip)
     stream.send_columns("picture/video", times, rr.VideoFrameReference.columns_nanos(stamps))
 
 
@@ -51,7 +51,7 @@ def log_detections(stream: rr.RecordingStream, clip: Clip, detections: Detection
         radii = np.maximum(DOT_SIGMAS * detections.sigma, MIN_DOT_RADIUS)
         points = rr.Points2D.columns(positions=detections.centre, radii=radii).partition(counts)
         facts = rr.AnyValues.columns(sigma_px=detections.sigma, score=detections.score).partition(counts)
-        stream.send_columns("picture/detections", build_time_columns(clip.t[frames], clip.t), [*points, *facts])
+        stream.send_columns("picture/detections", build_time_columns(clip.times_of(frames), clip), [*points, *facts])
     stream.log("picture/detections", rr.Points2D.from_fields(colors=[255, 255, 255, 160]), static=True)
 
 
@@ -67,7 +67,7 @@ def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: 
         if len(rows):
             strips = rr.LineStrips2D.columns(strips=list(rings.astype(np.float32)))
             stream.send_columns(
-                entity, build_time_columns(tracks.t, clip.t), strips.partition(is_observed[:, k].astype(np.int64))
+                entity, build_time_columns(tracks.t, clip), strips.partition(is_observed[:, k].astype(np.int64))
             )
         look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0), "labels": [tracks.looks[k].name]}
         stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
@@ -105,15 +105,15 @@ def log_path_so_far(
     lines = [np.vstack([xy[t < shown[k]], now[k]]) for k in there]
     if in_image:
         camera, radius = shot.scene.camera, shot.scene.table.ball_radius
-        lines = [camera.to_pixels(line, radius, int(k)) for k, line in zip(there, lines, strict=True)]
+        lines = [camera.to_pixels(line, radius, k) for k, line in zip(shot.clip.frames[there], lines, strict=True)]
     colour = (shot.frame_colours if in_image else shot.plan_colours)[ball]
     look = {"colors": colour, "radii": rr.Radius.ui_points(1.5)}
     stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
     if len(there):
         strips = rr.LineStrips2D.columns(strips=[line.astype(np.float32) for line in lines])
-        stream.send_columns(entity, build_time_columns(shown[there], shown), strips)
+        stream.send_columns(entity, build_time_columns(shown[there], shot.clip), strips)
 
 
 def _frame_time_columns(clip: Clip, count: int) -> list[rr.TimeColumn]:
     """Return the time columns of the first `count` frames."""
-    return build_time_columns(clip.t[:count], clip.t)
+    return build_time_columns(clip.t[:count], clip)

@@ -59,17 +59,12 @@ def finish_stream(stream: rr.RecordingStream, path: Path) -> None:
         stream.disconnect()
 
 
-def build_time_columns(t: FloatArray, shown: FloatArray) -> list[rr.TimeColumn]:
-    """Build both time columns for times t (K,) s of a clip with frames at `shown` (T,) s."""
+def build_time_columns(t: FloatArray, clip: Clip) -> list[rr.TimeColumn]:
+    """Build both time columns for times t (K,) s of a clip."""
     return [
         rr.TimeColumn(VIDEO_TIME, duration=np.asarray(t, dtype=np.float64)),
-        rr.TimeColumn(FRAME, sequence=frame_shown_at(t, shown)),
+        rr.TimeColumn(FRAME, sequence=clip.frames_shown_at(t)),
     ]
-
-
-def frame_shown_at(t: FloatArray, shown: FloatArray) -> NDArray[np.int64]:
-    """Return the frame (K,) shown at t (K,) s; before the first frame, the first."""
-    return np.maximum(np.searchsorted(shown, np.asarray(t) + 1e-9, side="right") - 1, 0).astype(np.int64)
 
 
 PATH_HZ = 100.0
@@ -114,7 +109,7 @@ class RecordedShot:
         radius, camera = self.scene.table.ball_radius, self.scene.camera
         if camera.motion is None:
             return camera.to_pixels(xy, radius)[None].astype(np.float32)
-        return np.array([camera.to_pixels(xy, radius, k) for k in range(self.clip.frame_count)], dtype=np.float32)
+        return np.array([camera.to_pixels(xy, radius, k) for k in self.clip.frames], dtype=np.float32)
 
 
 def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> RecordedShot:

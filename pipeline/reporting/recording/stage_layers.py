@@ -24,7 +24,6 @@ from pipeline.reporting.recording.recorded_shot import (
     build_recorded_shot,
     build_time_columns,
     finish_stream,
-    frame_shown_at,
     open_stream,
 )
 from pipeline.reporting.recording.viewer_blueprint import build_blueprint
@@ -89,7 +88,7 @@ def log_events(stream: rr.RecordingStream, shot: RecordedShot) -> None:
             f"{format_event_time(events, k)}: {format_event(events, k, shot.fit.naming)}" for k in range(len(events))
         ]
         columns = rr.TextLog.columns(text=words, level=["INFO"] * len(words))
-        stream.send_columns("log/events", build_time_columns(events.t, shot.clip.t), columns)
+        stream.send_columns("log/events", build_time_columns(events.t, shot.clip), columns)
     marked = [k for k in range(len(events)) if events.kind[k] != "rest"]
     for k in marked:
         _log_mark(stream, shot, k)
@@ -124,8 +123,8 @@ def _log_mark(stream: rr.RecordingStream, shot: RecordedShot, k: int) -> None:
         t = np.concatenate([events.t[[k]], shown[shown > events.t[k]] if drifts else np.empty(0)])
         at = np.repeat(events.xy[[k]], len(t), axis=0)
         if view == "picture":
-            at = shot.scene.camera.to_pixels(at, shot.scene.table.ball_radius, frame_shown_at(t, shown))
-        stream.send_columns(entity, build_time_columns(t, shown), rr.Points2D.columns(positions=at))
+            at = shot.scene.camera.to_pixels(at, shot.scene.table.ball_radius, shot.clip.frames_shown_at(t))
+        stream.send_columns(entity, build_time_columns(t, shot.clip), rr.Points2D.columns(positions=at))
 
 
 def _log_captions(stream: rr.RecordingStream, shot: RecordedShot, marked: list[int]) -> None:
@@ -137,12 +136,12 @@ def _log_captions(stream: rr.RecordingStream, shot: RecordedShot, marked: list[i
     )
     for k, following in zip(marked, [*events.t[marked[1:]], np.inf], strict=True):
         stream.set_time(VIDEO_TIME, duration=float(events.t[k]))
-        stream.set_time(FRAME, sequence=int(frame_shown_at(events.t[[k]], shot.clip.t)[0]))
+        stream.set_time(FRAME, sequence=int(shot.clip.frames_shown_at(events.t[[k]])[0]))
         stream.log("plan/caption", place, rr.Points2D.from_fields(labels=[format_mark(shot.fit, k)], show_labels=True))
         end = min(float(events.t[k]) + CAPTION_SECONDS, last)
         if end < following:
             stream.set_time(VIDEO_TIME, duration=end)
-            stream.set_time(FRAME, sequence=int(frame_shown_at(np.array([end]), shot.clip.t)[0]))
+            stream.set_time(FRAME, sequence=int(shot.clip.frames_shown_at(np.array([end]))[0]))
             stream.log("plan/caption", rr.Clear(recursive=False))
     stream.reset_time()
 
@@ -180,7 +179,7 @@ def _log_line(
     finite = np.isfinite(values)
     if finite.any():
         stream.send_columns(
-            entity, build_time_columns(t[finite], shot.clip.t), rr.Scalars.columns(scalars=values[finite])
+            entity, build_time_columns(t[finite], shot.clip), rr.Scalars.columns(scalars=values[finite])
         )
 
 
@@ -193,7 +192,7 @@ def log_stage_lines(stream: rr.RecordingStream, clip: Clip, stage: str, lines: l
     levels, texts = zip(*lines, strict=True) if lines else ((), ())
     columns = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
     if lines:
-        stream.send_columns(f"log/chain/{stage}", build_time_columns(np.full(len(lines), clip.t[0]), clip.t), columns)
+        stream.send_columns(f"log/chain/{stage}", build_time_columns(np.full(len(lines), clip.t[0]), clip), columns)
 
 
 def describe_clip(clip: Clip) -> list[LogLine]:
@@ -294,7 +293,7 @@ def log_fitted_balls(stream: rr.RecordingStream, shot: RecordedShot) -> None:
         there = np.isfinite(places[:, k, 0])
         if there.any():
             points = rr.Points2D.columns(positions=places[there, k]).partition(there.astype(np.int64))
-            stream.send_columns(f"plan/balls/{ball}", build_time_columns(shot.clip.t, shot.clip.t), points)
+            stream.send_columns(f"plan/balls/{ball}", build_time_columns(shot.clip.t, shot.clip), points)
         look = {
             "colors": shot.frame_colours[k],
             "radii": shot.scene.table.ball_radius,
@@ -325,7 +324,7 @@ def log_residuals(stream: rr.RecordingStream, shot: RecordedShot) -> None:
             continue
         arrows = rr.Arrows2D.columns(origins=fitted[is_drawn, k], vectors=factor * fit.residual[is_drawn, k])
         stream.send_columns(
-            entity, build_time_columns(tracks.t, shot.clip.t), arrows.partition(is_drawn.astype(np.int64))
+            entity, build_time_columns(tracks.t, shot.clip), arrows.partition(is_drawn.astype(np.int64))
         )
         look = {"colors": [255, 96, 160], "radii": rr.Radius.ui_points(1.0), "draw_order": ARROW_DRAW_ORDER}
         stream.log(entity, rr.Arrows2D.from_fields(**look), static=True)

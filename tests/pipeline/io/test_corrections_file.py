@@ -119,13 +119,12 @@ def test_a_file_that_cannot_be_written_gets_one_sentence(tmp_path: Path) -> None
 
 
 def test_a_shot_of_a_recording_gets_its_part() -> None:
-    part = EVERYTHING.extract_span(10, 30)
+    part = EVERYTHING.select_span(10, 30)
     assert part.corners == EVERYTHING.corners
-    assert part.balls[0].ball == BallPlace(2, 100.5, 80.25, "cue")
-    assert (part.balls[0].first, part.balls[0].last) == (None, 30)
-    assert [edit.first for edit in part.tracks] == [None, None, None, 10, 0]
-    assert [mark.at for mark in part.contacts] == [2.5, 11.25]
-    assert EVERYTHING.extract_span(13, 30).tracks == ()
+    assert part.balls == EVERYTHING.balls
+    assert [edit.first for edit in part.tracks] == [None, None, None, 20, 5]
+    assert [mark.at for mark in part.contacts] == [12.5, 21.25]
+    assert EVERYTHING.select_span(13, 30).tracks == ()
 
 
 def test_a_file_without_its_head_is_accepted() -> None:

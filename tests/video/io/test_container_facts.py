@@ -225,7 +225,7 @@ def test_the_fields_of_interlaced_video_become_frames(tmp_path: Path, order: str
     np.testing.assert_allclose(x[2:-2], 30 + 1.5 * np.arange(2 * COUNT)[2:-2], atol=0.3)
     assert "it is interlaced; each field is a frame" in clip.notes
     part = clip.extract_subclip(50, 60)
-    places = [measure_disc(rgb)[0] for _, rgb in read_frames(part, indices=range(10))]
+    places = [measure_disc(rgb)[0] for _, rgb in read_frames(part, indices=part.frames)]
     np.testing.assert_allclose(places, x[50:60], atol=0.3)
     sample = sample_clip(clip.path)
     np.testing.assert_allclose(np.diff(sample.times), 1 / 60, atol=1e-4)
@@ -242,11 +242,11 @@ def test_slow_motion_runs_at_the_rate_at_which_it_was_filmed(tmp_path: Path) -> 
     assert float(clip.fps) == 120
     assert any("it was filmed at 120 fps and stores 30 fps" in note for note in clip.notes)
     np.testing.assert_allclose(np.diff(sample_clip(slow).times), 1 / 120, atol=1e-5)
-    ((_, shown),) = read_frames(clip.extract_subclip(20, 30), indices=[0])
+    ((_, shown),) = read_frames(clip.extract_subclip(20, 30), indices=[20])
     assert measure_disc(shown)[0] == pytest.approx(30 + 3 * 20, abs=0.3)
     stated = open_clip(slow, fps=Fraction(50))
     np.testing.assert_allclose(stated.t, np.arange(COUNT) / 50)
-    ((_, shown),) = read_frames(stated.extract_subclip(20, 30), indices=[0])
+    ((_, shown),) = read_frames(stated.extract_subclip(20, 30), indices=[20])
     assert measure_disc(shown)[0] == pytest.approx(30 + 3 * 20, abs=0.3)
 
 
@@ -309,7 +309,7 @@ def test_observation_resumes_at_the_next_intact_key_frame(tmp_path: Path) -> Non
     assert set(clip.unobserved_frames) <= set(range(19, 41))
     assert set(range(42, clip.frame_count)) <= set(clip.distinct_frames.tolist())
     part = clip.extract_subclip(10, clip.frame_count)
-    assert part.unobserved_frames == tuple(k - 10 for k in clip.unobserved_frames)
+    assert part.unobserved_frames == clip.unobserved_frames
 
 
 def test_a_clip_with_hardly_an_intact_frame_is_refused(tmp_path: Path) -> None:
@@ -344,7 +344,7 @@ def test_timestamps_that_jitter_about_even_times_are_replaced_by_them(tmp_path: 
     np.testing.assert_allclose(np.diff(clip.t), np.diff(clip.t)[0], atol=1e-9)
     assert any("its timestamps jitter by" in note for note in clip.notes)
     np.testing.assert_allclose(np.diff(sample_clip(clip.path).times), 0.04, atol=1e-4)
-    ((_, shown),) = read_frames(clip.extract_subclip(50, 60), indices=[0])
+    ((_, shown),) = read_frames(clip.extract_subclip(50, 60), indices=[50])
     assert measure_disc(shown)[0] == pytest.approx(30 + 1.5 * 50, abs=0.3)
 
 

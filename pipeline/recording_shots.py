@@ -1,0 +1,232 @@
+"""Finds the shots of a recording, and runs the one that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.core.errors import OptionError, TableNotFound
+from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_change_check, run_clip
+from pipeline.engine.result_cache import ResultCache
+from pipeline.engine.source_fingerprint import SourceSnapshot
+from pipeline.engine.stage import Stage
+from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.reporting.text.recording_sentences import ShotSpan, format_other_shot, format_used_span
+from pipeline.run_options import RunOptions
+from pipeline.stages.read_stage import open_frame_memory, read_stage
+from pipeline.stages.shot_stages import ClipShot, find_single_span, shots_stage
+from video.io.clip import Clip
+from video.io.frame_memory import FrameMemory
+
+
+@dataclass(frozen=True, slots=True)
+class ShotChoice:
+    """The shot of a recording that a user asked for; both None for the longest one."""
+
+    number: int | None = None
+    """Number of the shot, from 1."""
+    at: float | None = None
+    """s, a time within the shot."""
+
+
+LONGEST_SHOT = ShotChoice()
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingShots:
+    """The shots of a recording; none where the clip is one shot as a whole."""
+
+    shots: tuple[ClipShot, ...] = ()
+    replays: int = 0
+    """Number of replays, which are left out."""
+    views_without_table: int = 0
+
+
+def find_recording_shots(
+    clip: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    snapshot: SourceSnapshot | None = None,
+    memory: FrameMemory | None = None,
+) -> RecordingShots:
+    """Find the shots of a recording, whose frames `memory` keeps.
+
+    A clip without a cut or a fade that is too short for several shots is not searched.
+
+    Args:
+        clip: Path of the recording.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows the search.
+        snapshot: The project's code when this process started; see `StageGraph.run`.
+        memory: Keeps the decoded frames for the stages; None decodes the recording in each.
+
+    Returns:
+        The shots; without one in a recording of several views, the longest view.
+
+    Raises:
+        TruerollError: The recording or an option cannot be used.
+    """
+    unchanged = make_change_check(clip)
+    read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot, memory)
+    if find_single_span(whole):
+        return RecordingShots()
+    graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
+    intervals = _run_stage(graph, "shots", cache, watcher, partial(unchanged, whole.digest), snapshot)
+    if (
+        len(intervals) < 2
+        and not len(intervals.replays)
+        and len(whole.views) == 1
+        and len(whole.t) == np.ptp(whole.views)
+    ):
+        return RecordingShots()
+    columns = intervals.first_frames, intervals.stop_frames, intervals.motion_s
+    spans = list(zip(*(column.tolist() for column in columns), strict=True))
+    if not spans:
+        first, stop = max(whole.views.tolist(), key=lambda view: view[1] - view[0])
+        spans = [(first, stop, 0.0)]
+    shots = tuple(
+        ClipShot(whole, number, first, stop, unchanged, motion_s)
+        for number, (first, stop, motion_s) in enumerate(spans)
+    )
+    return RecordingShots(shots, len(intervals.replays), intervals.views_without_table)
+
+
+def read_recording_shot(
+    clip: Path, options: RunOptions, span: tuple[int, int], number: int, cache: ResultCache, watcher: RunWatcher
+) -> ClipShot:
+    """Read a recording, with the frame rate of its corrections, and cut one shot out of it.
+
+    Args:
+        clip: Path of the recording.
+        options: Options of all stages.
+        span: First frame of the shot, and the frame after its last.
+        number: Number of the shot, from 0.
+        cache: The cache.
+        watcher: Follows the run.
+
+    Returns:
+        The shot.
+
+    Raises:
+        TruerollError: The recording or an option cannot be used.
+    """
+    unchanged = make_change_check(clip)
+    return ClipShot(_read_recording(clip, options, cache, watcher, unchanged)[1], number, *span, unchanged)
+
+
+def _read_recording(
+    clip: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    unchanged: Callable[[str], None],
+    snapshot: SourceSnapshot | None = None,
+    memory: FrameMemory | None = None,
+) -> tuple[Stage, Clip]:
+    """Read a recording with the frame rate of its corrections; also return the stage that reads it."""
+    digest = hash_clip(clip)
+    read = read_stage(clip, digest, honour_corrections(clip, digest, options).read, memory)
+    graph = StageGraph.from_stages([read], digest)
+    return read, _run_stage(graph, "read", cache, watcher, partial(unchanged, digest), snapshot)
+
+
+def _run_stage(
+    graph: StageGraph,
+    name: str,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    check: Callable[[], None],
+    snapshot: SourceSnapshot | None,
+) -> Any:
+    """Run a graph and load the output of one stage."""
+    entry = graph.run(cache, watcher, check, snapshot)[name]
+    return load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
+
+
+def order_shots(recording: RecordingShots, choice: ShotChoice) -> list[ClipShot]:
+    """Order the shots by preference, each with a sentence about the seconds that it uses.
+
+    Args:
+        recording: The shots of a recording, at least one.
+        choice: The shot that the user asked for.
+
+    Returns:
+        The shot that was asked for; else all, the longest first, and of equals the earlier. A span in which nothing as
+        small as a ball moves comes last.
+
+    Raises:
+        OptionError: There is no such shot.
+    """
+    shots = recording.shots
+    if choice.number is not None:
+        if not 1 <= choice.number <= len(shots):
+            raise OptionError(f"--shot is a number from 1 to {len(shots)}; got {choice.number}")
+        chosen = [shots[choice.number - 1]]
+    elif choice.at is not None:
+        chosen = [shot for shot in shots if shot.begins <= choice.at <= shot.ends]
+        if not chosen:
+            spans = ", ".join(f"{shot.begins:.2f} to {shot.ends:.2f}" for shot in shots)
+            raise OptionError(f"--at is a time in one of the shots, {spans} s; got {choice.at:g}")
+    else:
+        chosen = sorted(shots, key=lambda shot: (not shot.has_motion, -round(shot.ends - shot.begins, 1)))
+    duration, is_default = float(shots[0].whole.t[-1]), choice == LONGEST_SHOT
+    return [
+        replace(shot, note=format_used_span(_describe_span(shot), len(shots), duration, is_default)) for shot in chosen
+    ]
+
+
+def _describe_span(shot: ClipShot) -> ShotSpan:
+    """Describe where a shot lies in its recording."""
+    return ShotSpan(shot.number + 1, shot.first, shot.stop - 1, shot.begins, shot.ends, shot.has_motion)
+
+
+def run_chosen_shot(
+    clip: Path,
+    folder: Path,
+    options: RunOptions,
+    cache: ResultCache,
+    watcher: RunWatcher,
+    choice: ShotChoice = LONGEST_SHOT,
+    **how: Any,
+) -> FinishedRun:
+    """Run a clip, or of a recording with several views or shots the one that was asked for.
+
+    Args:
+        clip: Path of the clip.
+        folder: Folder of the results.
+        options: Options of all stages.
+        cache: The cache.
+        watcher: Follows the run.
+        choice: The shot to run.
+        how: Further arguments of `run_clip`.
+
+    Returns:
+        The run; its notes list the other shots.
+
+    Raises:
+        TruerollError: The clip or an option cannot be used.
+    """
+    memory = open_frame_memory()
+    recording = find_recording_shots(clip, options, cache, watcher, memory=memory)
+    if not recording.shots:
+        if choice.number not in (None, 1):
+            raise OptionError(f"{clip.name} is one shot; leave out --shot {choice.number}")
+        return run_clip(clip, folder, options, cache, watcher, memory=memory, **how)
+    refusals: list[TableNotFound] = []
+    for shot in order_shots(recording, choice):
+        others = tuple(
+            format_other_shot(_describe_span(other)) for other in recording.shots if other.number != shot.number
+        )
+        try:
+            part = memory.extract_frames(shot.first, shot.stop)
+            return run_clip(clip, folder, options, cache, watcher, memory=part, shot=shot, notes=others, **how)
+        except TableNotFound as error:
+            refusals.append(error)
+    raise refusals[0]
