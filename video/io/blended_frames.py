@@ -2,8 +2,8 @@
 
 A converter from 25 to 30 fps shows, between two frames of the camera, means of both: a ball appears twice, half
 transparent. The largest change from frame to frame is then smaller where a frame shares more with the one before it,
-with a period of a few frames. Frames that one image dominates show its ball where it was when it was taken; the others
-show it nowhere.
+with a period of a few frames. Frames that one image dominates show its ball where it was when the camera took it;
+the others show it nowhere.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SAME_AGREEMENT = 0.05
 LEAST_CHANGE = 0.05
 """Relative change of a frame that shows nothing new: coding and noise."""
 LARGEST_MINOR_SHARE = 0.25
-"""Share of the second image up to which a frame is observed: a ball that is so faint is not taken for one."""
+"""Share of the second image up to which a frame is observed: a ball that is so faint is not camera_number for one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +49,16 @@ class FrameBlending:
         """(T,) whether a frame shows two images of which none dominates, or one that was shown before."""
         nearest = np.round(self.place)
         is_mixed: BoolArray = np.abs(self.place - nearest) > LARGEST_MINOR_SHARE
-        kept = np.flatnonzero(~is_mixed)
-        is_mixed[kept[np.diff(nearest[kept], prepend=-1.0) == 0]] = True
+        is_mixed[0] = self.place[0] != nearest[0]  # the first frame is at 0, wherever its images belong
+        rows = np.flatnonzero(~is_mixed)
+        is_mixed[rows[np.diff(nearest[rows], prepend=-1.0) == 0]] = True
         return is_mixed
 
     def estimate_times(self, t: FloatArray) -> FloatArray:
         """Estimate the times (T,) at which the camera took the dominating images of frames shown at t (T,), s."""
-        kept = np.flatnonzero(~self.is_mixed)
-        order = np.arange(len(t), dtype=np.float64)
-        taken = kept + (np.round(self.place) - self.place)[kept] / float(self.ratio)
-        number = np.interp(order, kept, taken)
-        number += np.minimum(order - kept[0], 0) + np.maximum(order - kept[-1], 0)
+        rows, order = np.flatnonzero(~self.is_mixed), np.arange(len(t), dtype=np.float64)
+        number = rows + (np.round(self.place) - self.place)[rows] / float(self.ratio)
+        number = np.interp(order, np.append(0, rows), np.append(0.0, number)) + np.maximum(order - rows[-1], 0)
         interval = float(np.median(np.diff(t)))
         return np.asarray(np.interp(number, order, t) + interval * np.maximum(number - order[-1], 0))
 
@@ -78,7 +77,7 @@ def find_blending(change: FloatArray, third: FloatArray) -> FrameBlending | None
     """
     moving = np.isfinite(change) & np.isfinite(third) & (change >= MIN_MOTION_CHANGE)
     level, level_of_three = (np.log(np.where(moving, np.maximum(each, 1.0), 1.0)) for each in (change, third))
-    found: list[tuple[float, float, FrameBlending]] = []
+    mixtures: list[tuple[float, float, FrameBlending]] = []
     for ratio in RATIOS:
         period = ratio.denominator
         steady = _select_steady(moving, period)
@@ -90,14 +89,16 @@ def find_blending(change: FloatArray, third: FloatArray) -> FrameBlending | None
             expected = np.log(_predict_changes(place, 1))
             pattern = _remove_trend(expected, period)[steady]
             strength = float(deviation @ pattern) / max(float(pattern @ pattern), 1e-9)
-            agreement = 1 - float(np.sum((deviation - strength * pattern) ** 2) / np.sum(deviation**2))
+            agreement = 1 - float(
+                np.sum((deviation - strength * pattern) ** 2) / max(float(np.sum(deviation**2)), 1e-9)
+            )
             if STRENGTH_RANGE[0] < strength < STRENGTH_RANGE[1] and agreement > MIN_AGREEMENT:
                 ratios = (expected - np.log(_predict_changes(place, 3)))[steady]
                 least = ratios < ratios.min() + 1e-6
                 misfit = abs(float(np.median((level - level_of_three)[steady][least] - ratios[least])))
-                found.append((agreement, misfit, FrameBlending(ratio, place)))
-    best = max((agreement for agreement, _, _ in found), default=0.0)
-    alike = [one for one in found if one[0] > best - SAME_AGREEMENT]
+                mixtures.append((agreement, misfit, FrameBlending(ratio, place)))
+    best = max((agreement for agreement, _, _ in mixtures), default=0.0)
+    alike = [one for one in mixtures if one[0] > best - SAME_AGREEMENT]
     return min(alike, key=lambda one: one[1])[2] if alike else None
 
 

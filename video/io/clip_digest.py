@@ -18,7 +18,14 @@ FileState = tuple[tuple[int, int, int, int], ...]
 
 
 def read_file_state(path: Path) -> FileState:
-    """Read the state of a file, or of all files of a folder; empty where it cannot be read."""
+    """Read the state of a file, or of all files of a folder.
+
+    Args:
+        path: the file or folder.
+
+    Returns:
+        The state; empty where it cannot be read.
+    """
     try:
         facts = [one.stat() for one in (sorted(path.iterdir()) if path.is_dir() else [path])]
     except OSError:
