@@ -221,6 +221,7 @@ def open_clip(
         nominal, t = scan.capture_fps, t * rate
     elif (even := find_jitter(t))[1]:
         t, rate = even[0], 0.0
+        nominal = nominal_fps(t, scan.fps)
         notes.append(
             f"its timestamps jitter by {1e3 * even[1]:.1f} ms about {float(nominal):.4g} fps; even times are used"
         )
