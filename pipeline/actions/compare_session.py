@@ -20,7 +20,7 @@ from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse_naming, read_scene_document
 from pipeline.io.shot_numbers_json import parse_shot_numbers
-from pipeline.io.strict_json import format_strict_json
+from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
 from pipeline.reporting.text.session_sentences import SUMMARY_HEADINGS, list_summary_cells
 from pipeline.reporting.text.text_formatting import name_folders
@@ -123,16 +123,18 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         for place, first in find_repeated_clips(one.folder for one in shots).items()
     )
     title = f"{len(owners)} shot{'s' * (len(owners) != 1)} of {name_folders(sources)}"
-    document = {
-        "schema": SCHEMA,
-        "shots": len(owners),
-        "groups": {
-            name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows]
-            for name, rows in summaries.items()
-        },
-        "refused": list(refusals),
-        "repeated": list(repetitions),
-    }
+    document = replace_nonfinite(
+        {
+            "schema": SCHEMA,
+            "shots": len(owners),
+            "groups": {
+                name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows]
+                for name, rows in summaries.items()
+            },
+            "refused": list(refusals),
+            "repeated": list(repetitions),
+        }
+    )
     folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
         write_session_tables(columns, table, parquet)

@@ -11,14 +11,14 @@ import typer
 from models.core.answer import Answer
 from models.core.ball_look import describe_unseen_balls
 from models.core.events import Events
-from models.core.naming import Naming
+from models.core.naming import Naming, join_names
 from models.core.trajectory import State
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.image_file import write_image
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
-from pipeline.reporting.text.text_formatting import name_event
+from pipeline.reporting.text.text_formatting import name_event, start_sentence
 from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 
@@ -62,12 +62,19 @@ def simulate_shot(
     ]
     answer = Answer(
         f"What happens in {shot.name}?",
-        () if rows else ("Nothing moves in this shot.",),
+        _describe_end(wanted, naming, state) if rows else ("Nothing moves in this shot.",),
         rows=(("time", "what"), *rows) if rows else (),
         document={"folder": str(folder), "events": event_values},
         figures=(str(folder / "plan.png"), str(folder / "trajectory.csv")),
     )
     cli.print_answer(answer, as_json)
+
+
+def _describe_end(shot: ShotSetup, naming: Naming, state: State) -> tuple[str, ...]:
+    """Say which balls still move when the simulation ends; nothing where all rest."""
+    moving = [naming.say(ball) for k, ball in enumerate(shot.balls.ids) if np.hypot(*state.v[-1, k]) > 0]
+    verb = f"still move{'s' * (len(moving) == 1)}"
+    return tuple([start_sentence(f"{join_names(moving)} {verb} at the limit of {shot.seconds:g} s.")] * bool(moving))
 
 
 def _draw_shot(shot: ShotSetup, naming: Naming, state: State, events: Events) -> np.ndarray:

@@ -7,7 +7,7 @@ from math import isfinite
 from models.core.number_format import format_measured, format_unit, format_value
 from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, SeriesSummary
-from pipeline.reporting.text.number_sentences import NUMBER_NAMES, format_number
+from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_number
 
 SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend per shot")
 
@@ -38,17 +38,19 @@ def format_trend(one: SeriesSummary) -> str:
     if not isfinite(one.slope):
         return f"needs {MIN_TREND_SHOTS} shots"
     half = (one.slope_high - one.slope_low) / 2
-    slope, low, high = (format_measured(value, half)[0] for value in (one.slope, one.slope_low, one.slope_high))
+    slope, low, high = (
+        format_measured(value, half, DECIMALS[one.unit] + 1)[0] for value in (one.slope, one.slope_low, one.slope_high)
+    )
     return f"{slope} ({low} to {high})"
 
 
 def format_spread(one: SeriesSummary) -> str:
     """Format the spread over the shots with the digits of the measurement; empty below two shots."""
-    return format_measured(one.spread, one.measurement)[0] if isfinite(one.spread) else ""
+    return format_measured(one.spread, one.measurement, DECIMALS[one.unit])[0] if isfinite(one.spread) else ""
 
 
 def format_own_spread(one: SeriesSummary) -> str:
     """Format the spread without the measurement errors; where these explain it, only their size as a limit."""
     if one.own_spread > 0:
-        return format_measured(one.own_spread, one.measurement)[0]
+        return format_measured(one.own_spread, one.measurement, DECIMALS[one.unit])[0]
     return f"below {format_value(one.measurement, 1)}" if isfinite(one.own_spread) and one.measurement > 0 else ""

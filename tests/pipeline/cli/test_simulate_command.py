@@ -119,3 +119,13 @@ def test_balls_without_size_are_those_of_the_nearest_table(tmp_path: Path) -> No
         write_shot(tmp_path, change_shot("table", to={"length": 2.84, "width": 1.42}) | {"balls": SHOT["balls"][1:]})
     )
     assert shot.balls.radius.tolist() == [0.03075]
+
+
+@pytest.mark.parametrize(("seconds", "says"), [(2.0, True), (60.0, False)])
+def test_what_still_moves_at_the_limit_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], seconds: float, says: bool
+) -> None:
+    shot = write_shot(tmp_path, change_shot("seconds", to=seconds))
+    assert execute_command_line(["simulate", str(shot), "-o", str(tmp_path / "out")]) == 0
+    assert ("still move" in (text := capsys.readouterr().out)) == says
+    assert (f"at the limit of {seconds:g} s." in text) == says
