@@ -286,8 +286,8 @@ class RunStatements:
         if figure:
             yield state(("question", about), figure[1], "image of call")
         yield state(("question", about), about, "JSON of call")
-        yield state(("verdict", about), document["answer"], "JSON of call")
-        yield state(("probability", about), document["stated_probability"], "JSON of call")
+        yield state(("verdict", about), document["verdict"], "JSON of call")
+        yield state(("probability", about), document["probability"], "JSON of call")
         for name, key, pattern in (("time", "t", rf"({NUMBER} s) ±"), ("time sigma", "t_sigma", rf"s ± ({NUMBER} m?s)"),
                                    ("frame", "frame", rf"(?<!around )frame ({NUMBER})"),
                                    ("margin", "margin_mm", rf"({NUMBER}(?: ± {NUMBER})? mm)")):  # fmt: skip
@@ -296,7 +296,7 @@ class RunStatements:
             if document[key] is not None and shown:
                 yield state((name, about), abs(document[key]) * (1e-3 if name == "margin" else 1), "JSON of call")
         kind, *_ = document["question"].split()
-        if kind == "contact" and document["verdict"] == "yes":
+        if kind == "contact" and document["code"] == "yes":
             yield from self.read_rows([re.sub(r"\([^)]*%\)", "", printed)], "terminal of call")  # of any touch
 
     def read_places(self, document: dict[str, Any], rows: list[list[str]]) -> Iterator[Statement]:

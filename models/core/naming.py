@@ -52,18 +52,23 @@ class Naming:
         return f"{self.view.name_pocket(pocket)} pocket" if pocket in POCKETS else pocket
 
     def find_ball(self, text: str) -> str | None:
-        """Find the id of the ball that a person names.
+        """Find the id of the ball that a person names; None where no ball or more than one fits."""
+        fitting = self.find_balls(text)
+        return fitting[0] if len(fitting) == 1 else None
+
+    def find_balls(self, text: str) -> list[str]:
+        """Find the ids of the balls that a person may mean.
 
         Args:
-            text: An id, a name, a number, or a word that only one name has, in any case. `solid 2` is the ball with
-                that number rather than the one with the id `solid-2`.
+            text: An id, a name, a number, or a word of a name, in any case. `solid 2` is the ball with that number
+                rather than the one with the id `solid-2`.
 
         Returns:
-            The id; None where no ball or more than one fits.
+            The ids; those that fit best.
         """
         wanted = _split_words(text)
         if not wanted:
-            return None
+            return []
         plain = [word for word in wanted if word not in ("the", "ball", "number")] or wanted
         number = [word for word in plain if word not in ("solid", "stripe")]
         by_rank = (
@@ -72,9 +77,19 @@ class Naming:
             [ball for ball, look in self.looks.items() if number == [str(look.number)] and look.number],
             [ball for ball, look in self.looks.items() if set(plain) <= set(_split_words(look.name))],
             [ball for ball in self.looks if _split_words(ball) == plain],
+            [ball for ball in self.looks if ball == "cue" and plain == ["white"]],
         )
-        fitting = next((balls for balls in by_rank if balls), [])
-        return fitting[0] if len(fitting) == 1 else None
+        return next((balls for balls in by_rank if balls), [])
+
+    def explain_no_ball(self, text: str) -> str:
+        """Explain why a text names no ball: it names several, a rail, or nothing of the clip; empty where it does."""
+        fitting = self.find_balls(text)
+        if len(fitting) > 1:
+            return f"{text!r} is {' or '.join(map(self.name_ball, fitting))}"
+        words = set(_split_words(text)) - {"the"}
+        if words and not fitting and any(words <= set(_split_words(self.name_rail(rail))) for rail in CUSHIONS):
+            return f"{text!r} is a {self.rail_word}, not a ball"
+        return "" if fitting else f"no ball of this clip is {text!r}; it has {self.list_balls()}"
 
     def find_pocket(self, text: str) -> str | None:
         """Find the pocket that a person names.

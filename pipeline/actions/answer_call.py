@@ -21,7 +21,7 @@ from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.rule_answers import answer_foul, answer_score
+from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
@@ -39,7 +39,7 @@ ABOUT_ONE_BALL: dict[str, Callable[[ShotRecord, str], CallAnswer]] = {
 QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
-FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on solids or --on red."
+FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
 LINE_POINTS = 33
 """Points of a drawn line, which lens distortion may bend, and of half a circle."""
 STRIP_NEIGHBOURS = 2
@@ -71,11 +71,9 @@ def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False
     naming = record.naming
     try:
         if kind == "contact":
-            return call_answers.answer_contact(record, *_split_words(naming, rest, naming.find_ball, ""))
+            return call_answers.answer_contact(record, *_split_words(naming, words, naming.find_ball))
         if kind == "pocket":
-            pockets = ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
-            words = _split_words(naming, rest, naming.find_pocket, f"a pocket is one of {pockets}")
-            return call_answers.answer_pocket(record, *words)
+            return call_answers.answer_pocket(record, *_split_words(naming, words, naming.find_pocket))
         if kind == "line":
             axis, at = _parse_line(rest[0])
             return call_answers.answer_line(record, _require_ball(naming, rest[1:]), axis, at, edge)
@@ -91,23 +89,38 @@ def _require_ball(naming: Naming, words: Sequence[str]) -> str:
     """Return the id of the ball that words name."""
     ball = naming.find_ball(" ".join(words))
     if ball is None:
-        raise OptionError(f"a ball is one of {naming.list_balls()}; got {' '.join(words)!r}")
+        raise OptionError(naming.explain_no_ball(" ".join(words)))
     return ball
 
 
-def _split_words(
-    naming: Naming, words: Sequence[str], find_second: Callable[[str], str | None], second: str
-) -> tuple[str, str]:
-    """Split words into a ball and a second thing, which may both have names of several words."""
-    readings = {
-        (ball, other)
-        for k in range(1, len(words))
-        if (ball := naming.find_ball(" ".join(words[:k]))) and (other := find_second(" ".join(words[k:])))
-    }
+def _split_words(naming: Naming, words: Sequence[str], find_second: Callable[[str], str | None]) -> tuple[str, str]:
+    """Split a question into a ball and a second thing, which may both have names of several words."""
+    kind, *rest = " ".join(words).split()
+    if len(rest) < 2:
+        raise OptionError(
+            f"{kind} needs {'two balls' if kind == 'contact' else 'a ball and a pocket'}; got {' '.join(rest)!r}"
+        )
+    halves = [(" ".join(rest[:k]), " ".join(rest[k:])) for k in range(1, len(rest))]
+    pairs = [(naming.find_ball(one), find_second(two)) for one, two in halves]
+    readings = {(ball, other) for ball, other in pairs if ball and other}
     if len(readings) == 1:
         return readings.pop()
-    problem = "these words can be split in several ways" if readings else f"got {' '.join(words)!r}"
-    raise OptionError(f"{second and f'{second}; '}a ball is one of {naming.list_balls()}; {problem}")
+    if readings:
+        raise OptionError(f"the words {' '.join(rest)!r} can be split in several ways")
+    pockets = ", ".join(f"{naming.view.name_pocket(name)} ({name})" for name in POCKETS)
+    problems = [
+        (
+            naming.explain_no_ball(one),
+            ""
+            if other
+            else naming.explain_no_ball(two)
+            if kind == "contact"
+            else f"a pocket is one of {pockets}; got {two!r}",
+        )
+        for (one, two), (_, other) in zip(halves, pairs, strict=True)
+    ]
+    fewest = min(problems, key=lambda pair: (sum(map(bool, pair)), len("".join(pair))))  # the likeliest split
+    raise OptionError("; ".join(filter(None, fewest)))
 
 
 def answer_call(
@@ -145,7 +158,9 @@ def answer_call(
         write_share_clip(record, call, text, trace_mark(record, call), read_shot(folder), footage, share)
     pictures: list[Path] = []
     if footage is not None:
-        pictures, why_not = write_call_images(record, call, text, footage, target, words)
+        pictures, why_not = write_call_images(
+            record, call, text, footage, target, [*words, *(("on", on) if on else ())]
+        )
     figures = (*pictures, *filter(None, [share]))
     parts = [(part, format_call(part, record.naming)) for part in call.parts]
     document = {
@@ -167,7 +182,7 @@ def answer_call(
     rows += [(own.question, own.verdict, own.probability, own.statement) for _, own in parts]
     notes = [UNTOLD] if call.kind == "foul" else []
     if call.kind == "foul" and not on:
-        notes.append(FIRST_BALL_UNKNOWN)
+        notes.append(FIRST_BALL_UNKNOWN.format(" or --on ".join(FIRST_BALL_GROUPS[record.table.game])))
     return Answer(
         text.question, tuple(filter(None, [text.sentence, format_sequence(call, record.naming)])), text.verdict,
         call.stated_probability, tuple(one for one in quantities if math.isfinite(one.value)), tuple(rows),
@@ -179,12 +194,11 @@ def answer_call(
 def _build_document(call: CallAnswer, text: CallWords) -> dict[str, Any]:
     """Build the JSON values of a call without those of its parts."""
     numbers = {
-        "probability": call.probability, "stated_probability": call.stated_probability, "t": call.t,
-        "t_sigma": call.t_sigma, "frame": call.frame, "margin_mm": 1e3 * call.margin,
-        "margin_mm_sigma": 1e3 * call.margin_sigma,
+        "probability": call.stated_probability, "t": call.t, "t_sigma": call.t_sigma, "frame": call.frame,
+        "margin_mm": 1e3 * call.margin, "margin_mm_sigma": 1e3 * call.margin_sigma,
     }  # fmt: skip
     return {
-        "asked": text.question, "verdict": call.verdict, "answer": text.verdict,
+        "asked": text.question, "code": call.verdict, "verdict": text.verdict, "likely": text.likely,
         **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
         "reason": text.reason or None, "sentence": text.sentence, "margin": text.margin or None,
         "moved": list(call.moved),

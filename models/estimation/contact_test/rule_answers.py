@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr
 
-from models.core.scene import CUSHIONS, POCKETS
+from models.core.scene import CUSHIONS, POCKETS, Game
 from models.core.shot_explanation import is_undecided
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers as calls
@@ -24,6 +24,10 @@ CAROM_CUSHIONS = (1, 3)
 """Cushion contacts before the second ball that one-cushion and three-cushion carom demand."""
 COLOURS = ("yellow", "green", "brown", "blue", "pink", "black")
 """Ball classes of the colours of snooker."""
+FIRST_BALL_GROUPS: dict[Game, tuple[str, ...]] = {
+    "pool": ("solids", "stripes", "eight"), "snooker": ("red", "colour"), "carom": (),
+}  # fmt: skip
+"""Groups of balls of which one must be hit first, by game."""
 REST_LEAD = 2e-3
 """s before the cue ball moves until which it still rests: two steps of the stored path."""
 
@@ -113,7 +117,7 @@ def answer_foul(record: ShotRecord, ball: str = "", on: str = "") -> CallAnswer:
     parts.append(_judge(record, "no-contact", (cue,), names["none"], first))
     if legal and is_hit:
         wrong = sum(p for name, p in names.items() if name in record.ids and name not in legal)
-        parts.append(_judge(record, "wrong-ball", (cue, *legal),
+        parts.append(_judge(record, "wrong-ball", (cue, on),
                             wrong + UNOBSERVED_PROBABILITY * names.get(UNKNOWN, 0.0), first))  # fmt: skip
     if record.table.game == "pool" and is_hit:
         parts.append(_answer_no_rail(record, first))
@@ -125,7 +129,7 @@ def answer_foul(record: ShotRecord, ball: str = "", on: str = "") -> CallAnswer:
     is_open = not legal and first.verdict == "inconclusive"  # a wrong ball may have been hit first
     doubtful = UNOBSERVED_PROBABILITY * (1 - first.probability) if is_open else 0.0
     probability = 1 - (1 - doubtful) * math.prod(1 - part.probability for part in parts)
-    foul = _judge(record, "foul", (cue, *legal), probability, decisive)
+    foul = _judge(record, "foul", (cue, on) if on else (cue,), probability, decisive)
     if is_open and foul.verdict == "no":
         foul = replace(foul, doubts=first.doubts, doubt_frame=first.doubt_frame)
     return replace(foul, parts=(*parts, *_list_frozen(record, first)))
@@ -150,7 +154,8 @@ def _find_legal_balls(record: ShotRecord, cue: str, on: str) -> list[str]:
     rows = zip(record.ids, record.kinds, strict=True)
     legal = sorted(name for name, kind in rows if name != cue and (kind in kinds or name == on))
     if on and not legal:
-        raise ValueError(f"no ball of this clip is {on!r}; name solids, stripes, eight, red, colour, or a ball")
+        why = record.naming.explain_no_ball(on) or f"{record.naming.say(on)} is the struck ball"
+        raise ValueError(f"{why}; --on takes {', '.join(FIRST_BALL_GROUPS[record.table.game])}, or a ball")
     return legal
 
 
@@ -219,9 +224,13 @@ def find_struck_ball(record: ShotRecord) -> str:
 
 def _select_stroke(record: ShotRecord, ball: str) -> tuple[ShotRecord, str]:
     """Cut the record at the next stroke, and find the ball that was struck."""
-    cue = ball or find_struck_ball(record)
-    if not cue or math.isinf(_find_start(record, record.ball_index(cue))):
+    struck = find_struck_ball(record)
+    cue = ball or struck
+    if not cue:
         raise ValueError("no cue ball of this clip moves; name the ball that was struck")
+    if math.isinf(_find_start(record, record.ball_index(cue))):
+        say = record.naming.say
+        raise ValueError(f"{say(cue)} does not move in this clip{f'; {say(struck)} was struck' * bool(struck)}")
     events = record.events
     rows = zip(events.t, events.kind, events.a, events.probability, strict=True)
     strikes = [(float(t), a) for t, kind, a, p in rows if kind == "strike" and p > 0.5]

@@ -135,9 +135,8 @@ def _print_answer(finished: FinishedRun) -> None:
         screen.print(grid)
     else:
         screen.print("Nothing moves in this clip.")
-    radius = finished.shot.scene.table.ball_radius
     for shot in fit.shot_numbers:
-        screen.print(f"Shot: {format_shot_line(shot, fit.naming, fit.events, radius)}", markup=False)
+        screen.print(f"Shot: {format_shot_line(shot, fit.naming, fit.events)}", markup=False)
     screen.print(format_trust_line(fit.trust))
     if fit.laws is not None:
         screen.print(format_whole_shot(fit), markup=False)

@@ -208,7 +208,7 @@ def build_event_rows(
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": format_event_time(events, k),
                 "sentence": format_event(events, k, naming),
-                "gap": format_gap(events.gap[k], events.gap_sigma[k], radius) if events.kind[k] == "ball" else "",
+                "gap": format_gap(events.gap[k], events.gap_sigma[k]) if events.kind[k] == "ball" else "",
                 "probability": format_probability(events.probability[k]),
                 "undecided": bool(alternatives) and is_undecided(events.probability[k]),
                 "alternatives": alternatives,

@@ -12,12 +12,13 @@ from models.core.number_format import EXTREME_PROBABILITY, format_probability, f
 from models.core.scene import CUSHIONS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
-from pipeline.reporting.text.number_sentences import covered_share
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
 MAX_MM_DECIMALS = 1
 """Decimals of millimetres: no place is measured to a hundredth."""
+MAX_STATED_MARGIN = 0.1
+"""m from which a margin is no closeness: a ball rolled on past a line, or lay away from another, by about two balls."""
 DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "hidden": "a ball was not detected around it",
     "fast": "a ball moved far between two frames",
@@ -58,8 +59,10 @@ class CallWords:
     question: str
     verdict: str
     """`yes`, `no`, the name of a ball, or `cannot be decided`."""
+    likely: str
+    """The most probable answer: the verdict, where it can be decided."""
     probability: str
-    """Of the verdict; where it cannot be decided, of the most probable answer, with it."""
+    """Of the most probable answer; where it cannot be decided, with it."""
     statement: str
     """What happened, when, and how close it was, as a sentence without probability."""
     moment: str
@@ -94,6 +97,7 @@ def format_call(call: CallAnswer, naming: Naming) -> CallWords:
     return CallWords(
         format_call_question(call, naming),
         likely if is_decided else UNDECIDED,
+        likely,
         probability if is_decided else f"{likely}: {probability}",
         _format_statement(call, naming, margin, moment),
         moment,
@@ -106,7 +110,7 @@ def format_call_question(call: CallAnswer, naming: Naming) -> str:
     """Format the question of a call, such as `Did the cue ball touch red 3?`."""
     a = naming.say(call.subject[0])
     if call.kind == "foul":
-        return "Does the clip show a foul?"
+        return f"Does the clip show a foul{''.join(f' (on: {naming.say(on)})' for on in call.subject[1:])}?"
     if call.kind == "score":
         return f"Did {a} score: did it touch both other balls?"
     if call.kind == "cushions":
@@ -129,8 +133,11 @@ def _name_likely_answer(call: CallAnswer, naming: Naming) -> str:
     if call.kind == "first":
         return "no ball" if call.met == "none" else naming.name_ball(call.met)
     if call.kind == "foul":
-        fouls = [part for part in call.parts if part.kind != "frozen" and part.probability >= 0.5 and not part.doubts]
-        return join_names(name_rule(part, naming).partition(" (")[0] for part in fouls) or "no foul"
+        if call.probability < 0.5:
+            return "no foul"
+        fouls = [part for part in call.parts if part.kind != "frozen" and part.probability >= 0.5]
+        fouls = [part for part in fouls if not part.doubts] or fouls
+        return join_names(name_rule(part, naming).partition(" (")[0] for part in fouls) or "a foul"
     return "yes" if call.probability >= 0.5 else "no"
 
 
@@ -258,25 +265,28 @@ def _format_margin(call: CallAnswer, naming: Naming) -> str:
         return format_gap(call.margin, call.margin_sigma)
     if call.kind in (*NO_CONTACT, "cushion-first", "wrong-ball", "cushions", "foul"):
         return ""
+    if abs(call.margin) > MAX_STATED_MARGIN and (call.kind, is_yes) in (("line", True), ("frozen", False)):
+        return ""
     if call.kind == "frozen":
         return f"{_format_mm(call.margin, call.margin_sigma)} {'of overlap' if is_yes else 'of air'} between them"
     inside, target = "past", naming.say(call.met) if call.kind == "no-rail" else "the line"
     if call.kind in ("pocket", "scratch"):
-        inside, target = "inside", "the mouth of the pocket"
+        inside, target = "inside", f"the mouth of the {naming.name_pocket(call.subject[1])}"
     return f"{_format_mm(call.margin, call.margin_sigma)} {'short of' if call.margin > 0 else inside} {target}"
 
 
-def format_gap(gap: float, sigma: float, radius: float = np.nan) -> str:
-    """Format how nearly two balls missed or touched each other, and how much of a ball was covered; empty for NaN.
+def format_gap(gap: float, sigma: float) -> str:
+    """Format how nearly two balls missed or touched each other.
 
     Args:
         gap: m, of their free paths.
         sigma: m, its standard deviation.
-        radius: m, of a ball; NaN to leave out how much of it was covered.
+
+    Returns:
+        Such as `14.2 ± 1.9 mm from a miss`; empty for NaN.
     """
-    covered = f", {100 * covered_share(gap, radius):.0f} % of the ball covered" if -gap / radius > 0 else ""
     words = "from a miss" if gap < 0 else "from a touch"
-    return f"{_format_mm(gap, sigma)} {words}{covered}" if np.isfinite(gap) else ""
+    return f"{_format_mm(gap, sigma)} {words}" if np.isfinite(gap) else ""
 
 
 def _format_mm(length: float, sigma: float) -> str:

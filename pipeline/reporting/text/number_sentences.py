@@ -62,8 +62,8 @@ FULLNESS_WORDS = (
     (0.875, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
 )  # fmt: skip
 """Words by the least share of the object ball that the cue ball covers at the contact."""
-MAX_CUT_SIGMA = 3.0
-"""Degrees, standard deviation of a cut angle from which its fullness has no word."""
+MAX_FULLNESS_SIGMA = 0.125
+"""Standard deviation of the covered share from which it has no word: half of what a word stands for."""
 MIN_STATE_PROBABILITY = 0.95
 """Probability that the named states of the cue ball at the first ball must have together."""
 MAX_STATES = 2
@@ -93,7 +93,9 @@ def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:
     shown = f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}{' ' * (unit not in '°')}{unit}"
     if sides is None:
         return shown
-    return f"{shown} {sides[one.value < 0]}" if _is_sure(one) else f"{NEAR_ZERO} ({shown})"
+    if _is_sure(one):
+        return f"{shown} {sides[one.value < 0]}"
+    return f"{NEAR_ZERO} ({shown})" if has_sigma else NEAR_ZERO
 
 
 def _is_sure(one: ShotNumber) -> bool:
@@ -101,32 +103,19 @@ def _is_sure(one: ShotNumber) -> bool:
     return one.observable and abs(one.value) > SURE_SIGMAS * one.sigma
 
 
-def covered_share(gap: float, radius: float) -> float:
-    """Return how much of a ball of a radius (m) is covered by one whose free path misses it by a gap (m)."""
-    return min(-gap / (2 * radius), 1.0)
-
-
-def format_hit(shot: ShotNumbers, events: Events, radius: float) -> str:
-    """Format fullness and spin of a hit, such as `half ball, draw, left side`; empty for one of a cluster of balls.
-
-    Args:
-        shot: The numbers.
-        events: All events; the gap of the free paths at the contact says how full it was, as in the list of contacts.
-        radius: m, of the balls.
-    """
+def format_hit(shot: ShotNumbers) -> str:
+    """Format fullness and spin of a hit, such as `half ball, draw, left side`; empty for one of a cluster of balls."""
     cut, side = (shot.find_number(name) for name in ("cut_angle", "side_spin_share"))
     words = []
-    if cut is not None and cut.observable and cut.sigma < MAX_CUT_SIGMA:
-        own = (events.gap[k] for k in range(len(events)) if {events.a[k], events.b[k]} == {shot.cue, shot.first}
-               and events.kind[k] == "ball" and events.t[k] >= shot.t)  # fmt: skip
-        fullness = covered_share(float(next(own, math.nan)), radius)
-        if not fullness > 0:
-            fullness = 1 - abs(math.sin(math.radians(cut.value)))
-        name = next(word for least, word in FULLNESS_WORDS if fullness >= least)
+    if cut is not None:
+        fullness = 1 - abs(math.sin(math.radians(cut.value)))
+        sigma = math.cos(math.radians(cut.value)) * math.radians(cut.sigma)
+        name = next(word for least, word in FULLNESS_WORDS if not fullness < least)
+        covered = format_with_sigma(100 * fullness, 100 * sigma, 0)
         angle = format_with_sigma(abs(cut.value), cut.sigma, DECIMALS["deg"])
-        words.append(f"{name} ({100 * fullness:.0f} % of the ball covered, cut angle {angle}°)")
-    elif cut is not None:
-        words.append(f"fullness {NOT_OBSERVABLE}")
+        is_known = cut.observable and sigma < MAX_FULLNESS_SIGMA
+        shown = f"{name} ({covered} % of the ball covered, cut angle {angle}°)"
+        words.append(shown if is_known else f"fullness {NOT_OBSERVABLE}")
     if shot.spin_state_probabilities:
         state, p = _name_states(shot)
         words.append(state if p else f"spin {state}")
@@ -135,7 +124,7 @@ def format_hit(shot: ShotNumbers, events: Events, radius: float) -> str:
     return ", ".join(words)
 
 
-def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events, radius: float) -> str:
+def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events) -> str:
     """Format the main numbers of a shot in one line without a full stop."""
     strikes = (
         format_time(float(events.t[k]), float(events.t_sigma[k])) for k in range(len(events))
@@ -149,7 +138,7 @@ def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events, radius: 
         if (one := shot.find_number(name)) is not None and _is_sure(one)
     ]
     if shot.first:
-        hit = format_hit(shot, events, radius)
+        hit = format_hit(shot)
         parts.append(f"{naming.say(shot.first)} first{hit and f' ({hit})'}")
     for ball, pocket in zip(shot.potted, shot.pockets, strict=True):
         parts.append(f"{naming.say(ball)} into the {naming.name_pocket(pocket)}")

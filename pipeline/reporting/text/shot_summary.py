@@ -20,7 +20,7 @@ from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
 from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
-from pipeline.reporting.text.number_sentences import format_hit, format_number
+from pipeline.reporting.text.number_sentences import NOT_OBSERVABLE, format_hit, format_number
 from pipeline.reporting.text.table_words import format_place
 from pipeline.reporting.text.text_formatting import format_event_time, is_repeated, start_sentence
 
@@ -182,7 +182,7 @@ class _Stroke:
             )  # fmt: skip
         t, other = float(events.t[touch]), self._find_partner(touch)
         numbers = self.numbers if self.numbers is not None and self.numbers.first == other else None
-        hit = "" if numbers is None else format_hit(numbers, events, self.table.ball_radius)
+        hit = "" if numbers is None else format_hit(numbers)
         cushions = [naming.say(events.b[k]) for k in self.own if events.kind[k] == "cushion" and events.t[k] < t]
         before = f", after {join_names(cushions)}" if cushions else ""
         delay = "" if strike is None else f", {t - events.t[strike]:.3f} s after the stroke"
@@ -305,7 +305,11 @@ class _Stroke:
         events, naming, k, times = self.fit.events, self.fit.naming, self.tracks.ids.index(ball), self.tracks.t
         counts = [self.numbers and self.numbers.find_number(name, ball) for name in ("length", "cushions")]
         shown = [format_number(one) for one in counts if one]
-        way = f"; it ran {shown[0]} and met {shown[1]} {naming.rail_word}{'s' * (shown[1] != '1')}" if shown[1:] else ""
+        way = ""
+        if len(shown) == 2:
+            is_known = shown[0] != NOT_OBSERVABLE
+            ran = f"it ran {shown[0]} and" if is_known else f"the length of its path is {NOT_OBSERVABLE}; it"
+            way = f"; {ran} met {shown[1]} {naming.rail_word}{'s' * (shown[1] != '1')}"
         own = [j for j in self.likely if ball in (events.a[j], events.b[j])]
         last_event = own[-1] if own else None
         if last_event is not None and events.kind[last_event] == "pocket":

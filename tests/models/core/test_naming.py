@@ -78,13 +78,17 @@ def test_a_ball_is_found_by_id_name_number_or_a_word_that_only_it_has() -> None:
     naming = Naming(looks)
     for text, ball in (
         ("solid-1", "solid-1"), ("Red 3", "solid-1"), ("red-3", "solid-1"), ("3", "solid-1"), ("1", "solid-3"),
-        ("white", None), ("cue", "cue"), ("CUE BALL", "cue"), ("green", "stripe-1"), ("red", None), ("stripe", None),
+        ("white", "cue"), ("cue", "cue"), ("CUE BALL", "cue"), ("green", "stripe-1"), ("red", None), ("stripe", None),
         ("solid-9", None), ("", None), ("the cue ball", "cue"), ("3 ball", "solid-1"), ("solid 3", "solid-1"),
         ("the 1", "solid-3"), ("stripe 2", "stripe-2"),
     ):  # fmt: skip
         assert naming.find_ball(text) == ball, text
     assert naming.name_ball("solid-1") == "red 3"
     assert naming.name_ball("right") == "right"
+    assert naming.explain_no_ball("red") == "'red' is red 3 or red stripe"
+    assert naming.explain_no_ball("near") == "'near' is a rail, not a ball"
+    assert naming.explain_no_ball("9").startswith("no ball of this clip is '9'; it has cue ball (cue), red 3 (solid-1)")
+    assert naming.explain_no_ball("3") == ""
     assert naming.list_balls().startswith("cue ball (cue), red 3 (solid-1)")
 
 

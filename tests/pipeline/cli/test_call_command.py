@@ -93,7 +93,9 @@ def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, fold
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
-        (("contact", "white", "blue"), "got 'white blue'"), (("contact", "white", "white"), "twice"),
+        (("contact", "white", "blue"), "no ball of this clip is 'blue'"), (("contact", "white", "white"), "twice"),
+        (("contact", "white"), "contact needs two balls"),
+        (("contact", "white", "near"), "'near' is a cushion, not a ball"),
         (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
         (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),
         (("first", "white", "--shot", "3"), "shot 3"), (("score",), "three balls; this clip has 2"),
@@ -120,7 +122,8 @@ def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal,
     folder = run_shot(tmp_path, "pool")
     question = ("call", folder, "foul", "-o", tmp_path)
     answer = json.loads(trueroll(*question, "--json", "--clip", folder / "clip.mp4").out)
-    assert (answer["verdict"], answer["answer"]) == ("yes", "no ball hit")
+    assert (answer["code"], answer["verdict"], answer["likely"]) == ("yes", "no ball hit", "no ball hit")
+    assert answer["probability"] > 0.99
     assert answer["sentence"].startswith("No ball hit (99.")
     (missed,) = answer["parts"]
     end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
@@ -129,8 +132,13 @@ def test_a_foul_is_named_with_each_fact_and_what_is_not_told(trueroll: Terminal,
     assert len(answer["pictures"]) == 2
     text = trueroll(*question).out
     assert "No ball hit (WPA 6.3)?" in text
+    assert "--on solids or --on stripes or --on eight" in text
+    assert trueroll(*question, "--on", "blue").err.startswith("trueroll: no ball of this clip is 'blue'")
+    on = json.loads(trueroll(*question, "--on", "red", "--json", "--clip", folder / "clip.mp4").out)
+    assert on["asked"] == "Does the clip show a foul (on: the red)?"
+    assert not set(on["pictures"]) & set(answer["pictures"]), "each question has its own images"
     assert "A push, a double hit, or a ball that leaves the table cannot be told" in text
     first = json.loads(trueroll("call", folder, "first", "white", "--json", "-o", tmp_path).out)
-    assert first["answer"] == "no ball"
+    assert first["verdict"] == "no ball"
     assert first["margin_mm"] == pytest.approx(missed["margin_mm"]), "what touched nothing has its nearest pass"
     assert "touched no ball, and came nearest to the red; " in first["sentence"]

@@ -14,7 +14,6 @@ from models.core.events import Events
 from models.core.naming import Naming
 from models.core.scene import Table
 from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
-from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.number_sentences import (
     format_cushions,
     format_direction,
@@ -101,16 +100,20 @@ def test_cushions_are_whole(count: float, words: str) -> None:
 )
 def test_a_hit_always_says_its_spin(chances: tuple[float, ...], spin: SpinState, words: str) -> None:
     cut = ShotNumber("cut_angle", 1.0, 0.4, "deg", True, "red")
-    full = "full (98 % of the ball covered, cut angle 1.0 ± 0.4°)"
-    assert format_hit(make_numbers(cut, spin=spin, chances=chances), make_touch(np.nan), RADIUS) == f"{full}, {words}"
+    full = "full (98 ± 1 % of the ball covered, cut angle 1.0 ± 0.4°)"
+    assert format_hit(make_numbers(cut, spin=spin, chances=chances)) == f"{full}, {words}"
 
 
-def test_a_hit_covers_as_much_of_the_ball_as_the_list_of_contacts_says() -> None:
-    cut, touch = ShotNumber("cut_angle", 38.0, 0.5, "deg", True, "red"), make_touch(-0.35 * RADIUS)
-    hit = format_hit(make_numbers(cut), touch, RADIUS)
-    assert hit == "quarter ball (18 % of the ball covered, cut angle 38.0 ± 0.5°)"
-    assert format_gap(touch.gap[0], 1e-4, RADIUS).endswith(", 18 % of the ball covered")
-    assert hit != format_hit(make_numbers(cut), replace(touch, t=np.array([0.4])), RADIUS), "it is of an earlier stroke"
+@pytest.mark.parametrize(
+    ("angle", "sigma", "words"),
+    [
+        (50.35, 5.0, "quarter ball (23 ± 6 % of the ball covered, cut angle 50 ± 5°)"),
+        (-24.7, 1.3, "half ball (58 ± 2 % of the ball covered, cut angle 24.7 ± 1.3°)"),
+        (30.0, 8.5, "fullness not measurable"),
+    ],
+)
+def test_how_much_a_hit_covers_follows_from_its_cut_angle(angle: float, sigma: float, words: str) -> None:
+    assert format_hit(make_numbers(ShotNumber("cut_angle", angle, sigma, "deg", True, "red"))) == words
 
 
 def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -> None:
@@ -118,7 +121,7 @@ def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -
         ShotNumber("top_spin_share", -0.31, 0.01, "", True, "cue"),
         ShotNumber("cut_angle", 8.2, 9.0, "deg", True, "red"),
     )
-    line = format_shot_line(make_numbers(*numbers, chances=(0.0, 0.0, 0.0, 1.0)), NAMING, make_touch(np.nan), RADIUS)
+    line = format_shot_line(make_numbers(*numbers, chances=(0.0, 0.0, 0.0, 1.0)), NAMING, make_touch(np.nan))
     assert line == (
         "the cue ball at about 0.5 s, spin off the cue 0.31 ± 0.01 back,"
         " red 3 first (fullness not measurable, natural roll)"

@@ -174,10 +174,18 @@ def test_speeds_are_those_of_the_table_of_numbers() -> None:
     )
     listed = ShotNumbers(0.2, "white", "red", "stun", (0.02, 0.96, 0.02, 0.0), (), (), numbers)
     (summary,) = summarize(tracks, replace(fit, shot_numbers=(listed,)))
-    hit = "quarter ball (17 % of the ball covered, cut angle 31.0 ± 0.5°), stun."  # free paths overlap by 10 of 60 mm
+    hit = "half ball (48 ± 1 % of the ball covered, cut angle 31.0 ± 0.5°), stun."
     assert summary.first.startswith(f"White hit red first: {hit}")
     assert "White arrived at 0.98 ± 0.02 m/s" in summary.speed
     assert "red left at 0.70 ± 0.01 m/s" in summary.speed
+
+
+def test_a_path_without_a_measurable_length_says_so_in_words() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    way = [ShotNumber("length", 2.0, 0.1, "m", False, "white"), ShotNumber("cushions", 5.0, 0.0, "", True, "white")]
+    listed = ShotNumbers(0.2, "white", "red", "unknown", (), (), (), tuple(way))
+    (summary,) = summarize(tracks, replace(fit, shot_numbers=(listed,)))
+    assert "; the length of its path is not measurable; it met 5 rails." in " ".join(summary.ends)
 
 
 def test_a_doubt_about_the_scale_is_added_to_the_speeds() -> None:

@@ -12,6 +12,7 @@ from support import fixed_step_table as truth
 from support.filmed_shots import DELAY, RADIUS, Filmed, film
 
 from models.core.events import Events
+from models.core.number_format import format_probability
 from models.core.scene import CUSHIONS
 from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import rule_answers
@@ -186,6 +187,21 @@ def test_a_foul_is_undecided_where_the_ball_that_was_hit_first_is() -> None:
     assert no_contact.verdict == "no"
     assert "(or an unknown ball " in no_contact.statement
     assert answer_foul(clear).verdict == "no"
+
+
+@pytest.mark.parametrize(("on", "likely"), [("solid-1", "no foul"), ("solid-2", "wrong ball first")])
+def test_an_undecided_foul_names_the_side_that_its_probability_is_of(on: str, likely: str) -> None:
+    foul = answer_foul(weaken(film_carom(0, -0.02)[1], "ball", 0.6), "", on)
+    assert foul.verdict == "inconclusive"
+    words = format_call(foul, film_carom(0, -0.02)[1].naming)
+    assert words.likely == likely
+    stated = format_probability(foul.probability if foul.probability > 0.5 else 1 - foul.probability)
+    assert words.headline == f"Cannot be decided ({likely}: {stated})"
+
+
+def test_a_struck_ball_that_does_not_move_is_told_from_the_one_that_does() -> None:
+    with pytest.raises(ValueError, match="solid 2 does not move in this clip; the cue ball was struck"):
+        answer_foul(film_pool((0.9, 0.6), (0.6, 0.0))[1], "solid-2")
 
 
 def test_a_ball_that_moves_when_the_clip_begins_is_no_part_of_a_stroke_that_the_clip_shows() -> None:
