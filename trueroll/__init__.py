@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from models.core.errors import TruerollError
     from pipeline.analysis_api import detect, diagnose, simulate
     from pipeline.api import Run, load, run
-    from pipeline.cli.answer_api import call, certify, compare, fit_table, predict, put_back, what_if
+    from pipeline.cli.answer_api import call, certify, compare, convert, fit_table, predict, put_back, what_if
 
     __version__: str
 
 __all__ = [
-    "Answer", "Run", "TruerollError", "__version__", "call", "certify", "compare", "detect", "diagnose", "fit_table",
-    "load", "predict", "put_back", "run", "simulate", "what_if",
+    "Answer", "Run", "TruerollError", "__version__", "call", "certify", "compare", "convert", "detect", "diagnose",
+    "fit_table", "load", "predict", "put_back", "run", "simulate", "what_if",
 ]  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def __getattr__(name: str) -> Any:
             from pipeline import api
 
             return getattr(api, name)
-        case "call" | "certify" | "compare" | "fit_table" | "predict" | "put_back" | "what_if":
+        case "call" | "certify" | "compare" | "convert" | "fit_table" | "predict" | "put_back" | "what_if":
             from pipeline.cli import answer_api
 
             return getattr(answer_api, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,7 +58,9 @@ def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) 
     write_columns(columns, path)
 
 
-def write_columns(columns: Columns, path: Path, quoting: Literal["none", "needed"] = "none") -> None:
+def write_columns(
+    columns: Mapping[str, Sequence[str] | NDArray[Any]], path: Path, quoting: Literal["none", "needed"] = "none"
+) -> None:
     """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
 
     Args:

@@ -107,10 +107,31 @@ def read_text_table(path: Path, purpose: str = "A table of text was expected") -
     if sample and (row_units := _parse_units_row(sample[0], names)):
         units, body = {**row_units, **units}, lines[2:]
     columns = _parse_body(body, names, delimiter, "," if has_comma else ".", place)
+    return name_columns(path, columns, units, notes)
+
+
+def name_columns(path: Path, columns: dict[str, Any], units: dict[str, str], notes: Sequence[str]) -> TextTable:
+    """Build a table of columns that may have the names of other programs.
+
+    Args:
+        path: File of the table, for messages.
+        columns: Arrow arrays by name.
+        units: Units by column.
+        notes: What was assumed so far.
+
+    Returns:
+        The table, with our names too.
+
+    Raises:
+        OptionError: A column of numbers holds other values.
+    """
+    place = escape_text(path)
     aliased = _find_aliases(columns)
-    notes += [f"{place}: the column {other} is read as {name}" for name, other in aliased.items()]
+    notes = [*notes, *(f"{place}: the column {other} is read as {name}" for name, other in aliased.items())]
     columns |= {name: columns[other] for name, other in aliased.items()}
     units |= {name: units[other] for name, other in aliased.items() if other in units}
+    if "x_px" in aliased.values():
+        units |= {axis: "px" for axis, other in aliased.items() if other == f"{axis}_px"}
     return TextTable(path, {name: _to_values(name, column, place) for name, column in columns.items()
                             if _is_usable(name, column)}, units, tuple(notes))  # fmt: skip
 

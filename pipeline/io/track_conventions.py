@@ -165,7 +165,7 @@ class _Interpretation:
                     " scene.json)"
                 )
             return np.asarray(self.columns["frame"] / self.scene.fps)
-        t = np.asarray(self.columns["t"], np.float64)
+        t = np.where(np.isfinite(self.columns["t"]), self.columns["t"], np.nan)
         finite = t[np.isfinite(t)]
         stated = self.table.units.get("t")
         unit = stated if stated in _TIME_UNITS else self._find_time_unit(t)

@@ -9,8 +9,8 @@ from pipeline.terminal.command_line import app
 
 COMMAND_NAMES = (
     "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
-    "diagnose", "gapcheck", "fit-table", "certify", "simulate", "detect", "train-detector", "reproduce", "graph",
-    "cache",
+    "diagnose", "gapcheck", "fit-table", "certify", "convert", "simulate", "detect", "train-detector", "reproduce",
+    "graph", "cache",
 )  # fmt: skip
 """Names of the commands in the order of `--help`: as a new user needs them."""
 
@@ -87,6 +87,8 @@ def _import_command(name: str) -> None:
             from pipeline.cli.commands import fit_table_command as fit_table_command
         case "certify":
             from pipeline.cli.commands import certify_command as certify_command
+        case "convert":
+            from pipeline.cli.commands import convert_command as convert_command
         case "simulate":
             from pipeline.cli.commands import simulate_command as simulate_command
         case "detect":

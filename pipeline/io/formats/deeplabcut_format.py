@@ -1,0 +1,70 @@
+"""DeepLabCut tables (Mathis et al. 2018): header rows scorer, (individuals,) bodyparts, coords; a row per frame."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from models.core.errors import OptionError
+from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+
+_HEADINGS = ("scorer", "individuals", "bodyparts", "coords")
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether the first rows are those of a header."""
+    return path.suffix.lower() in (".h5", ".hdf5") or head.removeprefix(b"\xef\xbb\xbf").startswith(b"scorer,")
+
+
+def read(path: Path) -> PointTracks:
+    """Read predicted or labelled points; a body is a bodypart, of several individuals `individual/bodypart`."""
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        raise OptionError(f"{path} is HDF5, which is not read; export it from DeepLabCut as CSV")
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if row]
+    header = {row[0]: row for row in rows[: len(_HEADINGS)] if row[0] in _HEADINGS}
+    body = rows[len(header) :]
+    individuals, parts, coords = header.get("individuals"), header["bodyparts"], header["coords"]
+    first = next(k for k, name in enumerate(coords) if name == "x")
+    frame = np.array([_find_frame(row[:first], k) for k, row in enumerate(body)], np.int64)
+    names = [f"{individuals[k]}/{parts[k]}" if individuals else parts[k] for k in range(len(coords))]
+    columns: dict[str, list[np.ndarray]] = {name: [] for name in ("frame", "id", "x_px", "y_px", "score")}
+    for name in dict.fromkeys(names[first:]):
+        own = {coords[k]: k for k in range(first, len(coords)) if names[k] == name}
+        x, y, score = (
+            np.array([float(row[own[key]] or "nan") if key in own else 1.0 for row in body]).reshape(len(body))
+            for key in ("x", "y", "likelihood")
+        )
+        values = (frame, np.full(len(frame), name), x, y, score)
+        for column, part in zip(columns.values(), values, strict=True):
+            column.append(part[np.isfinite(x) & np.isfinite(y)])
+    return PointTracks({name: np.concatenate(parts_) for name, parts_ in columns.items()})
+
+
+def _find_frame(index: list[str], order: int) -> int:
+    """Return the frame of a row: its number, the number of its image, or its place."""
+    digits = re.findall(r"\d+", Path(index[-1]).stem)
+    return int(digits[-1]) if digits else order
+
+
+def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
+    """Write one row per frame, empty where a body was not seen."""
+    places, names = tracks.locate_px(), tracks.ids
+    score = tracks.columns.get("score", np.ones(len(places)))
+    frames, row = np.unique(tracks.columns["frame"], return_inverse=True)
+    table = np.full((len(frames), len(names), 3), np.nan)
+    body = np.array([names.index(name) for name in tracks.columns["id"].tolist()])
+    table[row[::-1], body[::-1]] = np.concatenate([places, score[:, None]], axis=1)[::-1]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["scorer", *[f"trueroll-{provenance['version']}"] * 3 * len(names)])
+        rows.writerow(["bodyparts", *(name for name in names for _ in range(3))])
+        rows.writerow(["coords", *["x", "y", "likelihood"] * len(names)])
+        for frame, values in zip(frames.tolist(), table.reshape(len(frames), -1).tolist(), strict=True):
+            rows.writerow([frame, *("" if np.isnan(value) else repr(value) for value in values)])
+
+
+FORMAT = TrackFormat("deeplabcut", "DeepLabCut table", (".dlc.csv", ".deeplabcut.csv"), recognises, read, write, False)

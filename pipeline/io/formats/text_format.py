@@ -1,0 +1,117 @@
+"""Our own tables: a track folder (tracks.csv and scene.json), or a table of text or Parquet with its columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.core.errors import OptionError
+from pipeline.engine.atomic_write import replace_file
+from pipeline.io.csv_tables import write_columns
+from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+from pipeline.io.particle_files import NAMED_SCENES
+from pipeline.io.strict_json import read_json, write_json
+from pipeline.io.text_table import Columns, TextTable, read_text_table
+from pipeline.io.track_conventions import TrackScene, interpret_tracks
+from pipeline.io.track_folder import SCENE_FILE, TRACKS_FILE, parse_scene_entry
+
+_COORDINATES = ("x", "y", "z", "theta1", "theta2")
+_KEPT = ("kind", "score", "x_px", "y_px", "width_px", "height_px", "radius_px", "sigma", "vx", "vy")
+"""Further columns of tables that formats hold."""
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether it is a folder with tracks, or a table of text with a header."""
+    if path.is_dir():
+        return (path / TRACKS_FILE).is_file()
+    return path.suffix.lower() in (".csv", ".tsv", ".txt") and b"\0" not in head
+
+
+def read(path: Path) -> PointTracks:
+    """Read a track folder, the folder of a run, or a table of text."""
+    tracks = path / TRACKS_FILE if path.is_dir() else path
+    beside = tracks.with_name(SCENE_FILE)
+    scene = read_json(beside, "The scene of the tracks was expected") if beside.is_file() else {}
+    return interpret_table(read_text_table(tracks), scene if isinstance(scene, dict) else {})
+
+
+def interpret_table(table: TextTable, scene: Mapping[str, Any]) -> PointTracks:
+    """Interpret a table as tracks, with the scene that is stated beside it.
+
+    Args:
+        table: The table.
+        scene: Content of a scene.json; may be empty.
+
+    Returns:
+        The usable rows, in s, and in m or rad where the scene tells so.
+
+    Raises:
+        OptionError: The table has no coordinates, or contradicts the scene.
+    """
+    is_named = scene.get("scene") in NAMED_SCENES
+    names = tuple(name for name in _COORDINATES if name in table.columns)
+    if not names:
+        table.require(("id", "x", "y"))
+    fps = scene.get("fps") if isinstance(scene.get("fps"), int | float) else None
+    if is_named:
+        described = parse_scene_entry(dict(scene), table.path.with_name(SCENE_FILE)).describe_tracks()
+        if not set(names) & set(described.coordinates):
+            raise OptionError(f"{table.path} has {', '.join(names)}; {described.name} needs {described.coordinates}")
+    else:
+        described = TrackScene(coordinates=names, fps=fps)
+    has_times = "t" in table.columns or described.fps is not None
+    if not has_times:  # frames alone are enough for formats of images
+        described = TrackScene(described.name, described.coordinates, described.units, described.px_per_m, 1.0)
+    rows = interpret_tracks(table, described)
+    is_px = {table.units.get(name) for name in rows.coordinates} == {"px"} or scene.get("units") == "px"
+    use = rows.is_usable
+    columns: Columns = {"shot": rows.shot[use], "frame": rows.frame[use], "id": rows.ids[use]}
+    if has_times:
+        columns["t"] = rows.t[use]
+    columns |= {name: values[use] for name, values in table.columns.items() if name in _KEPT}
+    is_image = is_px and not is_named and set(rows.coordinates) == {"x", "y"}
+    for k, name in enumerate(rows.coordinates):
+        columns[f"{name}_px" if is_image else name] = rows.positions[use, k]
+    unit = ("rad" if described.name == "pendulum" else "m") if is_named else scene.get("units", "")
+    image = scene.get("image") if isinstance(scene.get("image"), dict) else {}
+    size = (image["width_px"], image["height_px"]) if image and {"width_px", "height_px"} <= image.keys() else None
+    return PointTracks(columns, "" if is_image else unit, described.fps if has_times else None,
+                       scene.get("px_per_m") or (image or {}).get("px_per_m"), size, scene, rows.notes)  # fmt: skip
+
+
+def list_columns(tracks: PointTracks) -> Columns:
+    """List the columns of a tracks.csv: positions in the unit of the scene, else in px."""
+    columns = dict(tracks.columns)
+    count = len(columns["id"])
+    columns = {"shot": np.zeros(count, np.int64), **columns}
+    if not any(name in columns for name in _COORDINATES):
+        columns["x"], columns["y"] = columns.pop("x_px"), columns.pop("y_px")
+    order = ("shot", "frame", "t", "id", *_COORDINATES)
+    return {
+        name: columns[name] for name in (*order, *(name for name in columns if name not in order)) if name in columns
+    }
+
+
+def describe_scene(tracks: PointTracks, provenance: Provenance) -> dict[str, Any]:
+    """Describe tracks as the scene.json beside them; a scene that nobody named is `particles`."""
+    is_px = not any(name in tracks.columns for name in _COORDINATES)
+    more = {"fps": tracks.fps, "px_per_m": tracks.px_per_m, "units": "px" if is_px else tracks.unit}
+    stated = {key: value for key, value in more.items() if value}
+    return {"scene": "particles", **tracks.scene, **stated, "converted": dict(provenance)}
+
+
+def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
+    """Write a track folder."""
+    beside = path / SCENE_FILE
+    if path.is_dir() and any(path.iterdir()) and not (beside.is_file() and '"converted"' in beside.read_text()):
+        raise OptionError(f"{path} holds other files; name a new folder")
+    path.mkdir(parents=True, exist_ok=True)
+    with replace_file(path / TRACKS_FILE) as fresh:
+        write_columns(list_columns(tracks), fresh, "needed")
+    write_json(describe_scene(tracks, provenance), beside)
+
+
+FORMAT = TrackFormat("track-folder", "track folder", ("",), recognises, read, write, True)

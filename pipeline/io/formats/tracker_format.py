@@ -1,0 +1,151 @@
+"""Projects of Tracker (Open Source Physics): XML with point masses in px, clip and axes; a .trz holds one."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from models.core.typing import FloatArray
+from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+
+_MEDIA, _TRACKER = "org.opensourcephysics.media.core.", "org.opensourcephysics.cabrillo.tracker."
+_POINT, _AXES = f"{_TRACKER}PointMass$FrameData", f"{_MEDIA}ImageCoordSystem$FrameData"
+_MS = 1000.0
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Return whether it is a project."""
+    return b"TrackerPanel" in head or path.suffix.lower() in (".trk", ".trz")
+
+
+def read(path: Path) -> PointTracks:
+    """Read the point masses, in px, and in m where the project has a scale; y of the project points up."""
+    root = ElementTree.fromstring(_read_xml(path))
+    clip, control = _find_object(root, "VideoClip"), _find_object(root, "ClipControl")
+    step = _number(control, "delta_t", np.nan) / _MS if control is not None else np.nan
+    start = (
+        (_number(clip, "startframe", 0.0), _number(clip, "starttime", 0.0) / _MS) if clip is not None else (0.0, 0.0)
+    )
+    frames: list[int] = []
+    names: list[str] = []
+    places: list[tuple[float, float]] = []
+    for mass in root.iter("object"):
+        if mass.get("class") != f"{_TRACKER}PointMass":
+            continue
+        name = (mass.findtext("property[@name='name']") or f"mass {len(set(names)) + 1}").strip()
+        for entry in mass.findall("property[@name='framedata']/property"):
+            point = entry.find("object")
+            if point is not None:
+                frames.append(int(entry.get("name", "").strip("[]")))
+                names.append(name)
+                places.append((_number(point, "x", np.nan), _number(point, "y", np.nan)))
+    frame, px = np.array(frames, np.int64), np.array(places, np.float64).reshape(-1, 2)
+    columns = {"frame": frame, "id": np.array(names, np.str_), "x_px": px[:, 0], "y_px": px[:, 1]}
+    if np.isfinite(step) and step > 0:
+        columns["t"] = start[1] + (frame - start[0]) * step
+    axes = next((one for one in root.iter("object") if one.get("class") == _AXES), None)
+    metres = _METRES.get((root.findtext("property[@name='length_unit']") or "m").strip(), 1.0)
+    scale = _number(axes, "xscale", 1.0) / metres if axes is not None else 1.0
+    if axes is None or scale == 1.0:  # as in a project without a calibration
+        return PointTracks(columns, fps=1 / step if step > 0 else None)
+    away = (px - [_number(axes, "xorigin", 0.0), _number(axes, "yorigin", 0.0)]) / [scale, -scale]
+    turn = np.radians(_number(axes, "angle", 0.0))
+    columns["x"] = np.cos(turn) * away[:, 0] + np.sin(turn) * away[:, 1]
+    columns["y"] = np.cos(turn) * away[:, 1] - np.sin(turn) * away[:, 0]
+    return PointTracks(columns, "m", 1 / step if step > 0 else None, scale)
+
+
+def _read_xml(path: Path) -> bytes:
+    if not zipfile.is_zipfile(path):
+        return path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        projects = [name for name in archive.namelist() if name.lower().endswith(".trk")]
+        if not projects:
+            raise ValueError("it holds no .trk file")
+        return archive.read(projects[0])
+
+
+def _find_object(root: ElementTree.Element, ending: str) -> ElementTree.Element | None:
+    return next((one for one in root.iter("object") if one.get("class", "").endswith(ending)), None)
+
+
+def _number(element: ElementTree.Element, name: str, default: float) -> float:
+    text = element.findtext(f"property[@name='{name}']")
+    return float(text) if text else default
+
+
+def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
+    """Write a project without a video, with its scale where it is known; provenance is its description."""
+    px, frame = tracks.locate_px(), tracks.columns["frame"]
+    panel = ElementTree.Element("object", {"class": f"{_TRACKER}TrackerPanel"})
+    words = f"trueroll {provenance['version']} from {provenance['source']}, options {dict(provenance['options'])}"
+    _add(panel, "description", "string", words)
+    clip = _add_object(_add(panel, "videoclip", "object"), f"{_MEDIA}VideoClip")
+    for name, value in (("startframe", 0), ("stepsize", 1), ("stepcount", int(frame.max(initial=0)) + 1)):
+        _add(clip, name, "int", str(value))
+    fps = tracks.fps or _estimate_rate(tracks)
+    if fps is not None:
+        start = tracks.list_times()[0] - frame[0] / fps
+        _add(clip, "starttime", "double", repr(float(start * _MS)))
+        control = _add_object(_add(panel, "clipcontrol", "object"), f"{_MEDIA}StepperClipControl")
+        _add(control, "delta_t", "double", repr(_MS / fps))
+    system = _add_object(_add(panel, "coords", "object"), f"{_MEDIA}ImageCoordSystem")
+    origin, scale = _find_origin(tracks, px), tracks.px_per_m or 1.0
+    data = _add(system, "framedata", "array", kind=f"[L{_AXES};")
+    entry = _add_object(_add(data, "[0]", "object"), _AXES)
+    for name, number in (
+        ("xorigin", origin[0]),
+        ("yorigin", origin[1]),
+        ("angle", 0.0),
+        ("xscale", scale),
+        ("yscale", scale),
+    ):
+        _add(entry, name, "double", repr(float(number)))
+    _add(panel, "length_unit", "string", "m")
+    masses = _add(panel, "tracks", "collection", kind="java.util.ArrayList")
+    for name in tracks.ids:
+        mass = _add_object(_add(masses, "item", "object"), f"{_TRACKER}PointMass")
+        _add(mass, "name", "string", name)
+        points = _add(mass, "framedata", "array", kind=f"[L{_POINT};")
+        for k in np.flatnonzero(tracks.columns["id"] == name).tolist():
+            point = _add_object(_add(points, f"[{frame[k]}]", "object"), _POINT)
+            for axis, value in zip("xy", px[k].tolist(), strict=True):
+                _add(point, axis, "double", repr(value))
+    ElementTree.indent(panel, "    ")
+    path.write_bytes(ElementTree.tostring(panel, "utf-8", xml_declaration=True))
+
+
+def _estimate_rate(tracks: PointTracks) -> float | None:
+    """Estimate the frame rate of tracks with times and frames; None where one is not known."""
+    if "t" not in tracks.columns or np.ptp(tracks.columns["frame"]) == 0:
+        return None
+    return float(1 / np.polyfit(tracks.columns["frame"], tracks.columns["t"], 1)[0])
+
+
+def _find_origin(tracks: PointTracks, px: FloatArray) -> FloatArray:
+    """Return the px of the origin of coordinates whose y points up; that of the image where there are none."""
+    if tracks.px_per_m and "x" in tracks.columns and "y" in tracks.columns and "x_px" in tracks.columns:
+        away = np.stack([tracks.columns["x"], -tracks.columns["y"]], axis=1) * tracks.px_per_m
+        return np.asarray((px - away).mean(axis=0))
+    return np.zeros(2)
+
+
+def _add(
+    parent: ElementTree.Element, name: str, type_: str, text: str | None = None, kind: str = ""
+) -> ElementTree.Element:
+    """Add a property, with text or with the class of what it collects."""
+    attributes = {"name": name, "type": type_, **({"class": kind} if kind else {})}
+    element = ElementTree.SubElement(parent, "property", attributes)
+    element.text = text
+    return element
+
+
+def _add_object(parent: ElementTree.Element, kind: str) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, "object", {"class": kind})
+
+
+FORMAT = TrackFormat("tracker", "Tracker project", (".trk",), recognises, read, write, True)
