@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -17,6 +18,7 @@ from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.joint_fit.trust_level import add_warnings
 from models.estimation.reconstruction.close_passes import list_close_passes
+from models.estimation.reconstruction.rolling_deceleration import DECELERATION_RANGE, USUAL_DECELERATION
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import add_shot_numbers
 from pipeline.io.shot_folder import read_shot
@@ -65,9 +67,23 @@ def assess_run_trust(notes: Sequence[Note], fit: Fit) -> Trust:
         The trust level of the fit; at most amber if the clip is incomplete, because its later part is missing, or if
         strikes, contacts of balls or pocketed balls are undecided, or if the motion contradicts what was set by hand.
     """
-    before = tuple(f"The clip is incomplete: {note.detail}." for note in notes if note.code == "incomplete_clip")
+    before = (
+        *(f"The clip is incomplete: {note.detail}." for note in notes if note.code == "incomplete_clip"),
+        *(_format_deceleration(float(note.detail)) for note in notes if note.code == "implausible_deceleration"),
+    )
     after = (*format_outcomes(fit.mark_outcomes, fit.naming), *_format_undecided(fit.explanation, fit.naming))
     return add_warnings(fit.trust, (*before, *after))
+
+
+def _format_deceleration(value: float) -> str:
+    """Format the doubt in the frame rate that an impossible deceleration (m/s^2) of rolling balls gives."""
+    low, high = DECELERATION_RANGE
+    factor = math.sqrt(USUAL_DECELERATION / value) if value > 0 else math.inf
+    agreeing = f" ({factor:.1f} times the stated one would agree)" if math.isfinite(factor) else ""
+    return (
+        f"Rolling balls slow down by {value:.2g} m/s², where {low:g} to {high:g} are usual on every table that fits:"
+        f" the frame rate or the size of the table is wrong. If you know the rate{agreeing}, run it again with --fps."
+    )
 
 
 def _format_undecided(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ from models.estimation.joint_fit.joint_refinement import add_covariance, conditi
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.estimation.reconstruction.close_passes import list_close_passes
+from models.estimation.reconstruction.rolling_deceleration import find_implausible_deceleration
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
@@ -98,6 +99,10 @@ def explain(
         shot = _explain_tracks(blank, captured, options, progress, marks)
     except np.linalg.LinAlgError as failure:
         shot = replace(blank, notes=(*notes, Note("fit_failed", str(failure))))
+    if shot.solution is not None:
+        deceleration = find_implausible_deceleration(shot.solution, captured, scene.table)
+        if deceleration is not None:
+            shot = replace(shot, notes=(*shot.notes, Note("implausible_deceleration", f"{deceleration:.2g}")))
     return replace(shot, passes=list_close_passes(shot))
 
 
