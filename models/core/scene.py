@@ -287,7 +287,9 @@ def combine_ball_sizes(estimates: Sequence[BallSize]) -> BallSize:
         return nominal or apparent  # type: ignore[return-value]
     if nominal.source == "user":
         return nominal
-    return apparent if find_contradictions([nominal, apparent]) else replace(nominal, source="combined")
+    # A preset that is one of several candidates has a wide sigma; such a guess confirms nothing that was measured better.
+    as_sure = replace(nominal, sigma=min(nominal.sigma, apparent.sigma))
+    return apparent if find_contradictions([as_sure, apparent]) else replace(nominal, source="combined")
 
 
 def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:

@@ -34,6 +34,9 @@ SKIPPED_COST = 4.0
 """Cost of skipping a line further out: shadows end inside the nose, never outside it."""
 NEAR_SIGMAS = 3.0
 """Standard deviations of an expected nose within which a line is that nose."""
+PROFILE_SIDE_PX = 1920
+"""px, longer side of the image in which lines are searched. A nose is a soft edge of some millimetres: one pixel of a 9 ft
+table at this size. In a photograph of 4032 px the seam, the weave and the shadow beside it are lines of their own."""
 MAX_LINES_PER_SIDE = 4
 """Largest number of candidate lines per side."""
 
@@ -77,7 +80,8 @@ def find_cushion_noses(image: ImageArray, outer: FloatArray) -> CushionNoses | N
     Returns:
         The nose rectangle; None where fewer than two noses are visible.
     """
-    outer = refine_outer_corners(image, outer)
+    image, scale = _reduce_image(image)
+    outer = refine_outer_corners(image, (outer + 0.5) * scale - 0.5)
     sides = [sample_side_profiles(image, outer, k) for k in range(4)]
     choice = _select_nose_lines(sides, outer, image.shape[1], image.shape[0])
     if sum(choice.is_visible) < 2:
@@ -90,7 +94,27 @@ def find_cushion_noses(image: ImageArray, outer: FloatArray) -> CushionNoses | N
     if corners is None:
         return None
     bend = max(fitted.bend for fitted, visible in zip(lines, choice.is_visible, strict=True) if visible)
-    return CushionNoses(corners, _corner_covariance(lines), choice.cushion, choice.is_visible, choice.misfit, bend)
+    noses = CushionNoses(corners, _corner_covariance(lines), choice.cushion, choice.is_visible, choice.misfit, bend)
+    return _enlarge(noses, 1 / scale)
+
+
+def _reduce_image(image: ImageArray) -> tuple[ImageArray, float]:
+    """Return an image of at most `PROFILE_SIDE_PX`, and its scale: lines are found where they are a pixel or two wide.
+    """
+    height, width = image.shape[:2]
+    scale = min(1.0, PROFILE_SIDE_PX / max(height, width))
+    if scale == 1.0:
+        return image, scale
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), scale
+
+
+def _enlarge(noses: CushionNoses, factor: float) -> CushionNoses:
+    """Return noses in the pixels of an image that is `factor` times as large."""
+    corners = (noses.corners + 0.5) * factor - 0.5
+    return replace(
+        noses, corners=corners, covariance=noses.covariance * factor**2, straightness=noses.straightness * factor
+    )
 
 
 def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArray) -> CushionNoses | None:
@@ -106,6 +130,8 @@ def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArr
     Returns:
         The nose rectangle; None where fewer than two noses are visible.
     """
+    image, scale = _reduce_image(image)
+    corners, covariance = (corners + 0.5) * scale - 0.5, covariance * scale**2
     plan = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
     outwards = USUAL_CUSHION * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     outer = apply_homography(homography_between(plan, corners), plan + outwards)
@@ -123,7 +149,8 @@ def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArr
     if sum(is_visible) < 2 or nose_corners is None:
         return None
     bend = max(line.bend for line in lines)
-    return CushionNoses(nose_corners, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
+    noses = CushionNoses(nose_corners, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
+    return _enlarge(noses, 1 / scale)
 
 
 def _expect_line(corners: FloatArray, covariance: FloatArray, side: int) -> FittedLine:

@@ -25,6 +25,7 @@ TABLE_PRIOR = {
     "pool-7ft": 0.3,
     "blackball-7ft": 0.08,
     "blackball-6ft": 0.08,
+    "home-4ft": 0.08,
     "snooker-12ft": 0.4,
     "snooker-6ft": 0.25,
     "carom-match": 1.0,

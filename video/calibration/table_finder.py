@@ -31,8 +31,11 @@ from video.io.video_options import CalibrateOptions
 
 SAMPLED_FRAMES = 9
 """Number of frames spread over the clip; their median shows the table without moving objects."""
-ASPECT_RANGE = (1.9, 2.1)
-"""Range of length over width of a billiard table, as measured."""
+ASPECT_RANGE = (1.9, 2.3)
+"""Range of length over width of a billiard table, as measured; those above 2.1 are home tables."""
+UNUSUAL_ASPECT_SHARE = 0.035
+"""Relative difference from 2:1 from which the measured shape replaces that of the preset: three standard deviations of the
+shape of usual tables, where `fit_perspective` begins to prefer the other kind."""
 MIN_SIDE_SUPPORT = 0.6
 """Smallest share of the cloth's sides that must end in a straight line."""
 MAX_MISFIT = 40.0
@@ -486,6 +489,13 @@ def _identify_table(
         classification = classify_table(sizes, _find_pockets(own, background), has_snooker_d(background, own.corners))
         table, warnings = classification.table, classification.warnings
         notes, nominal = (classification.note,), classification.estimate_ball_size()
+        aspect = location.perspective.aspect
+        if abs(aspect / (table.length / table.width) - 1) > UNUSUAL_ASPECT_SHARE:
+            table = replace(table, width=table.length / aspect)
+            warnings += (
+                f"The table is {aspect:.2f} times as long as wide, where most are 2: that is so for some home tables, and"
+                " wherever pixels are not square. Give --table LENGTHxWIDTH in m.",
+            )
     if options.ball_radius is not None:
         table = replace_ball_radius(table, options.ball_radius)
         nominal = estimate_typed_ball_size(options.ball_radius)

@@ -46,6 +46,8 @@ LOW_SHARE, OVERHEAD_SHARE = 0.25, 0.35
 """Shares of scenes with low and with overhead cameras."""
 DARK_SHARE, DARK_FACTOR_RANGE = 0.12, (0.25, 0.7)
 """Share of darkened balls (never white ones), and the range of the factor on their colour."""
+MIN_LENGTH_M = 1.5
+"""m: the balls of shorter tables look the same at the scale of the detector."""
 MIN_DISTANCE_M, MAX_DISTANCE_M = 1.6, 7.0
 """m, range of distances from the camera to the point it looks at."""
 MIN_RADIUS_PX, MAX_RADIUS_PX = 3.7, 12.5
@@ -81,7 +83,8 @@ def generate_scene(rng: np.random.Generator, size: int, magnify: int = 1, hold_o
 
 
 def _sample_table(rng: np.random.Generator) -> Table:
-    table = list(TABLE_PRESETS.values())[rng.integers(len(TABLE_PRESETS))]
+    tables = [table for table in TABLE_PRESETS.values() if table.length > MIN_LENGTH_M]
+    table = tables[rng.integers(len(tables))]
     return replace(table, ball_radius=table.ball_radius * rng.uniform(0.93, 1.07))
 
 

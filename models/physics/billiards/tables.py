@@ -31,7 +31,10 @@ CAROM_BALL = BallSpecification(0.03075, 0.210, 2.5e-4)
 """61 to 61.5 mm, 205 to 220 g (UMB rules, article 12)."""
 BLACKBALL_BALL = BallSpecification(0.0254, 0.118, 1e-4)
 """2 in (WEPF blackball rules, equipment); the tolerance is a guess."""
-BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL)
+HOME_BALL = BallSpecification(0.0206, 0.064, 1.5e-3)
+"""1 5/8 in, as most makers deliver with tables of 4 to 4 1/2 ft; others deliver 38 to 44 mm, so that the tolerance is wide.
+"""
+BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL, HOME_BALL)
 BALL_RADIUS_RANGE = (0.01, 0.06)
 """m, radii of balls."""
 NOSE_SIGMA = 0.004
@@ -54,6 +57,7 @@ _add_preset("pool-8ft-pro", "pool", 2.3368, 1.1684, POOL_BALL)
 _add_preset("pool-7ft", "pool", 1.9812, 0.9906, POOL_BALL)
 _add_preset("blackball-7ft", "pool", 1.8288, 0.9144, BLACKBALL_BALL)
 _add_preset("blackball-6ft", "pool", 1.6764, 0.8382, BLACKBALL_BALL)
+_add_preset("home-4ft", "pool", 1.22, 0.61, HOME_BALL)
 _add_preset("snooker-12ft", "snooker", 3.569, 1.778, SNOOKER_BALL)
 _add_preset("snooker-10ft", "snooker", 2.9, 1.45, SNOOKER_BALL)
 _add_preset("snooker-9ft", "snooker", 2.54, 1.27, SNOOKER_BALL)
