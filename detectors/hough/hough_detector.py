@@ -107,6 +107,8 @@ class HoughDetector:
         candidates = np.concatenate([np.empty((0, 2)), *(self._find_candidates(scan, part) for part in parts)])
         candidates = candidates[values_at(touched, candidates)]
         discs = self._detect_discs(rgb, smooth, frame, candidates, remembered, scan)
+        centre = self.view.frame_to_working(discs.centre, frame)
+        discs = discs.take(~self.cloth.is_lining(working, centre))
         streaks = self._detect_streaks(rgb, find_streak_candidates(scan.moving, scan.strength, self.view), discs, frame)
         balls = suppress_overlaps(merge_discs_and_streaks(discs, streaks), self.view.scene, frame)
         return add_colours(rgb, balls, frame), self._update_memory(working, touched, scan, discs, frame, memory)

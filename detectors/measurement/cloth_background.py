@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detectors.measurement.ball_colour import DISC_SAMPLES
-from detectors.measurement.working_view import WorkingView
+from detectors.measurement.working_view import WorkingView, nearest_pixels, values_at
+from models.core.scene import POCKETS
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from models.numerics.robust_scale import estimate_sigma
 
@@ -41,6 +42,18 @@ HOLLOW_SHARE = 0.7
 middle. In 1,871 detections of balls in broadcasts it is 1.02 or more; of a projector's rings, two in three are below
 0.3 and all below 0.7."""
 
+HOLE_STEPS = np.arange(0.0, 5.0, 0.1)
+"""Ball radii from the middle of a pocket at which cloth is looked for: holes of small tables reach up to 3.3."""
+CLOTH_STEPS = 8
+"""Steps for which cloth stays where a hole ends: the meshes of a net are narrower."""
+HOLE_RAYS, HOLE_HALF_ANGLE = 15, np.radians(25.0)
+"""Rays from a pocket onto the table, and how far they turn from its axis: further on are the jaws."""
+MAX_SIDE_SHARE = 0.5
+"""Largest reach of the hole of a side pocket, in that of a corner: 0.2 to 0.5 on tables with nets."""
+HOLE_SLACK_RADII = 0.3
+"""Ball radii within the edge of a hole in which a centre may still appear: errors of the calibration, and the shade of
+the edge. Nets were detected as balls up to 0.45 within the edge; the balls nearest to a corner, of 256 on stills, lie 0.8
+outside."""
 RIDGE = 1e-9
 """Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
 if all visible cloth is in one line."""
@@ -64,6 +77,8 @@ class ClothBackground:
     """(n, 3) RGB of the plain cloth there."""
     median_image: ByteArray
     """(h, w, 3) RGB median of the images, balls at rest included."""
+    hole_area: BoolArray
+    """(h, w) where a centre is over the hole of a pocket: a ball at rest there has dropped."""
     basis: FloatArray
     """(3, 3) rows: two axes across the cloth's colour, one along it (brightness)."""
     threshold: float
@@ -101,6 +116,13 @@ class ClothBackground:
         away = self._weight_shadows((working[row, column] - self.colour[row, column])[None])[0]
         return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
+    def is_lining(self, working: ByteArray, centre: FloatArray) -> BoolArray:
+        """Which objects at working px (n, 2) are parts of a net or a lining: they stand still over a hole."""
+        row, column = nearest_pixels(self.hole_area.shape, centre)
+        now, usual = working[row, column].astype(np.int64), self.median_image[row, column]
+        moved = np.abs(now - usual).max(axis=1, initial=0)
+        return np.asarray(self.hole_area[row, column] & (moved <= self.threshold))
+
     def measure_movement(self, working: ByteArray, part: tuple[slice, slice] = WHOLE_IMAGE) -> ByteArray:
         """Measure the difference (h, w) of a part of a working image from the median image, grey levels."""
         red, green, blue = cv2.split(cv2.absdiff(working[part], self.median_image[part]))
@@ -123,15 +145,47 @@ def learn_cloth_background(working_images: list[ByteArray], view: WorkingView) -
     threshold = max(MIN_DIFFERENCE_LEVELS, NOISE_FACTOR * _estimate_noise(plate, smooth, view))
     plate_bytes = np.asarray(np.rint(plate), dtype=np.uint8)
     none = np.empty(0, dtype=np.int64)
-    away = contrast_strength(
-        ClothBackground(smooth, none, smooth.reshape(-1, 3)[none], plate_bytes, basis, threshold).measure_contrast(
-            plate_bytes
-        )
-    )
+    no_hole = np.zeros(plate.shape[:2], dtype=bool)
+    plain = ClothBackground(smooth, none, smooth.reshape(-1, 3)[none], plate_bytes, no_hole, basis, threshold)
+    away = contrast_strength(plain.measure_contrast(plate_bytes))
     markings = (away > threshold) & view.ball_area & ~_is_as_wide_as_balls(away > threshold, view)
     marked = np.flatnonzero(markings)
     colour = np.where(markings[..., None], plate, smooth)
-    return ClothBackground(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, basis, threshold)
+    holes = _find_holes(view, away <= threshold)
+    return ClothBackground(colour, marked, smooth.reshape(-1, 3)[marked], plate_bytes, holes, basis, threshold)
+
+
+def _find_holes(view: WorkingView, is_cloth: BoolArray) -> BoolArray:
+    """Find where (h, w) a centre is over the hole of a pocket, as wide as the holes appear.
+
+    Holes of one table are equal, and a ball at a pocket makes its hole look wider: the second smallest counts.
+    """
+    table = view.scene.table
+    if not table.pockets:
+        return np.zeros(view.radius.shape, dtype=bool)
+    slack, is_corner = HOLE_SLACK_RADII * table.ball_radius, np.array(["-" in name for name in POCKETS])
+    corners, sides = table.pocket_centres[is_corner], table.pocket_centres[~is_corner]
+    corner = sorted(_measure_hole(view, is_cloth, pocket) for pocket in corners)[1]
+    side = min(*(_measure_hole(view, is_cloth, pocket) for pocket in sides), MAX_SIDE_SHARE * corner)
+    return view.is_centre_near(corners, corner - slack) | view.is_centre_near(sides, side - slack)
+
+
+def _measure_hole(view: WorkingView, is_cloth: BoolArray, pocket: FloatArray) -> float:
+    """Measure how far (m) the hole of a pocket reaches onto the table: to where plain cloth begins."""
+    table, camera = view.scene.table, view.scene.camera
+    inwards = np.sign(np.array([table.length / 2, table.width / 2]) - pocket)
+    axis = np.arctan2(inwards[1], inwards[0])
+    angle = axis + np.linspace(-HOLE_HALF_ANGLE, HOLE_HALF_ANGLE, HOLE_RAYS)
+    rays = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    places = pocket + table.ball_radius * HOLE_STEPS[None, :, None] * rays[:, None]
+    shown = values_at(is_cloth, view.to_working(camera.to_pixels(places, 0.0)))
+    return table.ball_radius * float(np.median(HOLE_STEPS[_find_first_cloth(shown)]))
+
+
+def _find_first_cloth(shown: BoolArray) -> IntArray:
+    """Find the first step (n,) of each ray (n, S) from which cloth is shown for `CLOTH_STEPS`."""
+    stays = np.lib.stride_tricks.sliding_window_view(shown, CLOTH_STEPS, axis=1).all(axis=2)
+    return np.asarray(np.where(stays.any(axis=1), stays.argmax(axis=1), 0))
 
 
 def find_hollow_discs(difference: Float32Array, threshold: float) -> BoolArray:

@@ -144,6 +144,13 @@ class WorkingView:
             *(each[part] for each in maps),
         )
 
+    def is_centre_near(self, places: FloatArray, reach: float) -> BoolArray:
+        """Where (h, w) the centre of a ball is within a reach (m) of one of some places (n, 2) of the table."""
+        h, w = self.radius.shape
+        px = _reference_grid(self.box, self.scale, w, h)
+        xy = self.scene.camera.to_table(px, self.scene.table.ball_radius)
+        return np.asarray(np.any([_is_within_reach(xy, place, max(reach, 0.0)) for place in places], axis=0))
+
     def predict_radius(self, px: FloatArray) -> FloatArray:
         """Radius (...) px of a ball that appears at reference px (..., 2)."""
         return predict_radius(self.scene, px)

@@ -107,7 +107,9 @@ class NetworkDetector:
             searched = cv2.copyTo(working, touched.view(np.uint8), memory.searched_image.copy())
         age = 0 if touched.all() or memory is None else memory.age + 1
         remaining = candidates.take(~result.is_rejected)
-        return result.detections, NetworkMemory(searched, remaining, result.unclear, age)
+        balls = result.detections
+        is_lining = self.cloth.is_lining(working, self.view.frame_to_working(balls.centre, frame))
+        return balls.select_rows(~is_lining), NetworkMemory(searched, remaining, result.unclear, age)
 
     def _find_touched_places(self, working: ByteArray, memory: NetworkMemory | None) -> BoolArray:
         """Find where (h, w) the network has to search a working image."""

@@ -40,6 +40,15 @@ MAX_EIGHT_VALUE, MAX_EIGHT_WHITE = 0.4, 0.35
 """The eight is the ball with the darkest brightest channel, if that is below this share of the lightest ball's and its
 white share is small: a dark blue or maroon ball has one bright channel.
 """
+MIN_SET_CHROMA = 20.0
+"""CIE a* or b* from which a ball has a hue that tells one set from another."""
+MAX_PLAIN_WHITE = 0.15
+"""White share up to which a ball is plain: a highlight covers less."""
+MIN_SET_COLOURS = 2
+"""Of blue, green and black, how many lie beside the reds of a snooker set. An English set has the black alone, so that two
+are needed; an American one has neither three alike reds, nor so many colours without a stripe among them."""
+MIN_STRIPES = 3
+"""Stripes from which a set is no snooker set, which has none; the pink and a highlight look like one each."""
 NUMBERED = ("solid", "stripe", "ball")
 """Classes with several balls: their ids count from 1."""
 MIN_DEPARTURE_RADII = 1.0
@@ -63,9 +72,37 @@ def classify_balls(appearance: Appearance, game: Game, struck_ball: int | None =
     """
     if not len(appearance.white):
         return ()
+    game = recognise_set(appearance, game)
     if game == "carom":
         return _classify_carom(appearance)
     return _classify_snooker(appearance, struck_ball) if game == "snooker" else _classify_pool(appearance, struck_ball)
+
+
+def recognise_set(appearance: Appearance, game: Game) -> Game:
+    """Recognise the set that N balls belong to, which decides their names more surely than the size of the table does.
+
+    Args:
+        appearance: Appearance of the balls.
+        game: Game that the table is for.
+
+    Returns:
+        The game of the set; that of the table where the balls leave it open.
+    """
+    if game == "carom":
+        return game
+    lightness, a, b = appearance.colour.T
+    striped = _shows_stripe(appearance) & (np.hypot(a, b) > MIN_SET_CHROMA)
+    plain = appearance.white < MAX_PLAIN_WHITE
+    red = plain & (a > MIN_SET_CHROMA) & (a > b)
+    yellow = plain & (b > MIN_SET_CHROMA) & (b > 1.5 * abs(a))
+    others = sum(
+        bool((plain & rule).any())
+        for rule in (b < -MIN_SET_CHROMA, (a < -0.5 * MIN_SET_CHROMA) & (abs(b) < abs(a)), (lightness < 25) & (b > -10))
+    )  # blue, green, black
+    is_alike = red.sum() >= MIN_BALLS_PER_COLOUR and _have_one_colour(_scale_to_one_lightness(appearance.colour[red]))
+    if game == "pool" and is_alike and yellow.sum() <= 1 and others >= MIN_SET_COLOURS and striped.sum() <= 1:
+        return "snooker"
+    return "pool" if game == "snooker" and not is_alike and striped.sum() >= MIN_STRIPES else game
 
 
 def assign_ids(
@@ -136,14 +173,24 @@ def _find_brown(appearance: Appearance, reddish: NDArray[np.int64]) -> int | Non
     """Find the brown among the balls (n,) that look red, if one differs from the others."""
     if len(reddish) <= MIN_BALLS_PER_COLOUR:
         return None
-    deviation = np.hypot.reduce(appearance.colour[reddish] - np.median(appearance.colour[reddish], axis=0), axis=1)
+    colour = appearance.colour[reddish]
+    # In even light the brown is darker, in uneven light only its hue and saturation tell it.
+    found = [_find_outlier(one) for one in (colour, _scale_to_one_lightness(colour))]
+    is_duller = appearance.chroma[reddish] < np.median(appearance.chroma[reddish])
+    return next((int(reddish[k]) for k in found if k is not None and is_duller[k]), None)
+
+
+def _find_outlier(colour: FloatArray) -> int | None:
+    """Find the one of some colours (n, 3) that differs from all others, which are alike; None without one."""
+    deviation = np.hypot.reduce(colour - np.median(colour, axis=0), axis=1)
     order = np.argsort(deviation)
-    brown, usual = int(reddish[order[-1]]), float(np.median(deviation))
-    is_duller = appearance.chroma[brown] < np.median(appearance.chroma[reddish])
-    is_distinct = deviation[order[-1]] > max(
-        BROWN_TO_USUAL_RATIO * usual, BROWN_TO_NEXT_RATIO * deviation[order[-2]], MIN_BROWN_DISTANCE
-    )
-    return brown if is_distinct and is_duller else None
+    limit = max(BROWN_TO_USUAL_RATIO * np.median(deviation), BROWN_TO_NEXT_RATIO * deviation[order[-2]])
+    return int(order[-1]) if deviation[order[-1]] > max(limit, MIN_BROWN_DISTANCE) else None
+
+
+def _scale_to_one_lightness(colour: FloatArray) -> FloatArray:
+    """Scale colours (n, 3) to their median lightness: balls in more or less light differ along their colour only."""
+    return np.asarray(colour * np.median(colour[:, 0]) / np.maximum(colour[:, :1], 1.0))
 
 
 def _assign_names(distance: FloatArray, names: list[str]) -> tuple[str, ...]:
@@ -189,9 +236,7 @@ def _classify_pool(appearance: Appearance, struck_ball: int | None) -> tuple[str
     Two plain colours with many balls are an English set, otherwise there are solids and stripes.
     """
     lightness, a, b = appearance.colour.T
-    striped = appearance.white_rim + 0.5 * appearance.white
-    shows_stripe = (striped >= MIN_STRIPE_WHITE) | (appearance.white_high >= MIN_STRIPE_WHITE_HIGH)
-    kinds = np.where(shows_stripe, "stripe", "solid").astype(object)
+    kinds = np.where(_shows_stripe(appearance), "stripe", "solid").astype(object)
     cue = _find_cue_ball(appearance, struck_ball)
     if cue is not None:
         kinds[cue] = "cue"
@@ -212,6 +257,12 @@ def _classify_pool(appearance: Appearance, struck_ball: int | None) -> tuple[str
     ):
         kinds[red], kinds[yellow] = "red", "yellow"
     return tuple(kinds)
+
+
+def _shows_stripe(appearance: Appearance) -> NDArray[np.bool_]:
+    """Which balls (N,) show the white of a stripe."""
+    striped = appearance.white_rim + 0.5 * appearance.white
+    return np.asarray((striped >= MIN_STRIPE_WHITE) | (appearance.white_high >= MIN_STRIPE_WHITE_HIGH))
 
 
 def _find_cue_ball(appearance: Appearance, struck_ball: int | None) -> int | None:
