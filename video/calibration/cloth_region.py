@@ -44,12 +44,13 @@ class _Quadrangle:
     support: float
 
 
-def find_cloth_regions(image: ImageArray, count: int = 3) -> list[ClothRegion]:
+def find_cloth_regions(image: ImageArray, count: int = 3, is_cropped: bool = False) -> list[ClothRegion]:
     """Find the regions of one colour that resemble a table most.
 
     Args:
         image: (H, W, 3) RGB.
         count: largest number of regions.
+        is_cropped: whether the border of the image counts as the end of a cloth that reaches it.
 
     Returns:
         Clearly different regions, the best first.
@@ -60,7 +61,7 @@ def find_cloth_regions(image: ImageArray, count: int = 3) -> list[ClothRegion]:
         quadrangle
         for colour in find_dominant_colours(small)
         for mask in _colour_masks(small, colour)
-        if (quadrangle := _fit_quadrangle(mask)) is not None
+        if (quadrangle := _fit_quadrangle(mask, is_cropped)) is not None
     ]
     best = max((quadrangle.support for quadrangle in quadrangles), default=0.0)
     # Regions without the cushions have equally sharp borders: among equals the largest is the table.
@@ -173,7 +174,7 @@ def _colour_masks(small: ImageArray, colour: FloatArray) -> list[NDArray[np.uint
     ]
 
 
-def _fit_quadrangle(mask: NDArray[np.uint8]) -> _Quadrangle | None:
+def _fit_quadrangle(mask: NDArray[np.uint8], is_cropped: bool) -> _Quadrangle | None:
     """Fit a quadrangle to the four long sides of the hull of the largest region; None where it does not fit."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     region = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel), cv2.MORPH_OPEN, kernel)
@@ -193,7 +194,7 @@ def _fit_quadrangle(mask: NDArray[np.uint8]) -> _Quadrangle | None:
         return None
     if _fill_share(mask, corners) < MIN_FILL_SHARE:
         return None  # a wooden frame, not the cloth inside it
-    return _Quadrangle(corners, _side_support(corners, contour, mask.shape))
+    return _Quadrangle(corners, _side_support(corners, contour, mask.shape, is_cropped))
 
 
 def _fill_share(mask: NDArray[np.uint8], corners: FloatArray) -> float:
@@ -244,8 +245,13 @@ def _refine_sides(corners: FloatArray, contour: FloatArray) -> FloatArray | None
     return corners
 
 
-def _side_support(corners: FloatArray, contour: NDArray[np.int32], shape: tuple[int, ...]) -> float:
-    """Return the share of the sides (without ends) with a contour point within 2.5 px; bad sides count twice."""
+def _side_support(
+    corners: FloatArray, contour: NDArray[np.int32], shape: tuple[int, ...], is_cropped: bool
+) -> float:
+    """Return the share of the sides (without ends) with a contour point within 2.5 px; bad sides count twice.
+
+    At the border of the image every region ends, so that points there count only where `is_cropped` says so.
+    """
     outline = np.ones(shape, np.uint8)
     outline[contour[:, 0, 1], contour[:, 0, 0]] = 0
     distance = cv2.distanceTransform(outline, cv2.DIST_L2, 3)
@@ -253,7 +259,7 @@ def _side_support(corners: FloatArray, contour: NDArray[np.int32], shape: tuple[
     for i in range(4):
         p, q = corners[i], corners[(i + 1) % 4]
         points = np.rint(p + np.linspace(0.1, 0.9, 60)[:, None] * (q - p)).astype(int)
-        inside = np.all((points > 2) & (points < np.array([shape[1], shape[0]]) - 3), axis=1)
+        inside = is_cropped | np.all((points > 2) & (points < np.array([shape[1], shape[0]]) - 3), axis=1)
         column, row = np.clip(points[:, 0], 0, shape[1] - 1), np.clip(points[:, 1], 0, shape[0] - 1)
         shares.append(float(np.mean((distance[row, column] < 2.5) & inside)))
     return float(np.mean(shares) * min(1.0, min(shares) / 0.5))

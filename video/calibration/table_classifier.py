@@ -46,6 +46,14 @@ D_RADIUS_WIDTHS = 0.164
 """Radius of the D over the width of the table: 292 mm on 1778 mm (WPBSA rules, section 1.1)."""
 PLAN_SIZE_PX = (800, 400)
 """px, size of the plan view in which marks are searched."""
+LINE_WIDTH_PX, LINE_LEVELS = 13, 25
+"""px of the plan, wider than any painted line (50 mm of 6.1 m are 3), and grey levels by which paint is brighter than the
+surface beside it; chalk and seams on cloth are thinner, darker or fainter."""
+LINE_BORDER = 0.04
+"""Share of the width at the border that is left out: noses and their highlights."""
+LINE_COVER, LINE_TILT = 0.5, 0.05
+"""Share of a side over which a line runs, and the largest angle (rad) between them: the surface of a court is located
+by its mat, which is not quite parallel to its lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,16 +197,56 @@ def has_snooker_d(background: ImageArray, noses: FloatArray) -> bool:
     Returns:
         True if an arc of the right size at the right place is far clearer than elsewhere.
     """
-    length, width = PLAN_SIZE_PX
-    square = np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
-    to_plan = homography_between(noses, square)
-    grey = cv2.cvtColor(background, cv2.COLOR_RGB2GRAY)
-    plan = cv2.warpPerspective(grey, to_plan, PLAN_SIZE_PX, flags=cv2.INTER_AREA)
+    plan = _draw_plan(background, noses)
     kernel = np.ones((7, 7), np.uint8)
     lines = np.maximum(
         cv2.morphologyEx(plan, cv2.MORPH_BLACKHAT, kernel), cv2.morphologyEx(plan, cv2.MORPH_TOPHAT, kernel)
     )
     return any(_has_d_at_left(side) for side in (lines, lines[:, ::-1]))
+
+
+def _draw_plan(image: ImageArray, noses: FloatArray) -> NDArray[np.uint8]:
+    """Draw the grey plan of the surface between corners (4, 2) px."""
+    length, width = PLAN_SIZE_PX
+    square = np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return np.asarray(
+        cv2.warpPerspective(grey, homography_between(noses, square), PLAN_SIZE_PX, flags=cv2.INTER_AREA), np.uint8
+    )
+
+
+def count_painted_lines(image: ImageArray, noses: FloatArray) -> tuple[int, int]:
+    """Count the bright lines that run over half of the surface, as on courts, without those at its border.
+
+    Args:
+        image: (H, W, 3) RGB, the table without moving objects.
+        noses: (4, 2) px, corners of the noses.
+
+    Returns:
+        Number of lines along the surface and across it.
+    """
+    plan = _draw_plan(image, noses)
+    kernel = np.ones((LINE_WIDTH_PX, LINE_WIDTH_PX), np.uint8)
+    bright = (cv2.morphologyEx(plan, cv2.MORPH_TOPHAT, kernel) > LINE_LEVELS).astype(np.uint8)
+    border = round(LINE_BORDER * PLAN_SIZE_PX[1])
+    inner = bright[border:-border, border:-border]
+    return _count_line_bundles(inner), _count_line_bundles(np.ascontiguousarray(inner.T))
+
+
+def _count_line_bundles(bright: NDArray[np.uint8]) -> int:
+    """Count the lines of a mask (H, W) that run along its rows, tilted by up to `LINE_TILT`."""
+    height, width = bright.shape
+    tilts = np.linspace(-LINE_TILT, LINE_TILT, 13)
+    column = np.arange(width)
+    best = np.zeros(height)
+    thick = cv2.dilate(bright, np.ones((3, 1), np.uint8))
+    for tilt in tilts:
+        row = np.arange(height)[:, None] + np.rint(np.tan(tilt) * (column - width / 2)).astype(int)
+        best = np.maximum(best, thick[np.clip(row, 0, height - 1), column].mean(axis=1))
+    is_line = (best > LINE_COVER).astype(np.int8)
+    gap = np.ones(LINE_WIDTH_PX, np.uint8)
+    joined = cv2.morphologyEx(is_line.view(np.uint8)[None], cv2.MORPH_CLOSE, gap[None])[0]
+    return int(np.count_nonzero(np.diff(np.concatenate([[0], joined.astype(np.int8)])) > 0))
 
 
 def _has_d_at_left(lines: NDArray[np.uint8]) -> bool:

@@ -22,9 +22,20 @@ from models.physics.billiards.tables import TABLE_PRESETS, parse_table, replace_
 from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
 from video.calibration.camera_motion import detect_camera_motion, estimate_camera_motion, select_reference_features
-from video.calibration.cloth_region import find_cloth_regions, intersect_lines, line_through, measure_median_colour
+from video.calibration.cloth_region import (
+    ClothRegion,
+    find_cloth_regions,
+    intersect_lines,
+    line_through,
+    measure_median_colour,
+)
 from video.calibration.cushion_noses import CushionNoses, find_cushion_noses, find_noses_near
-from video.calibration.table_classifier import classify_table, has_snooker_d, measure_pocket_share
+from video.calibration.table_classifier import (
+    classify_table,
+    count_painted_lines,
+    has_snooker_d,
+    measure_pocket_share,
+)
 from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
 from video.io.clip import Clip, read_frames
 from video.io.video_options import CalibrateOptions
@@ -53,6 +64,10 @@ MIN_EXPECTED_NOSES = 3
 parallel noses leave no room for another place, a single pair does."""
 USER_CORNER_SIGMA_PX = 2.0
 """px, standard deviation of corners given by the user."""
+GIVE_CORNERS = "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
+"""Remedy where a table is in view but is not recognised."""
+MIN_COURT_LINES = 2
+"""Painted lines in either direction that make a court: a table has a line across and none along at most."""
 SAME_TABLE_OVERLAP = 0.8
 """Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the
 length leaves 0.9, and tables that stand side by side do not overlap."""
@@ -290,46 +305,77 @@ def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:
     Raises:
         TableNotFound: no table can be trusted; the message starts with `name`.
     """
-    regions = [region for region in find_cloth_regions(image) if region.support > MIN_SIDE_SUPPORT]
-    if not regions:
-        raise TableNotFound(
-            f"{name} shows no cloth with four straight sides; give the corners of the playing surface "
-            "with --corners x,y,x,y,x,y,x,y"
-        )
-    height, width = image.shape[:2]
-    attempts = []
-    for region in regions:
-        outer, _ = orient_corners(region.corners, width, height, 3.0)
-        noses = find_cushion_noses(image, outer)
-        if noses is not None:
-            attempts.append((noses.misfit + UNSUPPORTED_COST * (1 - region.support), outer, noses, region))
-            if attempts[-1][0] < GOOD_MISFIT:
-                break
-    if not attempts:
-        raise TableNotFound(
-            f"{name} shows a cloth without visible cushion noses; give the corners of the playing surface "
-            "with --corners x,y,x,y,x,y,x,y"
-        )
-    misfit, outer, noses, region = min(attempts, key=lambda attempt: attempt[0])
-    if misfit > MAX_MISFIT:
-        raise TableNotFound(
-            f"{name} shows a cloth whose sides do not look like four equal cushions; give the corners of "
-            "the playing surface with --corners x,y,x,y,x,y,x,y"
-        )
+    attempts = _list_attempts(image, is_cropped=False)
+    if not attempts or attempts[0].misfit > MAX_MISFIT:
+        # Where the image ends at the cloth, no rail tells the cloth from another surface: all four noses must.
+        cropped = _list_attempts(image, is_cropped=True)
+        attempts = [one for one in cropped if one.noses is not None and all(one.noses.is_visible)] or attempts or cropped
+    best = attempts[0] if attempts else None
+    if best is None or best.noses is None or best.misfit > MAX_MISFIT:
+        raise TableNotFound(f"{name} {_explain_attempt(best)}")
+    noses, (height, width) = best.noses, image.shape[:2]
     corners, perspective = orient_corners(noses.corners, width, height, _mean_sigma(noses.covariance))
     if not ASPECT_RANGE[0] < perspective.aspect < ASPECT_RANGE[1]:
         raise TableNotFound(
-            f"{name} shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2; "
-            "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
+            f"{name} shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2; {GIVE_CORNERS}"
+        )
+    along, across = count_painted_lines(image, corners)
+    if min(along, across) >= MIN_COURT_LINES:
+        raise TableNotFound(
+            f"{name} shows a court without cushions, with {along + across} painted lines; film a billiard table"
         )
     return TableLocation(
         *_reorder_covariance(corners, noses),
         perspective,
-        region.colour,
-        _align_outer_corners(outer, corners),
+        best.region.colour,
+        _align_outer_corners(best.outer, corners),
         _edge_notes(noses),
         sum(noses.is_visible),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """Cushion noses in one region of cloth."""
+
+    misfit: float
+    """Squared standard deviations from four equal cushions and straight sides; infinite without noses."""
+    outer: FloatArray
+    """(4, 2) px, outer corners of the cloth."""
+    noses: CushionNoses | None
+    region: ClothRegion
+    is_cropped: bool
+    """Whether the border of the image counts as a side of the cloth."""
+
+
+def _list_attempts(image: ImageArray, is_cropped: bool) -> list[_Attempt]:
+    """Find the noses in the regions that may be a cloth, the best first."""
+    height, width = image.shape[:2]
+    attempts: list[_Attempt] = []
+    for region in find_cloth_regions(image, is_cropped=is_cropped):
+        if region.support <= MIN_SIDE_SUPPORT:
+            continue
+        outer, _ = orient_corners(region.corners, width, height, 3.0)
+        noses = find_cushion_noses(image, outer)
+        misfit = np.inf if noses is None else noses.misfit + UNSUPPORTED_COST * (1 - region.support)
+        attempts.append(_Attempt(misfit, outer, noses, region, is_cropped))
+        if misfit < GOOD_MISFIT:
+            break
+    return sorted(attempts, key=lambda one: one.misfit)
+
+
+def _explain_attempt(attempt: _Attempt | None) -> str:
+    """Say what was seen instead of a table, and what to do."""
+    if attempt is None:
+        return f"shows no cloth with four straight sides; film the whole table from above, or {GIVE_CORNERS}"
+    if attempt.is_cropped:
+        return (
+            "is filled by one surface up to its border, without four cushions in view; film from further away, or"
+            f" {GIVE_CORNERS}"
+        )
+    if attempt.noses is None:
+        return f"shows a cloth without visible cushion noses; {GIVE_CORNERS}"
+    return f"shows a cloth whose sides do not look like four equal cushions; {GIVE_CORNERS}"
 
 
 def _reorder_covariance(corners: FloatArray, noses: CushionNoses) -> tuple[FloatArray, FloatArray]:
