@@ -52,8 +52,8 @@ MAX_SIDE_SHARE = 0.5
 """Largest reach of the hole of a side pocket, in that of a corner: 0.2 to 0.5 on tables with nets."""
 HOLE_SLACK_RADII = 0.3
 """Ball radii within the edge of a hole in which a centre may still appear: errors of the calibration, and the shade of
-the edge. Nets were detected as balls up to 0.45 within the edge; the balls nearest to a corner, of 256 on stills, lie 0.8
-outside."""
+the edge. Nets were detected as balls up to 0.45 within the edge; of 256 balls on stills, the nearest to a corner lies
+0.8 outside."""
 RIDGE = 1e-9
 """Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
 if all visible cloth is in one line."""

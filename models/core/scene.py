@@ -287,7 +287,7 @@ def combine_ball_sizes(estimates: Sequence[BallSize]) -> BallSize:
         return nominal or apparent  # type: ignore[return-value]
     if nominal.source == "user":
         return nominal
-    # A preset that is one of several candidates has a wide sigma; such a guess confirms nothing that was measured better.
+    # A preset that is one of several candidates has a wide sigma: a guess confirms nothing that was measured better.
     as_sure = replace(nominal, sigma=min(nominal.sigma, apparent.sigma))
     return apparent if find_contradictions([as_sure, apparent]) else replace(nominal, source="combined")
 

@@ -45,8 +45,8 @@ MIN_SET_CHROMA = 20.0
 MAX_PLAIN_WHITE = 0.15
 """White share up to which a ball is plain: a highlight covers less."""
 MIN_SET_COLOURS = 2
-"""Of blue, green and black, how many lie beside the reds of a snooker set. An English set has the black alone, so that two
-are needed; an American one has neither three alike reds, nor so many colours without a stripe among them."""
+"""Of blue, green and black, how many lie beside the reds of a snooker set. An English set has the black alone; an
+American one has no three alike reds."""
 MIN_STRIPES = 3
 """Stripes from which a set is no snooker set, which has none; the pink and a highlight look like one each."""
 NUMBERED = ("solid", "stripe", "ball")

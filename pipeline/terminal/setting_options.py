@@ -42,6 +42,22 @@ def add_settings_except(excluded: Collection[str]) -> Callable[[Callable[..., No
     return decorate
 
 
+def add_settings_of(
+    stages: Collection[str], excluded: Collection[str] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command that takes the options of some stages: those of a door that all commands have in common.
+
+    Args:
+        stages: Names of the stages.
+        excluded: Names of their settings that do not apply to the command.
+
+    Returns:
+        A decorator like `add_settings`.
+    """
+    others = {name for name, setting in list_settings().items() if not set(setting.stages) & set(stages)}
+    return add_settings_except({*others, *excluded})
+
+
 def _append_settings(function: Callable[..., None], excluded: Collection[str]) -> Callable[..., None]:
     """Replace the `options` parameter of a command by one parameter per setting."""
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]

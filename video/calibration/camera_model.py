@@ -16,8 +16,8 @@ FOCAL_PRIOR_SIGMA = 0.35
 ASPECT_SIGMA = 0.01
 """Standard deviation of the logarithm of length over width: tables are built 2:1, all presets within 1 %."""
 HOME_ASPECT, HOME_ASPECT_SIGMA = 1.05, 0.06
-"""Length over width of small tables for homes, relative to 2:1, and the standard deviation of its logarithm: makers take
-cushions of one width off a board of 2:1, which leaves 2.0 to 2.2."""
+"""Length over width of small tables for homes, relative to 2:1, and the standard deviation of its logarithm: cushions
+of one width on a board of 2:1 leave 2.0 to 2.2."""
 HOME_COST = 11.0
 """Squared standard deviations that such a shape costs: -2 log of the ratio of the densities of the two kinds at their
 means, if 3 of 100 filmed tables are of the second one."""

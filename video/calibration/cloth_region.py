@@ -245,9 +245,7 @@ def _refine_sides(corners: FloatArray, contour: FloatArray) -> FloatArray | None
     return corners
 
 
-def _side_support(
-    corners: FloatArray, contour: NDArray[np.int32], shape: tuple[int, ...], is_cropped: bool
-) -> float:
+def _side_support(corners: FloatArray, contour: NDArray[np.int32], shape: tuple[int, ...], is_cropped: bool) -> float:
     """Return the share of the sides (without ends) with a contour point within 2.5 px; bad sides count twice.
 
     At the border of the image every region ends, so that points there count only where `is_cropped` says so.

@@ -35,8 +35,8 @@ SKIPPED_COST = 4.0
 NEAR_SIGMAS = 3.0
 """Standard deviations of an expected nose within which a line is that nose."""
 PROFILE_SIDE_PX = 1920
-"""px, longer side of the image in which lines are searched. A nose is a soft edge of some millimetres: one pixel of a 9 ft
-table at this size. In a photograph of 4032 px the seam, the weave and the shadow beside it are lines of their own."""
+"""px, longer side of the image in which lines are searched. A nose is a soft edge of some millimetres: a pixel or two
+of this size. In a photograph of 4032 px the seam, the weave and the shadow beside it are lines of their own."""
 MAX_LINES_PER_SIDE = 4
 """Largest number of candidate lines per side."""
 
@@ -99,8 +99,7 @@ def find_cushion_noses(image: ImageArray, outer: FloatArray) -> CushionNoses | N
 
 
 def _reduce_image(image: ImageArray) -> tuple[ImageArray, float]:
-    """Return an image of at most `PROFILE_SIDE_PX`, and its scale: lines are found where they are a pixel or two wide.
-    """
+    """Return an image of at most `PROFILE_SIDE_PX`, and its scale."""
     height, width = image.shape[:2]
     scale = min(1.0, PROFILE_SIDE_PX / max(height, width))
     if scale == 1.0:

@@ -47,8 +47,8 @@ D_RADIUS_WIDTHS = 0.164
 PLAN_SIZE_PX = (800, 400)
 """px, size of the plan view in which marks are searched."""
 LINE_WIDTH_PX, LINE_LEVELS = 13, 25
-"""px of the plan, wider than any painted line (50 mm of 6.1 m are 3), and grey levels by which paint is brighter than the
-surface beside it; chalk and seams on cloth are thinner, darker or fainter."""
+"""px of the plan, wider than any painted line (50 mm of 6.1 m are 3), and grey levels by which paint is brighter than
+the surface beside it; chalk and seams on cloth are darker or fainter."""
 LINE_BORDER = 0.04
 """Share of the width at the border that is left out: noses and their highlights."""
 LINE_COVER, LINE_TILT = 0.5, 0.05

@@ -45,8 +45,8 @@ SAMPLED_FRAMES = 9
 ASPECT_RANGE = (1.9, 2.3)
 """Range of length over width of a billiard table, as measured; those above 2.1 are home tables."""
 UNUSUAL_ASPECT_SHARE = 0.035
-"""Relative difference from 2:1 from which the measured shape replaces that of the preset: three standard deviations of the
-shape of usual tables, where `fit_perspective` begins to prefer the other kind."""
+"""Relative difference from 2:1 from which the measured shape replaces that of the preset: three standard deviations of
+the shape of usual tables, where `fit_perspective` begins to prefer the other kind."""
 MIN_SIDE_SUPPORT = 0.6
 """Smallest share of the cloth's sides that must end in a straight line."""
 MAX_MISFIT = 40.0
@@ -309,16 +309,17 @@ def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:
     if not attempts or attempts[0].misfit > MAX_MISFIT:
         # Where the image ends at the cloth, no rail tells the cloth from another surface: all four noses must.
         cropped = _list_attempts(image, is_cropped=True)
-        attempts = [one for one in cropped if one.noses is not None and all(one.noses.is_visible)] or attempts or cropped
+        attempts = (
+            [one for one in cropped if one.noses is not None and all(one.noses.is_visible)] or attempts or cropped
+        )
     best = attempts[0] if attempts else None
     if best is None or best.noses is None or best.misfit > MAX_MISFIT:
         raise TableNotFound(f"{name} {_explain_attempt(best)}")
     noses, (height, width) = best.noses, image.shape[:2]
     corners, perspective = orient_corners(noses.corners, width, height, _mean_sigma(noses.covariance))
     if not ASPECT_RANGE[0] < perspective.aspect < ASPECT_RANGE[1]:
-        raise TableNotFound(
-            f"{name} shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2; {GIVE_CORNERS}"
-        )
+        shape = f"shows a cloth {perspective.aspect:.2f} times as long as wide, and tables are 2; {GIVE_CORNERS}"
+        raise TableNotFound(f"{name} {_explain_attempt(best) if best.is_cropped else shape}")
     along, across = count_painted_lines(image, corners)
     if min(along, across) >= MIN_COURT_LINES:
         raise TableNotFound(
@@ -539,8 +540,8 @@ def _identify_table(
         if abs(aspect / (table.length / table.width) - 1) > UNUSUAL_ASPECT_SHARE:
             table = replace(table, width=table.length / aspect)
             warnings += (
-                f"The table is {aspect:.2f} times as long as wide, where most are 2: that is so for some home tables, and"
-                " wherever pixels are not square. Give --table LENGTHxWIDTH in m.",
+                f"The table is {aspect:.2f} times as long as wide, where most are 2: so are some home tables, or any where"
+                " pixels are not square. Give --table LENGTHxWIDTH in m.",
             )
     if options.ball_radius is not None:
         table = replace_ball_radius(table, options.ball_radius)

@@ -12,9 +12,11 @@ from models.core.errors import TableNotFound
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
 from video.calibration.table_finder import calibrate_clip, calibrate_image, compute_median_image
+from video.calibration.view_prior import ViewPrior
 from video.filming_check.clip_sample import ClipSample
 from video.filming_check.filming_limits import FilmingLimits, Level
 from video.filming_check.motion_measurements import measure_drift
+from video.io.clip import Clip
 from video.io.video_options import CalibrateOptions
 
 UNKNOWN_RADIUS_SHARE = 0.012
@@ -45,9 +47,9 @@ class FilmedView:
     background: ImageArray
     """(H, W, 3) what stands still in the clip."""
     scene: Scene | None
-    """Table and camera; None where no table was located."""
+    """Table and camera, of the first still where the clip as a whole is refused; None where no table was located."""
     refusal: str
-    """Why no table was located, one sentence; empty otherwise."""
+    """Why a run refuses the clip, one sentence; empty otherwise."""
     corners: FloatArray
     """(4, 2) px of the playing surface; of the assumed one where no table was located."""
     mask: BoolArray
@@ -62,12 +64,16 @@ class FilmedView:
     """(H, W) bright spots on the cloth."""
 
 
-def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
-    """Locate the table in a sample of a clip.
+def locate_view(
+    sample: ClipSample, clip: Clip, options: CalibrateOptions, prior: ViewPrior | None = None
+) -> FilmedView:
+    """Locate the table in a clip, as a run does.
 
     Args:
-        sample: The sample.
+        sample: A sample of the clip.
+        clip: The clip, or the part of it that the sample shows.
         options: Corners, table and ball radius if the user gave them.
+        prior: Table and view of earlier clips.
 
     Returns:
         The view, with or without a table.
@@ -82,10 +88,12 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     scene: Scene | None = None
     refusal = ""
     try:
-        scene = calibrate_clip(sample.clip, options)
+        scene = calibrate_clip(clip, options, prior=prior)
     except TableNotFound as missing:
         refusal = str(missing)
-        with suppress(TableNotFound):  # a moving camera may have been the reason
+        with suppress(
+            TableNotFound
+        ):  # a moving camera may have been the reason; light and focus are measured all the same
             scene = calibrate_image(sample.stills[0], options, sample.clip.path.name)
     is_still = scene is not None and scene.camera.motion is None and not refusal
     background = compute_median_image(list(sample.stills)) if is_still else sample.stills[0]
@@ -93,9 +101,11 @@ def locate_view(sample: ClipSample, options: CalibrateOptions) -> FilmedView:
     radius = UNKNOWN_RADIUS_SHARE * width if scene is None else _find_least_radius(scene)
     mask = draw_table_mask((width, height), corners)
     small = sample.thumbnails.shape[2], sample.thumbnails.shape[1]
+    drift = measure_drift(greys, corners)
+    if is_still and np.isinf(drift):
+        drift = float("nan")  # the whole clip shows one view; these few frames have too little detail in common
     return FilmedView(
-        background, scene, "" if scene is not None else refusal, corners, mask,
-        draw_table_mask(small, corners, small[0] / width), radius, measure_drift(greys, corners),
+        background, scene, refusal, corners, mask, draw_table_mask(small, corners, small[0] / width), radius, drift,
         find_glare(background, mask, radius),
     )  # fmt: skip
 

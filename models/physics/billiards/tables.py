@@ -32,8 +32,7 @@ CAROM_BALL = BallSpecification(0.03075, 0.210, 2.5e-4)
 BLACKBALL_BALL = BallSpecification(0.0254, 0.118, 1e-4)
 """2 in (WEPF blackball rules, equipment); the tolerance is a guess."""
 HOME_BALL = BallSpecification(0.0206, 0.064, 1.5e-3)
-"""1 5/8 in, as most makers deliver with tables of 4 to 4 1/2 ft; others deliver 38 to 44 mm, so that the tolerance is wide.
-"""
+"""1 5/8 in, as most makers deliver with tables of 4 to 4 1/2 ft; others deliver 38 to 44 mm, hence the tolerance."""
 BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL, HOME_BALL)
 BALL_RADIUS_RANGE = (0.01, 0.06)
 """m, radii of balls."""

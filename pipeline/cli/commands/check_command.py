@@ -22,13 +22,15 @@ from pipeline.reporting.text.filming_sentences import (
     WORDS,
     format_advice,
     format_limit,
+    format_located_table,
     format_value,
     rank_faults,
 )
+from pipeline.run_options import RunOptions
 from pipeline.terminal import command_line as cli
+from pipeline.terminal.setting_options import add_settings_of
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
 from video.filming_check.filming_limits import FilmingLimits
-from video.io.video_options import CalibrateOptions
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
 
 SIGNS = {"good": "[green]✓[/]", "doubt": "[yellow]![/]", "bad": "[red]✗[/]", "unknown": "[dim]–[/]"}
@@ -41,22 +43,23 @@ VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
 @cli.app.command("check")
+@add_settings_of(("read", "calibrate", "detect"))
 def check(
     clip: cli.ClipArgument,
     out: Annotated[
         Path | None, cli.make_output_option("Write a still with the table, the balls and what is wrong.", "FILE.png")
     ] = None,
-    corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
-    table: Annotated[str | None, typer.Option(help="Playing surface, such as 2.54x1.27 (m) or pool-9ft.")] = None,
     as_json: cli.JsonOption = False,
     debug: cli.DebugOption = False,
-) -> None:  # fmt: skip
+    *,
+    options: RunOptions,
+) -> None:
     """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1)."""
     if out is not None:
         if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
             raise OptionError(f"-o is an image, .png or .jpg; got {out.name}")
         require_writable_folder(out.parent)
-    report = check_clip(clip, CalibrateOptions(corners, table))
+    report = check_clip(clip, options)
     if as_json:
         print(json.dumps(_report_to_json(report), allow_nan=False))
     else:
@@ -70,11 +73,14 @@ def check(
 
 def _report_to_json(report: FilmingReport) -> dict[str, Any]:
     """Return verdict and measurements as JSON values; a value that was not measured is null."""
-    limits = FilmingLimits()
+    limits, scene = FilmingLimits(), report.view.scene
     return {
         "verdict": report.verdict,
         "faults": [one.code for one in rank_faults(report.measurements, limits)],
         "refusal": report.refusal,
+        "table": None if report.refusal or scene is None else scene.table.name,
+        "balls": None if report.refusal or scene is None else report.ball_count,
+        "warnings": [] if report.refusal or scene is None else list(scene.warnings),
         "bits_per_pixel": report.bits_per_pixel if math.isfinite(report.bits_per_pixel) else None,
         "measurements": [
             {
@@ -98,6 +104,11 @@ def _print_report(report: FilmingReport) -> None:
     for one in report.measurements:
         grid.add_row(SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))
     screen.print(grid)
+    scene = report.view.scene
+    if scene is not None and not report.refusal:
+        screen.print(format_located_table(scene.table, report.ball_count), markup=False)
+        for warning in scene.warnings:
+            screen.print(f"- {warning}", markup=False, soft_wrap=True)
     for line in format_advice(report.measurements, report.refusal):
         screen.print(f"- {line}", markup=False, soft_wrap=True)
     screen.print(VERDICT_WORDS[report.verdict], markup=False)

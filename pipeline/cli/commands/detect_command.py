@@ -6,18 +6,18 @@ import csv
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from detectors.detect import select_model_file
-from detectors.detect_options import DetectOptions
 from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
+from pipeline.run_options import RunOptions
 from pipeline.terminal import command_line as cli
-from video.io.video_options import CalibrateOptions
+from pipeline.terminal.setting_options import add_settings_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,34 +38,29 @@ COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @cli.app.command("detect")
-def detect(
+@add_settings_of(("calibrate", "detect"), excluded=("profile",))
+def detect_balls_in_stills(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
     out: Annotated[Path, cli.make_output_option("File of the table of balls.", "FILE.csv")],
-    detector: Annotated[
-        Literal["auto", "hough", "onnx"], typer.Option(help="Ball detector; auto chooses the network for still images.")
-    ] = "auto",
-    model: Annotated[Path | None, typer.Option(help="File of an ONNX ball detector.")] = None,
-    corners: Annotated[str | None, typer.Option(help="Corners of the playing surface: x,y,x,y,x,y,x,y in px.")] = None,
-    table: Annotated[str | None, typer.Option(help="Playing surface, such as 2.54x1.27 (m) or pool-9ft.")] = None,
-    ball_radius: Annotated[float | None, typer.Option("--ball-radius", help="Radius of the balls in m.")] = None,
     as_json: cli.JsonOption = False,
     debug: cli.DebugOption = False,
+    *,
+    options: RunOptions,
 ) -> None:
     """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each."""
-    options = DetectOptions(detector, None if model is None else str(model))
-    if model is not None and detector == "hough":
+    detect, model = options.detect, options.detect.model
+    if model is not None and detect.detector == "hough":
         raise OptionError("--detector hough runs no network, but one was named with --model; leave out one of them")
-    if model is not None and not select_model_file(options).is_file():
+    if model is not None and not select_model_file(detect).is_file():
         raise OptionError(f"--model is the file of an ONNX ball detector; {model} is not there")
     if out.is_dir():
         raise OptionError(f"-o is the table that is written, such as balls.csv; {out} is a folder")
     paths = _list_images(images)
     require_writable_folder(out.parent)
-    calibrate = CalibrateOptions(corners, table, ball_radius)
     rows, failed, makers = [], [], set()
     for name, path in paths:
         try:
-            balls = detect_in_still(read_image(path), name, options, calibrate)
+            balls = detect_in_still(read_image(path), name, detect, options.calibrate)
         except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
             cli.console.print(f"trueroll: {error}", markup=False, soft_wrap=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from models.core.scene import Table
 from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import FilmingMeasurement
 
@@ -37,7 +38,7 @@ WORDS = {
         "brightness of the table", "of 255", 0, "Add light over the table, or raise the exposure.",
     ),
     "clipping": FilmingWords(
-        "clipped pixels", "%", 1, "Lower the exposure, or lock it on the cloth: parts of the table are plain white.",
+        "clipped pixels", "%", 1, "Lower the exposure, or lock it on the cloth: parts of the image are plain white.",
     ),
     "flicker": FilmingWords(
         "change of the light", "%", 1,
@@ -48,7 +49,7 @@ WORDS = {
     ),
     "motion_blur": FilmingWords(
         "exposure time", "ms", 1, "Shorten the exposure (1/500 s): set it by hand, and add light.",
-        "no ball moved by three radii between the frames looked at; film a firmer shot",
+        "no ball was measured in two consecutive frames between which it moved by three radii",
     ),
     "frame_rate": FilmingWords("distinct frames", "per s", 1, "Choose 60 fps or more in the camera."),
     "duplicates": FilmingWords(
@@ -90,7 +91,7 @@ def format_value(one: FilmingMeasurement) -> str:
     if one.code == "motion_blur" and one.value == 0:
         return "no streaks"
     if math.isinf(one.value):
-        return "another view"
+        return "most frames do not match the first one"
     return f"{one.value:.{words.digits}f} {words.unit}"
 
 
@@ -114,8 +115,15 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
     lines = [
         f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}"
         for one in rank_faults(measurements, FilmingLimits())
+        if not (refusal and one.code == "corners")
     ]
-    return [*lines, f"No table was found: {refusal}."] if refusal else lines
+    return [f"No table was found: {refusal}.", *lines] if refusal else lines
+
+
+def format_located_table(table: Table, ball_count: int) -> str:
+    """Format the table and the number of balls that a run would start from."""
+    balls = f"{ball_count} ball{'' if ball_count == 1 else 's'}"
+    return f"Table {table.name}, {table.length:g} x {table.width:.3g} m; {balls} in the first frame looked at."
 
 
 def rank_faults(measurements: Sequence[FilmingMeasurement], limits: FilmingLimits) -> list[FilmingMeasurement]:
