@@ -2,7 +2,7 @@
 
     python -m benchmarks.clips.one_door FOLDER_OR_CLIP...
 
-Compares the door of a run alone (reading, calibration and the balls of one frame; no fit, no drawing) with the answer of
+Compares the door of a run alone (reading, calibration, the balls of one frame; no fit, no drawing) with the answer of
 `check`: the refusal, the table, its corners, and the number of balls. Prints a row per clip, and where the answers
 differ. Takes about 10 s a clip; `varied_clips` renders a folder of clips.
 """

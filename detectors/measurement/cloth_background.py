@@ -184,7 +184,7 @@ def _measure_hole(view: WorkingView, is_cloth: BoolArray, pocket: FloatArray) ->
 
 def _find_first_cloth(shown: BoolArray) -> IntArray:
     """Find the first step (n,) of each ray (n, S) from which cloth is shown for `CLOTH_STEPS`."""
-    stays = np.lib.stride_tricks.sliding_window_view(shown, CLOTH_STEPS, axis=1).all(axis=2)
+    stays = np.asarray(np.lib.stride_tricks.sliding_window_view(shown, CLOTH_STEPS, axis=1).all(axis=2), dtype=bool)
     return np.asarray(np.where(stays.any(axis=1), stays.argmax(axis=1), 0))
 
 

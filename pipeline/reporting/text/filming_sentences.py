@@ -115,7 +115,6 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
     lines = [
         f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}"
         for one in rank_faults(measurements, FilmingLimits())
-        if not (refusal and one.code == "corners")
     ]
     return [f"No table was found: {refusal}.", *lines] if refusal else lines
 

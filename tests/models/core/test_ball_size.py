@@ -40,6 +40,13 @@ def test_a_contradiction_needs_three_sigmas_and_three_percent() -> None:
     assert not find_contradictions([guess, from_images(1.1, 0.02)])
 
 
+def test_a_guess_among_tables_does_not_replace_a_size_that_was_measured_better() -> None:
+    guess = replace(PRESET, sigma=0.5 * PRESET.radius)
+    seen = from_images(1.5, 0.02)
+    assert combine_ball_sizes([guess, seen]) == seen
+    assert combine_ball_sizes([guess, from_images(1.01)]).radius == PRESET.radius
+
+
 def test_every_pair_of_independent_estimates_is_compared() -> None:
     contacts = BallSize(0.0320, 1e-4, "contacts")
     pairs = find_contradictions([PRESET, from_images(1.0), contacts])

@@ -7,7 +7,13 @@ import pytest
 
 from models.core.detections import Detections
 from models.tracking.appearance import Appearance, summarize_appearance
-from models.tracking.ball_classes import SNOOKER_COLOURS, assign_ids, classify_balls, find_missing_colours
+from models.tracking.ball_classes import (
+    SNOOKER_COLOURS,
+    assign_ids,
+    classify_balls,
+    find_missing_colours,
+    recognise_set,
+)
 
 
 def _uniform_appearance(colours: list[tuple[float, float, float]], white: list[float]) -> Appearance:
@@ -33,6 +39,32 @@ def test_brown_is_distinguished_from_reds_where_the_camera_makes_both_red() -> N
     assert classify_balls(appearance, "snooker") == ("cue", *["red"] * 8, "brown")
     alone = _uniform_appearance([(97, -1, 10), *map(tuple, reds)], [0.95] + [0.0] * 8)
     assert classify_balls(alone, "snooker") == ("cue", *["red"] * 8)
+
+
+def test_brown_is_distinguished_from_reds_in_uneven_light() -> None:
+    light = np.array([[1.1], [0.9], [1.0], [1.05], [0.95], [1.0]])
+    reds = light * np.array([46.0, 72, 57])
+    appearance = _uniform_appearance([*map(tuple, reds), (51, 63, 56)], [0.0] * 7)
+    assert classify_balls(appearance, "snooker") == (*["red"] * 6, "brown")
+
+
+def test_a_snooker_set_on_another_table_gets_its_own_names() -> None:
+    kinds = [*SNOOKER_COLOURS, "red", "red"]
+    white = [0.95 if kind == "cue" else 0.4 if kind == "pink" else 0.02 for kind in kinds]
+    appearance = _uniform_appearance([SNOOKER_COLOURS[kind] for kind in kinds], white)
+    assert classify_balls(appearance, "pool") == tuple(kinds)
+
+
+def test_an_english_and_an_american_set_are_no_snooker_set() -> None:
+    red, yellow, black, cue = (45, 60, 35), (75, 5, 65), (12, 0, 0), (95, 0, 5)
+    english = _uniform_appearance([red] * 4 + [yellow] * 3 + [black, cue], [0.0] * 8 + [0.95])
+    assert recognise_set(english, "pool") == "pool"
+    late = _uniform_appearance([red] * 4 + [yellow, black, cue], [0.0] * 6 + [0.95])
+    assert recognise_set(late, "pool") == "pool"
+    stripes = [(60, 30, 20), (50, 5, -30), (70, 0, 45)]
+    american = _uniform_appearance([red, (35, 10, -45), black, cue, *stripes], [0.0, 0.0, 0.0, 0.95, 0.4, 0.4, 0.4])
+    assert recognise_set(american, "pool") == "pool"
+    assert recognise_set(american, "snooker") == "pool"
 
 
 @pytest.mark.parametrize(

@@ -58,3 +58,18 @@ def test_a_file_that_is_no_video_is_one_sentence(tmp_path: Path, capsys: pytest.
     (tmp_path / "notes.mp4").write_text("no video")
     assert execute_command_line(["check", str(tmp_path / "notes.mp4")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_check_names_the_table_of_a_run_and_takes_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+    clip = str(SAMPLES / "overhead_pool.mp4")
+    assert execute_command_line(["check", clip, "--json", "--table", "2.54x1.27", "--ball-radius", "0.02"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    truth = json.loads((SAMPLES / "overhead_pool.truth.json").read_text())
+    assert report["table"] == "2.54x1.27"
+    assert len(report["warnings"]) == 1
+    assert "--ball-radius 0.02" in report["warnings"][0]
+    assert execute_command_line(["check", clip, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["table"] == "pool-9ft"
+    assert report["balls"] == len(truth["balls"])
+    assert report["warnings"] == []

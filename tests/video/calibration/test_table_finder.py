@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from support.sample_clips import NAMES, read_sample_truth
@@ -24,7 +25,7 @@ from models.core.scene import Camera, Scene, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.camera_model import orient_corners
-from video.calibration.table_finder import calibrate_clip, locate_table, parse_corners
+from video.calibration.table_finder import calibrate_clip, calibrate_image, locate_table, parse_corners
 from video.io.clip import open_clip
 from video.io.video_options import CalibrateOptions
 
@@ -110,6 +111,54 @@ def test_the_motion_of_a_hand_held_camera_is_estimated(tmp_path: Path) -> None:
         observed = scene.camera.to_pixels(TABLE.corners, 0.0, frame)
         true = apply_homography(motions[frame], camera.to_pixels(TABLE.corners, 0.0))
         assert corner_error(observed, true) < 1.5
+
+
+def test_a_table_is_found_where_the_image_ends_at_its_cloth() -> None:
+    rng = np.random.default_rng(11)
+    camera = _make_camera("overhead")
+    image = draw_table(TABLE, camera, LOOKS["green"], _random_balls(rng), rng)
+    low, high = camera.corners_px.min(axis=0), camera.corners_px.max(axis=0)
+    margin = 0.045 * (high[0] - low[0]) / TABLE.length
+    left, top = np.rint(low - margin).astype(int)
+    right, bottom = np.rint(high + margin).astype(int)
+    location = locate_table(np.ascontiguousarray(image[top:bottom, left:right]))
+    assert corner_error(location.corners, camera.corners_px - [left, top]) < 1.0
+
+
+def test_a_cloth_that_fills_the_image_is_no_table() -> None:
+    rng = np.random.default_rng(12)
+    cloth = np.full((360, 640, 3), (30, 140, 90)) + rng.normal(0, 3, (360, 640, 3))
+    with pytest.raises(TableNotFound, match="filled by one surface"):
+        locate_table(np.clip(cloth, 0, 255).astype(np.uint8))
+
+
+def test_a_court_is_refused_by_its_painted_lines() -> None:
+    rng = np.random.default_rng(13)
+    camera = _make_camera("overhead")
+    bare = replace(TABLE, pockets=False)
+    image = draw_table(bare, camera, LOOKS["blue"], None, rng)
+    for at in (0.125, 0.5, 0.875):
+        along = camera.to_pixels(np.array([[0.0, at * TABLE.width], [TABLE.length, at * TABLE.width]]), 0.0)
+        across = camera.to_pixels(np.array([[at * TABLE.length, 0.0], [at * TABLE.length, TABLE.width]]), 0.0)
+        for start, end in (along, across):
+            cv2.line(image, *(tuple(np.rint(px).astype(int).tolist()) for px in (start, end)), (240, 240, 240), 2)
+    with pytest.raises(TableNotFound, match="a court without cushions, with 6 painted lines"):
+        locate_table(image)
+
+
+@pytest.mark.parametrize("width", [1280, 2560, 6000])
+def test_a_home_table_is_found_at_every_image_size(width: int) -> None:
+    home = replace(TABLE_PRESETS["home-4ft"], width=0.555)
+    size = (width, width * 9 // 16)
+    middle = np.array([home.length / 2, home.width / 2, 0.0])
+    camera = look_at_table(home, 1.1 * width, size, middle + np.array([0.01, 0.02, 1.75]), middle, 0.01)
+    balls = np.random.default_rng(14).uniform(0.1, 0.4, (8, 2)) * [2.6, 1.0]
+    image = draw_table(home, camera, LOOKS["green"], balls)
+    scene = calibrate_image(image, CalibrateOptions())
+    assert corner_error(scene.camera.corners_px, camera.corners_px) < 0.004 * width
+    assert scene.table.length / scene.table.width == pytest.approx(2.2, rel=0.02)
+    assert scene.table.ball_radius / scene.table.length == pytest.approx(home.ball_radius / home.length, rel=0.06)
+    assert any("times as long as wide" in warning for warning in scene.warnings)
 
 
 def test_a_cut_to_another_view_is_refused(tmp_path: Path) -> None:
