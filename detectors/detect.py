@@ -176,7 +176,14 @@ def _select_background_frames(clip: Clip) -> NDArray[np.int64]:
 
 
 def concatenate_detections(parts: list[Detections]) -> Detections:
-    """Concatenate any number of detections, which must be in the order of their frames."""
+    """Concatenate detections.
+
+    Args:
+        parts: Any number of detections, in the order of their frames.
+
+    Returns:
+        All rows.
+    """
     if not parts:
         none, pairs, triples = np.empty(0), np.empty((0, 2)), np.empty((0, 3))
         return Detections(np.empty(0, dtype=np.int64), pairs, none, pairs, triples, *[none] * 6)

@@ -7,12 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypedDict, get_args, get_type_hints
+from typing import Any, Literal, TypedDict
 
 from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
-from models.core.options import FitOptions, OptionSpec, TrackOptions, list_option_specs
+from models.core.options import FitOptions, TrackOptions
+from pipeline.settings import Setting, collect_settings, replace_setting, set_value
 from pipeline.stages.read_stage import ReadOptions
 from video.io.video_options import CalibrateOptions, RenderOptions
 
@@ -63,39 +64,6 @@ class RunSettings(TypedDict, total=False):
     style: Literal["clean", "coach", "umpire"]
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One option of the command line, and the options of stages that it sets."""
-
-    name: str
-    type: Any
-    default: Any
-    specs: tuple[tuple[str, OptionSpec], ...]
-    """(stage, specification) of every stage with an option of this name."""
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Stages with an option of this name."""
-        return tuple(stage for stage, _ in self.specs)
-
-    @property
-    def flag(self) -> str:
-        """The option as typed, such as `--ball-radius`."""
-        return "--" + self.name.replace("_", "-")
-
-    @property
-    def help(self) -> str:
-        """What the option does in every stage, its range and its unit."""
-        return " ".join(_format_help(spec) for _, spec in self.specs)
-
-
-def _format_help(spec: OptionSpec) -> str:
-    """Format the help of an option with its range and unit."""
-    if spec.valid_range:
-        return f"{spec.help} Range: {spec.valid_range}."
-    return f"{spec.help} Unit: {spec.unit}." if spec.unit else spec.help
-
-
 @cache
 def list_settings() -> dict[str, Setting]:
     """List the settings of the command line.
@@ -103,15 +71,7 @@ def list_settings() -> dict[str, Setting]:
     Returns:
         Settings by name. Options of several stages with the same name are one setting.
     """
-    settings: dict[str, Setting] = {}
-    defaults = RunOptions()
-    for stage in OPTION_STAGES:
-        options = getattr(defaults, stage)
-        types = get_type_hints(type(options))
-        for name, spec in list_option_specs(type(options)).items():
-            earlier = settings[name].specs if name in settings else ()
-            settings[name] = Setting(name, types[name], getattr(options, name), (*earlier, (stage, spec)))
-    return settings
+    return collect_settings(RunOptions(), OPTION_STAGES)
 
 
 def build_options(values: dict[str, Any]) -> RunOptions:
@@ -131,13 +91,7 @@ def build_options(values: dict[str, Any]) -> RunOptions:
         if name not in values:
             continue
         value = _read_file_content(name, values[name])
-        if isinstance(value, int) and float in (setting.type, *get_args(setting.type)):
-            value = float(value)  # 8 and 8.0 are one value, with one cache entry
-        _require_in_range(setting, value)
-        try:
-            options = _replace_setting(options, name, value)
-        except ValueError as error:
-            raise OptionError(f"{setting.flag} {value} cannot be used: {error}") from error
+        options = set_value(options, setting, value)
     return options
 
 
@@ -186,7 +140,7 @@ def apply_corrections(options: RunOptions, corrections: Corrections) -> RunOptio
             corrections = replace(corrections, **unset)
         elif value is not None:
             try:
-                options = _replace_setting(options, name, value)
+                options = replace_setting(options, list_settings()[name], value)
             except ValueError as error:
                 raise OptionError(f"The corrections of the clip set {name} to {value}: {error}") from error
     return replace(options, corrections=corrections)
@@ -218,7 +172,7 @@ def reset_settings(options: RunOptions, names: Collection[str] = CORRECTED_SETTI
         The other options.
     """
     for name in names:
-        options = _replace_setting(options, name, list_settings()[name].default)
+        options = replace_setting(options, list_settings()[name], list_settings()[name].default)
     return options
 
 
@@ -256,13 +210,6 @@ def _list_corrected_values(corrections: Corrections) -> dict[str, Any]:
     return {name: text if name == "corners" else getattr(corrections, name) for name in CORRECTED_SETTINGS}
 
 
-def _replace_setting(options: RunOptions, name: str, value: Any) -> RunOptions:
-    """Replace the value of a setting in all its stages."""
-    for stage in list_settings()[name].stages:
-        options = replace(options, **{stage: replace(getattr(options, stage), **{name: value})})
-    return options
-
-
 def use_growing_profile(options: RunOptions, path: Path) -> RunOptions:
     """Use a table profile that the run will improve; a missing file holds nothing yet.
 
@@ -296,13 +243,6 @@ def _read_file_content(name: str, value: Any) -> Any:
     from pipeline.io.table_profile import read_profile_text  # pydantic is slow to import
 
     return read_profile_text(Path(value))
-
-
-def _require_in_range(setting: Setting, value: Any) -> None:
-    """Raise OptionError for a number outside the range of the setting, before any work starts."""
-    for _, spec in setting.specs:
-        if spec.valid_range and not spec.allows(value):
-            raise OptionError(f"{setting.flag} is {spec.valid_range}; got {value}")
 
 
 def format_changed_settings(options: RunOptions) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from detectors.detect import prepare_detector
 from models.core.errors import TruerollError
 from pipeline.actions.check_clip import check_clip
 from pipeline.batch.clip_discovery import VIDEO_SUFFIXES
-from pipeline.run_options import RunOptions
+from pipeline.settings import DoorOptions
 from video.calibration.table_finder import calibrate_clip
 from video.io.clip import open_clip, read_frames
 
@@ -37,7 +37,7 @@ class DoorAnswer:
 
 def answer_as_run(path: Path, frame: int) -> DoorAnswer:
     """Read, calibrate and detect as a run does; the balls are those of one frame."""
-    options = RunOptions()
+    options = DoorOptions()
     try:
         clip = open_clip(path)
         scene = calibrate_clip(clip, options.calibrate)

@@ -175,9 +175,9 @@ def _find_brown(appearance: Appearance, reddish: NDArray[np.int64]) -> int | Non
         return None
     colour = appearance.colour[reddish]
     # In even light the brown is darker, in uneven light only its hue and saturation tell it.
-    found = [_find_outlier(one) for one in (colour, _scale_to_one_lightness(colour))]
+    outliers = [_find_outlier(one) for one in (colour, _scale_to_one_lightness(colour))]
     is_duller = appearance.chroma[reddish] < np.median(appearance.chroma[reddish])
-    return next((int(reddish[k]) for k in found if k is not None and is_duller[k]), None)
+    return next((int(reddish[k]) for k in outliers if k is not None and is_duller[k]), None)
 
 
 def _find_outlier(colour: FloatArray) -> int | None:

@@ -14,8 +14,7 @@ from detectors.detect_options import DetectOptions
 from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import ImageArray
-from pipeline.io.view_profile import parse_view_prior
-from pipeline.run_options import RunOptions
+from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
@@ -30,7 +29,7 @@ from video.filming_check.motion_measurements import measure_exposure_time, selec
 from video.io.clip import Clip, open_clip, read_frames
 
 Verdict = Literal["go", "doubts", "no-go"]
-DEFAULT_OPTIONS, DEFAULT_LIMITS = RunOptions(), FilmingLimits()
+DEFAULT_OPTIONS, DEFAULT_LIMITS = DoorOptions(), FilmingLimits()
 WHOLE_CLIP_PIXELS = 1_000_000_000
 """Pixels up to which a clip is read as a whole, as a run does: 1,000 frames of 720p, 5 s on one core."""
 
@@ -60,7 +59,7 @@ class FilmingReport:
 
 
 def check_clip(
-    path: Path, options: RunOptions = DEFAULT_OPTIONS, limits: FilmingLimits = DEFAULT_LIMITS
+    path: Path, options: DoorOptions = DEFAULT_OPTIONS, limits: FilmingLimits = DEFAULT_LIMITS
 ) -> FilmingReport:
     """Check how a clip is filmed.
 
@@ -69,7 +68,7 @@ def check_clip(
 
     Args:
         path: A video, or a folder of numbered images.
-        options: Options of a run; those of reading, calibration and detection count.
+        options: Options of reading, calibration and detection.
         limits: Limits of good filming.
 
     Returns:
@@ -85,8 +84,7 @@ def check_clip(
         is_short = len(sample.times) * part.width * part.height <= WHOLE_CLIP_PIXELS
         clip = open_clip(path, fps=None if fps is None else Fraction(fps), memory=memory) if is_short else part
         sample = replace(sample, times=clip.t) if is_short else sample
-        prior = parse_view_prior(options.calibrate.profile) if options.calibrate.profile else None
-        view = locate_view(sample, clip, options.calibrate, prior)
+        view = locate_view(sample, clip, options.calibrate)
         detections = concatenate_detections([])
         if view.scene is not None and not view.refusal:
             detections = _detect_fast_balls(sample, clip, view, view.scene, options.detect)

@@ -378,8 +378,8 @@ def _explain_attempt(attempt: _Attempt | None) -> str:
         return f"shows no cloth with four straight sides; film the whole table from above, or {GIVE_CORNERS}"
     if attempt.is_cropped:
         return (
-            "is filled by one surface up to its border, without four cushions in view; film from further away, or"
-            f" {GIVE_CORNERS}"
+            "is filled by one surface up to its border, not by a table with four cushions in view; film from further"
+            f" away, or {GIVE_CORNERS}"
         )
     if attempt.noses is None:
         return f"shows a cloth without visible cushion noses; {GIVE_CORNERS}"

@@ -12,7 +12,6 @@ from models.core.errors import TableNotFound
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
 from video.calibration.table_finder import calibrate_clip, calibrate_image, compute_median_image
-from video.calibration.view_prior import ViewPrior
 from video.filming_check.clip_sample import ClipSample
 from video.filming_check.filming_limits import FilmingLimits, Level
 from video.filming_check.motion_measurements import measure_drift
@@ -64,16 +63,13 @@ class FilmedView:
     """(H, W) bright spots on the cloth."""
 
 
-def locate_view(
-    sample: ClipSample, clip: Clip, options: CalibrateOptions, prior: ViewPrior | None = None
-) -> FilmedView:
+def locate_view(sample: ClipSample, clip: Clip, options: CalibrateOptions) -> FilmedView:
     """Locate the table in a clip, as a run does.
 
     Args:
         sample: A sample of the clip.
         clip: The clip, or the part of it that the sample shows.
         options: Corners, table and ball radius if the user gave them.
-        prior: Table and view of earlier clips.
 
     Returns:
         The view, with or without a table.
@@ -88,7 +84,7 @@ def locate_view(
     scene: Scene | None = None
     refusal = ""
     try:
-        scene = calibrate_clip(clip, options, prior=prior)
+        scene = calibrate_clip(clip, options)
     except TableNotFound as missing:
         refusal = str(missing)
         with suppress(
@@ -145,7 +141,15 @@ def measure_filming(sample: ClipSample, view: FilmedView, exposure_ms: float) ->
 
 
 def grade_measurements(values: dict[str, float], limits: FilmingLimits) -> tuple[FilmingMeasurement, ...]:
-    """Grade values by code."""
+    """Grade measurements.
+
+    Args:
+        values: Values by code; NaN is unknown.
+        limits: Limits of good filming.
+
+    Returns:
+        The graded measurements in the order of the values.
+    """
     return tuple(
         FilmingMeasurement(code, value, limits.find_limit(code).grade(value)) for code, value in values.items()
     )

@@ -26,9 +26,9 @@ from pipeline.reporting.text.filming_sentences import (
     format_value,
     rank_faults,
 )
-from pipeline.run_options import RunOptions
+from pipeline.settings import DoorOptions
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings_of
+from pipeline.terminal.command_settings import add_door_settings
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
 from video.filming_check.filming_limits import FilmingLimits
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
@@ -43,7 +43,7 @@ VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
 @cli.app.command("check")
-@add_settings_of(("read", "calibrate", "detect"))
+@add_door_settings(("read", "calibrate", "detect"))
 def check(
     clip: cli.ClipArgument,
     out: Annotated[
@@ -52,7 +52,7 @@ def check(
     as_json: cli.JsonOption = False,
     debug: cli.DebugOption = False,
     *,
-    options: RunOptions,
+    options: DoorOptions,
 ) -> None:
     """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1)."""
     if out is not None:

@@ -15,9 +15,9 @@ from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
-from pipeline.run_options import RunOptions
+from pipeline.settings import DoorOptions
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings_of
+from pipeline.terminal.command_settings import add_door_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,14 @@ COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @cli.app.command("detect")
-@add_settings_of(("calibrate", "detect"), excluded=("profile",))
+@add_door_settings(("calibrate", "detect"))
 def detect_balls_in_stills(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
     out: Annotated[Path, cli.make_output_option("File of the table of balls.", "FILE.csv")],
     as_json: cli.JsonOption = False,
     debug: cli.DebugOption = False,
     *,
-    options: RunOptions,
+    options: DoorOptions,
 ) -> None:
     """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each."""
     detect, model = options.detect, options.detect.model

@@ -56,13 +56,15 @@ def test_a_snooker_set_on_another_table_gets_its_own_names() -> None:
 
 
 def test_an_english_and_an_american_set_are_no_snooker_set() -> None:
-    red, yellow, black, cue = (45, 60, 35), (75, 5, 65), (12, 0, 0), (95, 0, 5)
+    red, yellow, black, cue = (45.0, 60.0, 35.0), (75.0, 5.0, 65.0), (12.0, 0.0, 0.0), (95.0, 0.0, 5.0)
     english = _uniform_appearance([red] * 4 + [yellow] * 3 + [black, cue], [0.0] * 8 + [0.95])
     assert recognise_set(english, "pool") == "pool"
     late = _uniform_appearance([red] * 4 + [yellow, black, cue], [0.0] * 6 + [0.95])
     assert recognise_set(late, "pool") == "pool"
-    stripes = [(60, 30, 20), (50, 5, -30), (70, 0, 45)]
-    american = _uniform_appearance([red, (35, 10, -45), black, cue, *stripes], [0.0, 0.0, 0.0, 0.95, 0.4, 0.4, 0.4])
+    stripes = [(60.0, 30.0, 20.0), (50.0, 5.0, -30.0), (70.0, 0.0, 45.0)]
+    american = _uniform_appearance(
+        [red, (35.0, 10.0, -45.0), black, cue, *stripes], [0.0, 0.0, 0.0, 0.95, 0.4, 0.4, 0.4]
+    )
     assert recognise_set(american, "pool") == "pool"
     assert recognise_set(american, "snooker") == "pool"
 

@@ -1,0 +1,73 @@
+"""Adds settings to a command as options of its command line; those of the door are common to all commands."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Iterable
+from typing import Any
+
+import typer
+
+from pipeline.settings import DoorOptions, Setting, collect_settings, set_value
+
+EXPERT_STAGES = ("track", "fit")
+"""Stages whose options are for researchers: the help shows them in a separate panel."""
+
+
+def add_door_settings(stages: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command that takes `DoorOptions` as its `options` argument.
+
+    Profiles, which are learned from runs, are left to `run`.
+
+    Args:
+        stages: Stages of the door that the command has: of a still image, nothing is read.
+
+    Returns:
+        A decorator, which adds one option per setting to the command line.
+    """
+    settings = collect_settings(DoorOptions(), stages)
+    del settings["profile"]
+
+    def build(values: dict[str, Any]) -> DoorOptions:
+        options = DoorOptions()
+        for name, value in values.items():
+            options = set_value(options, settings[name], value)
+        return options
+
+    return lambda function: append_settings(function, settings.values(), build)
+
+
+def append_settings(
+    function: Callable[..., None], settings: Iterable[Setting], build: Callable[[dict[str, Any]], object]
+) -> Callable[..., None]:
+    """Replace the `options` parameter of a command by one parameter per setting.
+
+    Args:
+        function: The command.
+        settings: The settings.
+        build: Makes the options of their values by name.
+
+    Returns:
+        The command with one option per setting on the command line.
+    """
+    own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "options"]
+    names = {p.name for p in own}
+    extra = [_build_parameter(setting) for setting in settings]
+
+    def command(**values: Any) -> None:
+        options = build({p.name: values[p.name] for p in extra})
+        function(**{name: values[name] for name in names}, options=options)
+
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + extra
+    )
+    command.__annotations__ = {p.name: p.annotation for p in [*own, *extra]}
+    command.__doc__ = function.__doc__
+    return command
+
+
+def _build_parameter(setting: Setting) -> inspect.Parameter:
+    """Build the parameter of a setting as typer expects it."""
+    panel = "For researchers" if setting.stages[0] in EXPERT_STAGES and len(setting.stages) == 1 else None
+    option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
+    return inspect.Parameter(setting.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=setting.type)
