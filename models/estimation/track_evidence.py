@@ -25,10 +25,14 @@ _MIN_VALUES = 8
 _MOVING_QUANTA = 2.0
 """Change per step, in units of the last digit, from which a repeated value is no effect of rounding, which repeats
 values where a body moves less than one unit per step."""
+_ROUNDING = 1e-9
+"""Difference of two steps, in the largest step, that is an effect of the arithmetic."""
 _WINDOW_SAMPLES = 7
 """Fewest samples of a fitted parabola: three are free."""
 _WINDOW_SHARE = 0.25
 """Length of a fitted parabola, in lengths of the path: shorter ones measure noise, longer ones average over drag."""
+SURE_SIGMAS = 5.0
+"""Standard errors from which an acceleration is a fact: drag and wind are modelled roughly."""
 _SMOOTHING = (5, 9, 17, 33)
 """Samples of the parabolas that give derivatives of angles; the best one counts, as noise and rate are not known."""
 _MIN_JUMP = 0.6
@@ -42,6 +46,8 @@ class Fall:
     acceleration: float
     """Unit of the coordinate per s^2."""
     sigma: float
+    has_drag: bool = False
+    """Whether it holds their drag too, as they never were slow enough to tell it apart."""
 
 
 def find_held_samples(positions: FloatArray) -> BoolArray:
@@ -60,7 +66,7 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
     lengths = np.diff(np.append(starts, len(positions)))
     if len(starts) <= _MIN_VALUES or lengths.max() == 1:
         return is_repetition
-    quantum = np.array([column[column > 0].min(initial=np.inf) for column in steps.T])
+    quantum = np.array([_measure_quantum(column) for column in steps.T])
     across = np.abs(positions[starts[2:]] - positions[starts[1:-1] - 1])
     moving = lengths[1:-1][(across > _MOVING_QUANTA * quantum * (lengths[1:-1, None] + 1)).any(axis=1)]
     if len(moving) < _MIN_VALUES or (moving > 1).mean() < _MIN_HELD_SHARE:
@@ -69,6 +75,12 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
     for start, length in zip(starts, lengths, strict=True):
         is_repetition[start : start + length] = np.arange(length) % longest > 0
     return is_repetition
+
+
+def _measure_quantum(steps: FloatArray) -> float:
+    """Measure the unit of the last digit of values by their steps (T,), whose differences it divides."""
+    gaps = np.diff(np.unique(np.append(0.0, steps)))
+    return float(gaps[gaps > _ROUNDING * steps.max(initial=0.0)].min(initial=np.inf))
 
 
 def measure_fall(paths: Sequence[BodyPath], column: int) -> Fall | None:
@@ -98,10 +110,17 @@ def measure_fall(paths: Sequence[BodyPath], column: int) -> Fall | None:
     basis = np.stack([np.ones(len(drag)), drag / max(np.abs(drag).max(), 1e-300)], axis=1)
     if len(samples) < 4 or np.ptp(basis[:, 1]) < _WINDOW_SHARE:
         basis = basis[:, :1]
+    falls = [_fit_acceleration(acceleration, basis[:, :count], weight) for count in range(basis.shape[1], 0, -1)]
+    return next((fall for fall in falls if abs(fall.acceleration) > SURE_SIGMAS * fall.sigma), falls[0])
+
+
+def _fit_acceleration(acceleration: FloatArray, basis: FloatArray, weight: FloatArray) -> Fall:
+    """Fit accelerations (M,) by a constant and, in a second column of the basis, drag."""
     scaled = basis * weight[:, None]
     value = np.linalg.lstsq(scaled, acceleration * weight, rcond=None)[0]
-    spread = np.square(acceleration * weight - scaled @ value).sum() / max(len(samples) - basis.shape[1], 1)
-    return Fall(float(value[0]), float(np.sqrt(spread * np.linalg.pinv(scaled.T @ scaled)[0, 0])))
+    spread = np.square(acceleration * weight - scaled @ value).sum() / max(len(weight) - basis.shape[1], 1)
+    sigma = float(np.sqrt(spread * np.linalg.pinv(scaled.T @ scaled)[0, 0]))
+    return Fall(float(value[0]), sigma, basis.shape[1] == 1)
 
 
 def unwrap_angles(angles: FloatArray, turn: float) -> FloatArray | None:
@@ -184,7 +203,14 @@ def _fit_equation_of_motion(angle: FloatArray, rate: FloatArray, change: FloatAr
 
 
 def measure_speed(paths: Sequence[BodyPath]) -> float:
-    """Measure the speed of bodies, in the unit of their coordinates per s; the 90th percentile, which outliers miss."""
+    """Measure the speed of bodies; the 90th percentile, which outliers do not reach.
+
+    Args:
+        paths: Path of every body in every shot.
+
+    Returns:
+        The speed, in the unit of the coordinates per s; 0 where nothing can be measured.
+    """
     speeds = [
         float(np.linalg.norm(positions[b] - positions[a]) / (t[b] - t[a]))
         for t, positions in paths

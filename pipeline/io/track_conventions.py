@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.track_evidence import (
+    SURE_SIGMAS,
     BodyPath,
     find_held_samples,
     fit_swing,
@@ -39,10 +40,11 @@ second. A thousandth of it, and so on, separates milli-, micro- and nanoseconds.
 _SAME_TIME = 0.01
 """Difference of the times of one frame, in steps, up to which they are one time: it shifts a body by a hundredth of its
 path per frame."""
-_FALL_SIGMAS = 5.0
-"""Standard errors from which an acceleration is a fact: drag and wind are modelled roughly."""
 _FALL_RANGE = (0.4, 2.5)
 """Accelerations, in gravity, that drag, lift and noise of short drops explain."""
+_MOST_DRAG = 20.0
+"""Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: they would fly at
+more than four times the speed at which they fall for long."""
 _UNIT_TOLERANCE = 1.25
 """Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity."""
 _GOOD_SWING = 0.5
@@ -285,7 +287,7 @@ class _Interpretation:
         """Require that bodies fall with gravity along the last coordinate, in metres, upwards positive."""
         paths = self._list_paths()
         falls = [measure_fall(paths, column) for column in range(len(self.names))]
-        is_sure = [fall is not None and abs(fall.acceleration) > _FALL_SIGMAS * fall.sigma for fall in falls]
+        is_sure = [fall is not None and abs(fall.acceleration) > SURE_SIGMAS * fall.sigma for fall in falls]
         downward = [-fall.acceleration if fall and sure else 0.0 for fall, sure in zip(falls, is_sure, strict=True)]
         ratios = np.array(downward) / self.scene.gravity
         low, high = _FALL_RANGE
@@ -306,8 +308,8 @@ class _Interpretation:
             self.notes.append(
                 f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
             )
-        size = abs(ratio)
-        if size <= high:
+        size, last = abs(ratio), falls[-1]
+        if size <= high or (last is not None and last.has_drag and size <= _MOST_DRAG):
             return
         metres = size * self.scene.gravity
         evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
@@ -334,7 +336,7 @@ class _Interpretation:
         other = "deg" if stated == "rad" else "rad"
         chosen = stated
         is_other = fits[stated].misfit > _BAD_SWING and fits[other].misfit < _GOOD_SWING * fits[stated].misfit
-        if is_other and not self.scene.has_inputs:
+        if is_other:
             if self.stated:
                 widest = float(np.abs(self.positions[self.is_usable]).max()) / self.unit
                 raise self._refuse(
@@ -350,12 +352,12 @@ class _Interpretation:
                 self.notes.append(f"{self.place}: angles are kept within one turn; their jumps are taken out")
         fit = fits[chosen]
         quarter = np.round(fit.rest / (np.pi / 2))
+        quarter[quarter == -2] = 2
         if (
             fit.misfit < _GOOD_SWING
-            and not self.scene.has_inputs
             and np.all(quarter == quarter[0])
             and quarter[0] != 0
-            and np.abs(fit.rest - quarter * np.pi / 2).max() < _REST_TOLERANCE
+            and np.abs(np.sin(fit.rest - quarter * np.pi / 2)).max() < _REST_TOLERANCE
         ):
             self.positions -= quarter[0] * np.pi / 2
             self.notes.append(

@@ -164,6 +164,29 @@ def test_a_pendulum_is_read_rightly_whatever_its_angles(
         assert np.allclose(turns, np.round(turns[0, 0]), atol=1e-6)
 
 
+def rise(start: float = 200.0, drag: float = 2e-4) -> Rows:
+    """A rocket that coasts upwards for 3 s, never slow, with its height alone."""
+    t, height, speed, rows = 0.0, 500.0, start, []
+    rng = np.random.default_rng(5)
+    for frame in range(60):
+        rows.append((0, frame, t, height + rng.normal(0, 0.1)))
+        for _ in range(10):
+            speed -= (9.81 + drag * speed**2) * 0.005
+            height += speed * 0.005
+        t += 0.05
+    shot, numbers, time, z = np.array(rows).T
+    return {"shot": shot, "frame": numbers, "t": time, "id": np.full(60, "rocket"), "z": z}
+
+
+def test_drag_of_bodies_that_are_never_slow_is_no_wrong_unit(tmp_path: Path) -> None:
+    """They slow down by nearly twice gravity; in mm by a thousand times as much, which no drag does."""
+    assert read_track_folders([write(tmp_path / "plain", rise(), {**FLIGHT, "units": "m"})]).notes == ()
+    assert read_track_folders([write(tmp_path / "fast", rise(400.0, 5e-4), {**FLIGHT, "units": "m"})]).notes == ()
+    rows = change(z=lambda z: 1e3 * z)(rise())
+    with pytest.raises(OptionError, match="bodies fall at"):
+        read_track_folders([write(tmp_path / "odd", rows, {**FLIGHT, "units": "m"})])
+
+
 def test_a_pendulum_of_many_stated_radians_is_refused(tmp_path: Path) -> None:
     rows = change(theta1=lambda a: 150 * a)(swing())
     with pytest.raises(OptionError, match=r'angles up to 18\d move as a pendulum in deg.*"units": "deg"'):
@@ -230,6 +253,12 @@ def test_held_samples_are_left_out(tmp_path: Path, source: int, shown: int) -> N
     read = read_track_folders([write(tmp_path / "odd", held, FLIGHT)])
     assert "repeat the one before" in read.notes[0]
     assert all(len(one.t) == int(1.5 * source) for one in read.recordings)
+
+
+def test_held_samples_of_an_even_motion_are_left_out() -> None:
+    """The steps of a body at constant speed are alike; what parts them is the unit of the last digit."""
+    path = np.round(0.02 * np.arange(60)[:, None] + np.random.default_rng(0).normal(0, 1e-4, (60, 1)), 6)
+    assert find_held_samples(np.repeat(path, 3, axis=0)).sum() == 120
 
 
 @pytest.mark.parametrize("step", [0.001, 0.01, 0.1, 0.3])
