@@ -39,6 +39,7 @@ from detectors.measurement.frame_detections import (
     add_colours,
     is_inside_streaks,
     merge_discs_and_streaks,
+    select_shaded,
     suppress_overlaps,
 )
 from detectors.measurement.working_view import WorkingView, build_view, values_at
@@ -111,7 +112,8 @@ class HoughDetector:
         discs = discs.take(~self.cloth.is_lining(working, centre))
         streaks = self._detect_streaks(rgb, find_streak_candidates(scan.moving, scan.strength, self.view), discs, frame)
         balls = suppress_overlaps(merge_discs_and_streaks(discs, streaks), self.view.scene, frame)
-        return add_colours(rgb, balls, frame), self._update_memory(working, touched, scan, discs, frame, memory)
+        shaded = select_shaded(rgb, balls)
+        return add_colours(rgb, shaded, frame), self._update_memory(working, touched, scan, discs, frame, memory)
 
     def _measure_remembered(
         self, rgb: ByteArray, smooth: ByteArray, frame: int, memory: SearchMemory | None, touched: BoolArray

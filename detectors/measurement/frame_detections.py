@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detectors.measurement.ball_colour import measure_ball_colours
+from detectors.measurement.ball_colour import find_flat_discs, measure_ball_colours
 from models.core.array_columns import concatenate_rows, take_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
@@ -17,6 +17,9 @@ MIN_TABLE_DISTANCE_RADII = 1.75
 positive."""
 MIN_IMAGE_DISTANCE_RADII = 0.9
 """The same in the image, where one ball may hide part of another."""
+
+MAX_SHARP_RADII = 0.5
+"""Displacement during the exposure, ball radii, up to which shading is not blurred away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,20 @@ def select_compatible(detections: FrameDetections, is_compatible: BoolArray) -> 
         if is_compatible[row, rows].all():
             rows.append(row)
     return np.array(rows, dtype=np.int64)
+
+
+def select_shaded(rgb: ByteArray, detections: FrameDetections) -> FrameDetections:
+    """Select the detections that are not drawn: sharp discs of one level are graphics over the image.
+
+    Args:
+        rgb: Image (H, W, 3) of the frame.
+        detections: K balls.
+
+    Returns:
+        The balls that are shaded as spheres are, or too blurred to decide.
+    """
+    is_sharp = np.linalg.norm(detections.streak, axis=1) < MAX_SHARP_RADII * detections.radius
+    return detections.take(~(is_sharp & find_flat_discs(rgb, detections.centre, detections.radius)))
 
 
 def add_colours(rgb: ByteArray, detections: FrameDetections, frame: int) -> Detections:

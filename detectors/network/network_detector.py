@@ -27,7 +27,12 @@ from detectors.measurement.frame_change import (
     find_changed_pixels,
     find_windows,
 )
-from detectors.measurement.frame_detections import FrameDetections, add_colours, is_inside_streaks
+from detectors.measurement.frame_detections import (
+    FrameDetections,
+    add_colours,
+    is_inside_streaks,
+    select_shaded,
+)
 from detectors.measurement.overlap_resolution import resolve_overlaps
 from detectors.measurement.working_view import WorkingView, build_view, values_at
 from detectors.network.ball_model import BallModel, CentreModel
@@ -228,7 +233,7 @@ class PostProcessor:
         balls = resolve_overlaps(concatenate_rows([streaks, discs.take(~is_hollow)]), self.view.scene, frame)
         is_unclear = resting.outlines.support <= MIN_SUPPORT
         unclear = np.concatenate([candidates.centre[is_moving & certain], resting.candidates.centre[is_unclear]])
-        return PostProcessingResult(add_colours(rgb, balls, frame), unclear, is_rejected)
+        return PostProcessingResult(add_colours(rgb, select_shaded(rgb, balls), frame), unclear, is_rejected)
 
     def _find_hollow_discs(self, rgb: ByteArray, discs: FrameDetections, frame: int) -> BoolArray:
         """Find the discs (K,) through which the cloth shows."""

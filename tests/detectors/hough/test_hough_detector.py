@@ -173,3 +173,18 @@ def test_rings_of_light_are_no_balls_and_hide_none() -> None:
     detections = build_hough_detector(build_test_scene(), cloth).detect(lit)
     assert len(detections) == len(balls)
     assert np.linalg.norm(nearest_errors(detections, balls), axis=1).max() < 1.0
+
+
+def test_a_disc_that_is_drawn_over_the_image_is_no_ball() -> None:
+    """It has one level, which the noise of coding spreads by 1.5 %; a ball of that colour is shaded."""
+    rng = np.random.default_rng(10)
+    balls = [Ball(150, 120, (240, 190, 30)), Ball(450, 120, (235, 225, 205))]
+    cloth = [(k, render_balls(balls, rng)) for k in range(3)]
+    image = render_balls(balls, rng)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.circle(mask, (16 * 300, 16 * 200), round(16 * RADIUS * PX_PER_M), 255, -1, cv2.LINE_AA, 4)
+    drawn = np.array([240.0, 190.0, 30.0]) + rng.normal(0, 3.0, image.shape)
+    image = np.clip(image + (drawn - image) * mask[..., None] / 255, 0, 255).astype(np.uint8)
+    detections = build_hough_detector(build_test_scene(), cloth).detect(image)
+    assert len(detections) == len(balls)
+    assert np.linalg.norm(nearest_errors(detections, balls), axis=1).max() < 1.0

@@ -81,6 +81,7 @@ def test_a_spot_that_the_network_takes_for_a_small_ball_is_none(size: float, bal
     rng = np.random.default_rng(7)
     image = render_balls(spread_balls(rng, (WHITE, BLUE), 3), rng)
     cv2.circle(image, (16 * 300, 16 * 250), round(16 * size * SIZE_PX), (20, 20, 20), -1, cv2.LINE_AA, 4)
+    image = np.clip(image + rng.normal(0, 2.0, image.shape), 0, 255).astype(np.uint8)
     processor = build_post_processor(image)
     detections = processor.process_candidates(
         image, candidates_at(processor, (300.3, 250.2, size, (0.0, 0.0), 0.95)), 0
@@ -150,9 +151,11 @@ def test_a_disc_through_which_the_cloth_shows_is_no_ball(share: float, balls: in
     rng = np.random.default_rng(8)
     image = render_balls(spread_balls(rng, (WHITE, BLUE), 3), rng)
     processor = build_post_processor(image)
-    ring, light = np.zeros(image.shape[:2], np.uint8), np.array([60.0, 70.0, 60.0])
-    cv2.circle(ring, (16 * 300, 16 * 250), round(16 * SIZE_PX), round(255 * share), -1, cv2.LINE_AA, 4)
-    cv2.circle(ring, (16 * 300, 16 * 250), round(16 * 0.85 * SIZE_PX), 255, 3, cv2.LINE_AA, 4)
-    image = np.clip(image + ring[..., None] / 255 * light, 0, 255).astype(np.uint8)
+    disc, ring = np.zeros((2, *image.shape[:2]))
+    cv2.circle(disc, (16 * 300, 16 * 250), round(16 * SIZE_PX), share, -1, cv2.LINE_8, 4)
+    cv2.circle(ring, (16 * 300, 16 * 250), round(16 * 0.85 * SIZE_PX), 1.0, 3, cv2.LINE_8, 4)
+    shade = 1 + 0.5 * (np.arange(image.shape[1]) - 300) / SIZE_PX
+    lit = image + np.maximum(disc * shade, ring)[..., None] * [60.0, 70.0, 60.0]
+    image = np.clip(lit, 0, 255).astype(np.uint8)
     result = process(processor, image, (300.0, 250.0, 1.0, (0.0, 0.0), 0.95))
     assert len(result.detections) == balls
