@@ -130,22 +130,34 @@ def _find_balls(
     def is_placed(tracklet: Tracklet) -> bool:
         return bool(is_marked[tracklet.row].any())
 
+    def select_balls(tracklets: list[Tracklet], others: list[Tracklet]) -> list[Tracklet]:
+        """Select what moves like a ball; velocities change near the `others` that share no detection with it."""
+        return [
+            one
+            for one in tracklets
+            if is_placed(one)
+            or moves_like_ball(
+                one,
+                [other for other in others if not np.isin(one.row, other.row).any()],
+                table_detections,
+                t,
+                scene.table,
+            )
+        ]
+
+    def link_likely(parts: list[Tracklet]) -> list[Tracklet]:
+        linked = link_tracklets(parts, table_detections, t, scene.table)
+        return [one for one in linked if is_placed(one) or is_ball(one, table_detections, t, scene)]
+
     chains = track_balls(table_detections, t, scene.table, options.breadth, options.patience, progress)
-    tracklets = [
+    parts = [
         tracklet
         for tracklet in cut_tracklets(chains, table_detections, t)
         if is_placed(tracklet) or looks_like_ball(tracklet, table_detections, t, scene)
     ]
-    linked = link_tracklets(tracklets, table_detections, t, scene.table)
-    likely = [tracklet for tracklet in linked if is_placed(tracklet) or is_ball(tracklet, table_detections, t, scene)]
-    balls = [
-        tracklet
-        for tracklet in likely
-        if is_placed(tracklet)
-        or moves_like_ball(
-            tracklet, [other for other in likely if other is not tracklet], table_detections, t, scene.table
-        )
-    ]
+    # a hand that a ball's track continues would pass with it: every part has to move like a ball on its own
+    likely = link_likely(select_balls(parts, link_likely(parts)))
+    balls = select_balls(likely, likely)
     if not scene.table.pockets:
         balls = _select_lasting_balls(balls, len(t))
     if options.balls:

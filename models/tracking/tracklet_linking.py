@@ -21,6 +21,10 @@ MAX_LINK_COST = 30.0
 """Cost above which two tracklets are two balls; it is high because balls do not appear."""
 MAX_COLOUR_COST, MAX_SAME_PLACE_COLOUR_COST = 25.0, 5.0
 """Upper limit of the cost of different colours; small at one place, where a hand shades the same ball."""
+LOOK_FRAMES, LOOK_CHANGE = 5, 20.0
+"""Frames before and after a change of the look, and the CIE Lab distance of their median colours: that of neighbouring
+balls of a set. A ball that shows another side is cut there, and linked again.
+"""
 _IMPOSSIBLE = 1e6
 
 
@@ -43,14 +47,29 @@ class Tracklet:
 def cut_tracklets(
     chains: list[tuple[IntArray, IntArray]], detections: TableDetections, t: FloatArray
 ) -> list[Tracklet]:
-    """Cut chains of (frame indices, detections) at long gaps, after which clutter may have been picked up."""
+    """Cut chains of (frame indices, detections) at long gaps, after which clutter may have been picked up.
+
+    They are cut too where the look changes from one frame to the next: the body may be another one from then on.
+    """
     tracklets = []
     for frame_index, row in chains:
-        starts = np.flatnonzero(np.diff(frame_index, prepend=-MAX_GAP_FRAMES - 1) > MAX_GAP_FRAMES)
+        is_start = np.diff(frame_index, prepend=-MAX_GAP_FRAMES - 1) > MAX_GAP_FRAMES
+        is_start[_find_look_changes(detections.colour[row])] = True
+        starts = np.flatnonzero(is_start)
         for first, end in zip(starts, [*starts[1:], len(frame_index)], strict=True):
             if end - first >= MIN_DETECTIONS:
                 tracklets.append(make_tracklet(frame_index[first:end], row[first:end], detections, t))
     return tracklets
+
+
+def _find_look_changes(colour: FloatArray) -> IntArray:
+    """Find the detections from which on a chain with colours (M, 3) looks otherwise than before."""
+    if len(colour) < 2 * LOOK_FRAMES:
+        return np.empty(0, np.int64)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(colour, LOOK_FRAMES, axis=0), axis=2)
+    change = np.hypot.reduce(medians[LOOK_FRAMES:] - medians[:-LOOK_FRAMES], axis=1)
+    is_peak = (change >= np.append(change[1:], 0)) & (change > np.append(0, change[:-1]))
+    return np.flatnonzero(is_peak & (change > LOOK_CHANGE)) + LOOK_FRAMES
 
 
 def make_tracklet(frame_index: IntArray, row: IntArray, detections: TableDetections, t: FloatArray) -> Tracklet:

@@ -90,6 +90,24 @@ def _two_balls(rng: np.random.Generator, seconds: float = 2.0) -> Seen:
     return observe(samples, overhead(), 30, rng, clutter=0)
 
 
+@pytest.mark.parametrize("frames", [8, 20])
+def test_a_hand_that_hides_a_ball_is_not_the_beginning_of_its_track(frames: int) -> None:
+    """A bridge hand turns where a ball lies, which is detected only after it is hit: the looks differ."""
+    samples = play(np.array([0.5, 0.6]), np.array([1.5, 0.0]), np.array([[1.2, 0.62]]), seconds=3.0)
+    observed = observe(samples, overhead(), 30, np.random.default_rng(21), clutter=0)
+    hit = int(np.argmax(np.hypot(*(observed.px[:, 1] - observed.px[0, 1]).T) > 12))
+    is_hidden = (observed.ball == 1) & (observed.detections.frame < hit)
+    seen = replace(observed, detections=observed.detections.select_rows(~is_hidden))
+    turns = np.array([0, 0, 7, 15, -9, -9, 0, 0, 12, -5, -11, 8, 0, 0, 0, 10, -14, 0, 6, -8])[-frames:]
+    path = np.stack([np.cumsum(turns), np.cumsum(np.roll(turns, 3)) / 2], axis=1)
+    hand = observed.px[0, 1] + 24 + path - path[-1]
+    detections = _add_detections(seen, np.arange(hit - 1 - frames, hit - 1), hand, colour=[70.0, 25.0, 25.0])
+    tracks = build_tracks(detections, observed.frame, observed.t, overhead())
+    assert len(tracks.ids) == 2
+    assert not (owners(tracks, observed.px) == -2).any()
+    assert tracks.is_observed.sum() > 150
+
+
 def test_a_hand_that_halts_and_turns_is_no_ball() -> None:
     observed = _two_balls(np.random.default_rng(20))
     turns = np.array([0, 0, 0, 9, 9, -4, -12, 0, 0, 0, 7, 15, -9, -9, 0, 0, 12, -5, -11, 8, 0, 0, 0, 10, -14, 0, 6, -8])
