@@ -26,7 +26,7 @@ MAX_MISFIT_RADII = 0.7
 VARIANCE_ERROR, MAX_DEVIATION = 0.2, 3.0
 """Relative error of the assumed variances: real noise is known to about 10 %; and the standard deviations by which
 chi2 may deviate, which also scatters between segments."""
-EXPLAINED = "The listed strokes and contacts explain how the balls move"
+EXPLAINED = "Between contacts, the laws of motion explain how the balls move"
 """Beginning of the reason that is no doubt."""
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
 """Shares of the moving time that accepted fits must explain."""

@@ -118,14 +118,28 @@ def weigh_events(
             likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
             moments.append(_make_moment(shot, [(replace(change, probability=0.0), evidence), *weighed], evidence))
     moments.sort(key=lambda one: one.t)
-    return likely, ShotExplanation(tuple(moments), _find_moving_at_start(solution, tracks.ids), breaks)
+    moving = _find_moving_at_start(solution, tracks.ids, table.ball_radius)
+    return likely, ShotExplanation(tuple(moments), moving, breaks)
 
 
-def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...]) -> tuple[str, ...]:
-    """Find the balls that move from their first sample on."""
-    graph = solution.graph
-    first = [k for k, segment in enumerate(graph.segments) if segment.start is None and not segment.static]
-    return tuple(ids[graph.segments[k].ball] for k in first if np.hypot(*graph.segments[k].state[2:4]) > REST_SPEED)
+def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...], radius: float) -> tuple[str, ...]:
+    """Find the balls that move from their first sample on.
+
+    Args:
+        solution: The solution.
+        ids: N ids of balls.
+        radius: m, of the balls: one that touches nothing and rests before it moved so far lies where it lay, whether it
+            rolled out or its first samples are bad.
+
+    Returns:
+        Their ids.
+    """
+    balls = []
+    for k, segment in enumerate(solution.graph.segments):
+        if segment.start is None and not segment.static and np.hypot(*segment.state[2:4]) > REST_SPEED:
+            way = float(np.hypot(*(end_state(solution, k) - segment.state[:6])[:2]))
+            balls += [ids[segment.ball]] * (segment.end is not None or way > radius)
+    return tuple(balls)
 
 
 def _find_rivals(shot: _Shot, row: EventRow) -> tuple[RivalContact, ...]:

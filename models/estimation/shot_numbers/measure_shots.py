@@ -132,7 +132,8 @@ def list_shots(fit: Fit, solution: JointSolution, tracks: Tracks) -> tuple[ShotC
         Shots by time. None where nothing moves.
     """
     cue = tracks.kinds.index("cue") if "cue" in tracks.kinds else None
-    return list_shot_courses(solution.graph, cue, partial(_is_stroke, fit, tracks.ids))
+    moving = [tracks.ids.index(name) for name in fit.explanation.moving_at_start]
+    return list_shot_courses(solution.graph, cue, partial(_is_stroke, fit, tracks.ids), moving)
 
 
 def _is_stroke(fit: Fit, ids: tuple[str, ...], ball: int, t: float) -> bool:

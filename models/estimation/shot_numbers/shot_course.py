@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from models.core.contact_graph import ContactGraph
@@ -40,7 +40,7 @@ class ShotCourse:
 
 
 def list_shot_courses(
-    graph: ContactGraph, cue: int | None, is_stroke: Callable[[int, float], bool]
+    graph: ContactGraph, cue: int | None, is_stroke: Callable[[int, float], bool], moving: Collection[int] = ()
 ) -> tuple[ShotCourse, ...]:
     """List the shots of a clip.
 
@@ -48,23 +48,23 @@ def list_shot_courses(
         graph: Contact graph of the clip.
         cue: Index of the cue ball, which was struck before the clip where it moves from the start; None if unknown.
         is_stroke: Whether a ball was struck at a time, s, by the events: a start may be that of a rack that bursts.
+        moving: Indices of the balls that move when they are first detected.
 
     Returns:
         Shots by time. Where the clip begins in motion, the first shot has no strike. None where nothing moves.
     """
-    moving = [k for k, one in enumerate(graph.segments) if not one.static]
     struck = [
         k
-        for k in moving
-        if (start := graph.segments[k].start) is not None
+        for k, one in enumerate(graph.segments)
+        if not one.static
+        and (start := graph.segments[k].start) is not None
         and graph.contacts[start].kind == "strike"
         and is_stroke(graph.segments[k].ball, graph.contacts[start].t)
     ]
-    first_motion = min((graph.start_time(k) for k in moving), default=0.0)
-    begun = [k for k in moving if graph.segments[k].start is None]
+    begun = [k for k, one in enumerate(graph.segments) if one.start is None and not one.static and one.ball in moving]
     begun.sort(key=lambda k: (graph.segments[k].ball != cue, graph.start_time(k)))
     starts = sorted(struck, key=graph.start_time)
-    if begun and (not starts or graph.start_time(starts[0]) > first_motion + 1e-9):
+    if begun and (not starts or graph.start_time(starts[0]) > min(map(graph.start_time, begun)) + 1e-9):
         starts = [begun[0], *starts]
     times = [graph.start_time(k) for k in starts]
     return tuple(

@@ -12,6 +12,7 @@ from support.filmed_shots import scene as film_scene
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
+from models.estimation.shot_numbers.measure_shots import measure_shots
 
 
 def _cut(tracks: Tracks, first: int) -> Tracks:
@@ -46,3 +47,14 @@ def test_a_ball_that_already_moves_was_not_surely_struck_within_the_clip(seed: i
     sure = [k for k in range(len(fit.events)) if fit.events.kind[k] == "strike" and fit.events.probability[k] >= 0.9]
     assert not sure
     assert "cue" in fit.explanation.moving_at_start
+
+
+def test_a_ball_near_whose_place_the_first_samples_lie_was_not_shot() -> None:
+    tracks = _shot(0)
+    tracks.xy[:5, 1, 1] += [0.014, 0.012, 0.011, 0.012, 0.01]  # m, half a radius
+    shot = explain(tracks, film_scene())
+    fit = view_shot(shot)
+    assert shot.solution is not None
+    assert not shot.solution.graph.segments[shot.solution.graph.segments_of_ball(1)[0]].static, "the fit follows them"
+    assert "solid-1" not in fit.explanation.moving_at_start
+    assert [one.cue for one in measure_shots(fit, shot.solution, tracks, film_scene().table)] == ["cue"]
