@@ -95,6 +95,8 @@ def _explain_insufficient_data(scene: GapScene, split: ShotSplit) -> str:
     interval = float(np.median(np.concatenate([np.diff(one.t) for one in split.fitting])))
     if interval > _MAX_FRAME_INTERVAL:
         return f"the frames are {interval:.3g} s apart; t is in seconds, and a motion needs several frames per second"
+    if not split.holdout:
+        return "one shot leaves none to check an effect on; two are the least, eight or more name an effect surely"
     return ""
 
 

@@ -30,7 +30,7 @@ PARAMETERS: Mapping[str, str] = {
     "p_y": "along y",
     "pull": "gravity over effective length",
     "ratio": "more by",
-    "seen": "too large by",
+    "seen": "measured over true lengths",
     "dry_2": "dry, second joint",
     "viscous_2": "viscous, second joint",
 }

@@ -402,7 +402,7 @@ def _list_errors(report: DiagnosisReport) -> tuple[float, float, float]:
 
 
 def format_shot_use(report: DiagnosisReport) -> str:
-    """Format how many shots there are, what each was used for, and their noise.
+    """Format how many shots there are, what each was used for, and the errors of their positions.
 
     Args:
         report: Result of a diagnosis.
@@ -420,7 +420,8 @@ def format_shot_use(report: DiagnosisReport) -> str:
     if not total:
         return ""
     parts = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-    noise = f"; noise {format_error_size(used.noise, report.gap.metric)} per coordinate"
+    size = format_error_size(used.noise, report.gap.metric)
+    noise = f"; error of a position {size} per coordinate, noise and what frames have in common"
     return f"{total} shot{'s' if total > 1 else ''}: {parts}{noise if math.isfinite(used.noise) else ''}."
 
 

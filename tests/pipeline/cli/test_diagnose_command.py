@@ -79,6 +79,13 @@ def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> No
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "undecidable"
 
 
+def test_one_shot_leaves_none_to_check_an_effect_on(trueroll: Terminal, tmp_path: Path) -> None:
+    folder = write_slides(tmp_path / "one", 0.8, shots=1)
+    output = trueroll("diagnose", folder, "-o", tmp_path / "gap")
+    assert "one shot leaves none to check an effect on" in output.out
+    assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "undecidable"
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

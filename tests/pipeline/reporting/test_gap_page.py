@@ -400,7 +400,8 @@ def test_an_effect_that_may_close_nothing_is_named_last_with_its_share() -> None
 def test_the_page_states_shots_and_noise() -> None:
     diagnosis = replace(named(REST), shot_use=ShotUse((0, 2, 4), (1,), (3,), 0.0009))
     assert format_shot_use(diagnosis) == (
-        "5 shots: 3 to fit, 1 to confirm effects, 1 held out to measure the gap; noise 0.9 mrad per coordinate."
+        "5 shots: 3 to fit, 1 to confirm effects, 1 held out to measure the gap; error of a position 0.9 mrad"
+        " per coordinate, noise and what frames have in common."
     )
     assert format_shot_use(replace(diagnosis, shot_use=ShotUse((0,)))) == "1 shot: 1 to fit."
     assert format_shot_use(named(REST)) == ""
