@@ -62,7 +62,7 @@ class WantedPlaces:
     camera: Camera | None
     """The camera at that time; None for a folder without calibration."""
     frame: float
-    """Number of the frame at that time."""
+    """Number of the frame of that time; just before a strike, of the last one before it."""
     image: ImageArray | None
     """(H, W, 3) that frame of the clip; None if it cannot be read."""
     no_image: str
@@ -90,7 +90,8 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
         raise OptionError(f"--at lies within the shot, {first:.3f} to {last:.3f} s; got {at:g}")
     t = select_moment_before_strike(record) if at is None else at
     places = locate_balls(record, t)
-    nearest = int(np.argmin(np.abs(record.shown - t)))
+    allowed = (record.shown <= t + 1e-9) | (at is not None)  # at the strike, the nearest frame may show it already
+    nearest = int(np.argmin(np.where(allowed, np.abs(record.shown - t), np.inf)))
     camera, sigma = record.camera, np.repeat(places.sigma[:, None], 2, axis=1)
     if camera is not None:
         sigma = np.hypot(sigma, estimate_place_sigma(camera, record.table, places.xy))
@@ -100,7 +101,8 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
         footage, why_not = open_run_clip(folder, clip)
         if footage is not None:
             ((_, image),) = read_frames(footage, indices=record.frame[[nearest]])
-    return WantedPlaces(places, sigma, record.table, record.naming, camera, record.frame_at(t), image, why_not)
+    frame = float(record.frame[nearest])
+    return WantedPlaces(places, sigma, record.table, record.naming, camera, frame, image, why_not)
 
 
 @dataclass(frozen=True, slots=True)

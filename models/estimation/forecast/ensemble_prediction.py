@@ -165,7 +165,7 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
         np.where(use_ensemble[..., None], spread, covariance),
         ensemble,
         states[..., :2],
-        summarize_events(state.ids, state.t, order, _find_rest_times(state, after, states)),
+        summarize_events(state.ids, state.t, order, _find_rest_times(state, after, states, order)),
         tuple(_rank_first_contacts(order, ball) for ball in range(len(state.ids))),
     )
 
@@ -305,12 +305,18 @@ def _divergence_time(one: list[list[tuple[float, EventKey]]], other: list[list[t
     return earliest
 
 
-def _find_rest_times(state: StateEstimate, after: FloatArray, states: FloatArray) -> dict[EventKey, list[float]]:
-    """Find when (s after the state) balls come to rest for good, one time per member, rounded up to the moments."""
+def _find_rest_times(
+    state: StateEstimate, after: FloatArray, states: FloatArray, order: list[list[list[tuple[float, EventKey]]]]
+) -> dict[EventKey, list[float]]:
+    """Find when (s after the state) balls come to rest for good, one time per member, rounded up to the moments.
+
+    A ball that rests at first comes to rest in the members alone in which something touches it, by `order`.
+    """
     is_moving = (states[..., 2] != 0) | (states[..., 3] != 0)  # a potted ball, NaN, never rests
     rest_times: dict[EventKey, list[float]] = {}
     for ball, name in enumerate(state.ids):
-        ball_moves = is_moving[..., ball]
+        was_moved = np.array([state.moving[ball] or bool(contacts[ball]) for contacts in order], bool)
+        ball_moves = is_moving[..., ball] & was_moved[:, None]
         stopped = ball_moves.any(axis=1) & ~ball_moves[:, -1]
         first = ball_moves.shape[1] - np.argmax(ball_moves[stopped][:, ::-1], axis=1)
         if stopped.any():

@@ -48,7 +48,8 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     if stays_at_rest(prediction, k):
         moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
         stays = format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
-        return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}."
+        unless = f", unless it {' or '.join(contacts)}" if contacts else ""
+        return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}{unless}."
     begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
     left = 1 - sum(p for _, p in prediction.first_contacts[k])
     if contacts:
@@ -59,7 +60,7 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         return f"{begin}, and is potted."
     rest = next((one for one in prediction.events if one.event == ("rest", state.ids[k], "")), None)
     when = f"at {format_moment(prediction.t[-1])} it has"
-    if rest is not None and rest.probability >= 0.5 and (state.moving[k] or left < 0.5):
+    if rest is not None and rest.probability >= 0.5:
         when = f"it comes to rest at {format_time(rest.t, rest.t_sigma)}{format_doubt(rest.probability)},"
     place = format_place(prediction.path[-1, k], float(prediction.sigma[-1, k]), table, naming)
     unless = f", unless it is potted ({format_probability(potted)})" if potted >= MIN_REPORTED_POT else ""
@@ -67,6 +68,5 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
 
 
 def stays_at_rest(prediction: ShotPrediction, k: int) -> bool:
-    """Return whether a ball rests and will hardly be touched: it ends where it lies, not at the mean of all plays."""
-    touched = any(p >= MIN_REPORTED_PROBABILITY for _, p in prediction.first_contacts[k])
-    return not (prediction.state.moving[k] or touched)
+    """Return whether a ball rests and is rather not touched: it ends where it lies, not at the mean of all plays."""
+    return not prediction.state.moving[k] and sum(p for _, p in prediction.first_contacts[k]) < 0.5

@@ -26,8 +26,10 @@ from models.estimation.reconstruction.shot_views import view_shot
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.actions import placement_views
 from pipeline.actions.placement_views import MAX_DECIMALS_MM
+from pipeline.actions.put_back import locate_wanted_places
 from pipeline.chain import write_source
 from pipeline.io.run_tables import write_scene
+from pipeline.io.run_views import read_shot_record
 from pipeline.run_options import RunOptions
 from video.io.clip import open_clip
 from video.io.video_writer import VideoWriter
@@ -105,6 +107,14 @@ def test_it_writes_where_the_balls_lay_before_the_strike(trueroll: Terminal, fol
     plan, frame = (np.asarray(Image.open(tmp_path / f"put_back_{name}.png")) for name in ("plan", "frame"))
     assert frame.shape == (720, 1280, 3)
     assert plan.shape[1] == 1680
+
+
+def test_the_frame_before_a_strike_does_not_show_it(folder: Path) -> None:
+    record = read_shot_record(folder)
+    assert locate_wanted_places(record, folder, None, None).frame == 4
+    late = replace(record, events=replace(record.events, t=record.events.t + 1.4 / RATE))
+    assert locate_wanted_places(late, folder, None, None).frame == 5, "frame 6 is nearer, and shows the moved ball"
+    assert locate_wanted_places(late, folder, 5.8 / RATE, None).frame == 6
 
 
 def test_distances_have_the_digits_of_their_errors_along_both_axes(

@@ -215,13 +215,19 @@ def test_too_few_frames_raise_an_error() -> None:
         estimate_state(make_filmed_tracks(0), SCENE, 0.02)
 
 
-def test_a_ball_that_will_hardly_be_touched_ends_where_it_lies_in_every_output() -> None:
-    resting = (1.0, 0.6 + 2 * R + 1.7e-3, 0.0, 0.0)
+@pytest.mark.parametrize(("gap", "least", "most"), [(1.7e-3, 0.0, 0.1), (0.7e-3, 0.1, 0.5)])
+def test_a_ball_that_is_rather_not_touched_ends_where_it_lies_in_every_output(
+    gap: float, least: float, most: float
+) -> None:
+    resting = (1.0, 0.6 + 2 * R + gap, 0.0, 0.0)
     state = make_state([(0.4, 0.6, 0.8, 0.0), resting], [(1e-3, 1e-4), (1e-5, 0.0)])
     prediction = forecast_shot(state, 1.0 + np.linspace(0, 4, 9), draws=1000)
-    assert 0 < sum(p for _, p in prediction.first_contacts[1]) < 0.1
+    assert least < (touched := sum(p for _, p in prediction.first_contacts[1])) < most
+    rest = [one for one in prediction.events if one.event == ("rest", "b", "")]
+    assert all(one.probability <= touched and one.t_low > 1.5 for one in rest), "nothing else moved it"
     assert np.linalg.norm(prediction.path[-1, 1] - resting[:2]) > 1e-4, "the mean of all plays lies elsewhere"
     ball = summarize_prediction(prediction, 0, None, Naming())["balls"][1]
     assert (ball["end"]["x"], ball["end"]["y"]) == pytest.approx(resting[:2], abs=1e-6)
     assert ball["sentence"].startswith("B stays at rest (")
+    assert ("unless it touches a first" in ball["sentence"]) == (touched >= 0.1)
     assert f"{100 * (TABLE.width - resting[1]):.1f} cm" in ball["sentence"]
