@@ -158,7 +158,7 @@ def _build_graph(
     stages: tuple[Stage, ...] = (
         read_stage(clip, digest, options.read, memory)
         if shot is None
-        else shot_stage(shot, digest, options.read.fps, memory),
+        else shot_stage(shot, digest, options.read, memory),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
         *place_stages(options.corrections),

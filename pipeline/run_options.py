@@ -43,6 +43,7 @@ class RunSettings(TypedDict, total=False):
     """The settings of a run as keyword arguments of Python; a test compares them with the options of all stages."""
 
     fps: str | None
+    pixel_aspect: str | None
     corners: str | None
     table: str | None
     ball_radius: float | None

@@ -12,6 +12,7 @@ from models.core.progress import Progress
 from pipeline.engine.process_setup import available_cores, available_memory
 from pipeline.engine.stage import Inputs, Stage
 from video.io.clip import FPS_RANGE, Clip, open_clip
+from video.io.frame_layout import ASPECT_RANGE
 from video.io.frame_memory import FrameMemory, frame_memory_budget
 
 
@@ -23,15 +24,23 @@ class ReadOptions:
         None, help="Frame rate to use instead of the container's, in frames per second, such as 29.97 or 30000/1001."
     )
 
+    pixel_aspect: str | None = option(
+        None, help="Width of a pixel over its height, to use instead of what the file states, such as 64/45 or 1."
+    )
+
     def __post_init__(self) -> None:
-        if self.fps is None:
-            return
-        try:
-            is_valid = FPS_RANGE[0] <= Fraction(self.fps) <= FPS_RANGE[1]
-        except (ValueError, ZeroDivisionError) as error:
-            raise ValueError("a number such as 29.97 or 30000/1001 was expected") from error
-        if not is_valid:
-            raise ValueError(f"{FPS_RANGE[0]} to {FPS_RANGE[1]} frames per second were expected")
+        _require_fraction(self.fps, "29.97 or 30000/1001", FPS_RANGE, "frames per second")
+        _require_fraction(self.pixel_aspect, "64/45 or 1.422", ASPECT_RANGE, "times as wide as high")
+
+
+def _require_fraction(text: str | None, example: str, limits: tuple[float, float], unit: str) -> None:
+    """Raise ValueError unless a value is left out, or is a number within limits."""
+    try:
+        is_valid = text is None or limits[0] <= Fraction(text) <= limits[1]
+    except (ValueError, ZeroDivisionError) as error:
+        raise ValueError(f"a number such as {example} was expected") from error
+    if not is_valid:
+        raise ValueError(f"{limits[0]:g} to {limits[1]:g} {unit} were expected")
 
 
 def open_frame_memory() -> FrameMemory:
@@ -64,6 +73,6 @@ def _read_clip(
     path: Path, memory: FrameMemory | None, inputs: Inputs, options: ReadOptions, folder: Path, progress: Progress
 ) -> Clip:
     """Read the clip."""
-    fps = None if options.fps is None else Fraction(options.fps)
-    clip = open_clip(path, fps=fps, progress=progress, memory=memory)
+    fps, aspect = (None if text is None else Fraction(text) for text in (options.fps, options.pixel_aspect))
+    clip = open_clip(path, fps=fps, aspect=aspect, progress=progress, memory=memory)
     return replace(clip, path=Path("clip"), memory=None)  # the result depends on the content, not on the path

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from models.core.progress import Progress
 from pipeline.engine.stage import Inputs, NoOptions, Stage
-from pipeline.stages.read_stage import locate_clip
+from pipeline.stages.read_stage import ReadOptions, locate_clip
 from video.io.clip import Clip
 from video.io.frame_memory import FrameMemory
 
@@ -92,19 +92,20 @@ def _find_shots(inputs: Inputs, options: NoOptions, folder: Path, progress: Prog
     return segment_shots(inputs["read"], progress)
 
 
-def shot_stage(shot: ClipShot, digest: str, fps: str | None, memory: FrameMemory | None = None) -> Stage:
+def shot_stage(shot: ClipShot, digest: str, read: ReadOptions, memory: FrameMemory | None = None) -> Stage:
     """Build the stage that reads one shot, in place of the stage that reads a whole clip.
 
     Args:
         shot: The shot.
         digest: SHA-256 of the recording.
-        fps: Frame rate that the user gave.
+        read: How the user wants the recording to be read.
         memory: Keeps the decoded frames for later stages.
 
     Returns:
         The stage `read`, whose output is a `Clip`.
     """
-    facts = {"clip": digest, "first": shot.first, "stop": shot.stop, "fps": fps, "note": shot.note}
+    stated = {"fps": read.fps, "pixel_aspect": read.pixel_aspect}
+    facts = {"clip": digest, "first": shot.first, "stop": shot.stop, **stated, "note": shot.note}
     adapt = partial(locate_clip, shot.whole.path, memory)
     return Stage("read", __name__, (), Clip, partial(_extract_shot, shot), NoOptions(), facts, adapt)
 

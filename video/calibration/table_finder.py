@@ -424,7 +424,8 @@ def _locate_from_option(option: str, background: ImageArray, stored_scale: tuple
         source += ", in pixels of the stored image, which are not square"
     if not 1.5 < perspective.aspect < 2.6:
         raise OptionError(
-            f"--corners must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times"
+            f"--corners must be those of a table about twice as long as wide; these are {perspective.aspect:.2f} times;"
+            " if the pixels are not square, state their shape with --pixel-aspect"
         )
     return TableLocation(
         corners,

@@ -176,13 +176,15 @@ class Clip:
 
 
 def open_clip(
-    path: Path, *, fps: Fraction | None = None, progress: Progress = ignore_progress, memory: FrameMemory | None = None
-) -> Clip:
+    path: Path, *, fps: Fraction | None = None, aspect: Fraction | None = None, progress: Progress = ignore_progress,
+    memory: FrameMemory | None = None,
+) -> Clip:  # fmt: skip
     """Read a video file, or a folder of numbered images, once and collect its times, duplicate frames and size.
 
     Args:
         path: the file or folder.
         fps: frame rate (1/s) that replaces the container's timestamps: frame k is at k / fps.
+        aspect: width of a pixel over its height, instead of what the container states.
         progress: is called with the share that has been read, 0 to 1.
         memory: keeps the decoded frames for later passes.
 
@@ -196,7 +198,7 @@ def open_clip(
     if fps is not None and fps <= 0:
         raise ValueError(f"fps must be positive; got {fps}")
     require_readable_file(path)
-    scan = _scan_file(path, progress, memory or FrameMemory())
+    scan = _scan_file(path, aspect, progress, memory or FrameMemory())
     change = np.array(scan.change)
     is_duplicate, blending = find_duplicate_frames(*change.T), find_blending(*change.T)
     unobserved = np.unique([*scan.damaged, *(np.flatnonzero(blending.is_mixed) if blending else ())]).astype(np.int64)
@@ -334,10 +336,11 @@ class _FileScan:
     damaged: list[int] = field(default_factory=list)
 
 
-def _scan_file(path: Path, progress: Progress, memory: FrameMemory) -> _FileScan:
+def _scan_file(path: Path, aspect: Fraction | None, progress: Progress, memory: FrameMemory) -> _FileScan:
     scan, meter, damage = _FileScan([], [], []), FrameChangeMeter(), DecodingDamage()
     with open_container(path) as (container, stream):
         _read_header(scan, container, stream)
+        scan.aspect = scan.aspect if aspect is None else aspect
         for frame in decode_frames(container, stream, damage):
             _check_size(path, scan, frame)
             scan.time_base = frame.time_base or stream.time_base

@@ -18,7 +18,7 @@ from video.io.colour_conversion import ColourConversion, expose_conversion, find
 LEAST_OBLONG_SHARE = 0.01
 """Deviation of the pixel aspect ratio from 1 that is applied: below, a ball of 20 px is 0.2 px wider than high, which
 is less than its outline is measured to, and resampling would blur it more."""
-ASPECT_RANGE = (Fraction(1, 4), Fraction(4))
+ASPECT_RANGE = (0.25, 4.0)
 """Pixel aspect ratios that cameras and anamorphic lenses write (8:11 to 2); others are a damaged header."""
 
 DEEP_FORMAT = "rgb48le"

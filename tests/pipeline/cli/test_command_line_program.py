@@ -99,6 +99,7 @@ def test_a_bad_clip_is_one_line_and_leaves_nothing(trueroll: Terminal, name: str
         (("run", "x.mp4", "--fps", "1/0"), "30000/1001"),
         (("run", "x.mp4", "--fps", "-25"), "1 to 1000 "),
         (("run", "x.mp4", "--fps", "1e5"), "1 to 1000 "),
+        (("run", "x.mp4", "--pixel-aspect", "16x9"), "64/45"),
         (("run", "x.mp4", "--slow", "nan"), "1 to 100 "),
         (("run", "x.mp4", "--breadth", "0"), "1 or more"),
         (("run", "x.mp4", "--patience", "inf"), "more than 0"),

@@ -201,6 +201,13 @@ def test_oblong_pixels_become_square(tmp_path: Path, aspect: Fraction, size: tup
     assert any("with square pixels" in note for note in clip.notes)
 
 
+def test_a_stated_aspect_can_be_replaced(tmp_path: Path) -> None:
+    clip = write_plain_video(tmp_path / "a.mp4", draw_moving_disc(8))
+    assert open_clip(clip, aspect=Fraction(4, 3)).width == 256
+    wrong = write_plain_video(tmp_path / "b.mp4", draw_moving_disc(8), sample_aspect_ratio=Fraction(4, 3))
+    assert open_clip(wrong, aspect=Fraction(1)).width == WIDTH
+
+
 def test_an_aspect_of_less_than_a_hundredth_is_not_worth_resampling(tmp_path: Path) -> None:
     clip = open_clip(write_plain_video(tmp_path / "a.mp4", draw_moving_disc(8), sample_aspect_ratio=Fraction(616, 617)))
     assert (clip.width, clip.height, clip.notes) == (WIDTH, HEIGHT, ())
