@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
+from models.core.errors import ClipError
 from pipeline.chain import STAGE_FILES
 from pipeline.io.run_folder import SOURCE_FILE
 from video.io.clip_digest import FileState, read_file_state
+from video.io.decoder import open_container
 from video.io.image_sequence import is_image_sequence
 
 RESULT_NAMES = frozenset(name for names in STAGE_FILES.values() for name in names)
@@ -20,38 +25,75 @@ SUMMARY_NAMES = ("summary.csv", "summary.parquet", "summary.html")
 RESERVED_NAMES = frozenset((*RESULT_NAMES, *SUMMARY_NAMES, SOURCE_FILE))
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".ts", ".mpg")
 """A file with such a suffix counts as a clip even if its content is no video, so that the batch reports it."""
-AUDIO_SUFFIXES = (".m4a", ".m4b", ".mka", ".weba", ".oga", ".opus", ".wma", ".mp3", ".wav", ".aac", ".flac")
-"""Audio files that use the containers of videos."""
-HEADER_BYTES = 400
-"""Bytes that are read: two packets of an MPEG transport stream and more; other containers need fewer."""
-PACKET_BYTES = 188
-"""Size of a packet of an MPEG transport stream, bytes (ISO 13818-1)."""
-SIGNATURES = (b"\x1a\x45\xdf\xa3", b"\x00\x00\x01\xba", b"\x30\x26\xb2\x75\x8e\x66", b"FLV\x01")
-"""First bytes of Matroska and WebM, MPEG program streams, ASF and FLV."""
-NON_VIDEO_BRANDS = (b"heic", b"heix", b"mif1", b"avif", b"crx ", b"jp2 ", b"jpx ", b"M4A ", b"M4B ")
-"""Brands of ISO base media files (ISO 14496-12) that are images or audio."""
+STILL_BRANDS = (b"heic", b"heix", b"mif1", b"avif", b"crx ", b"jp2 ", b"jpx ")
+"""Brands of ISO base media files (ISO 14496-12) that are still images."""
+ANIMATION_FORMATS = ("gif", "apng", "webp_anim")
+"""Formats of animated images, which are no recordings."""
+SMALL_COPY_PREFIX = "GL"
+"""GoPro names the small copy of GX010123.MP4 GL010123.LRV; other cameras keep the name."""
+SAME_LENGTH_S, SAME_LENGTH_SHARE = 0.5, 0.02
+"""Difference of the lengths of a recording and its small copy, s and share: the copy may have another frame rate."""
 
 
-def find_clips(folder: Path, excluded: Path | None = None) -> Iterator[Path]:
+@dataclass(frozen=True, slots=True)
+class LeftOutFile:
+    """A file below the folder of a batch that is not run."""
+
+    path: Path
+    original: Path | None = None
+    """The clip of which it is a smaller copy; None for a file without video."""
+
+
+@dataclass(frozen=True, slots=True)
+class FolderContent:
+    """The clips below a folder, and the other files."""
+
+    clips: tuple[Path, ...]
+    left_out: tuple[LeftOutFile, ...]
+
+
+class VideoFacts(NamedTuple):
+    """Size and length of a video, as its container states them."""
+
+    pixels: int
+    seconds: float
+    """NaN where it states none."""
+
+
+def survey_folder(folder: Path, excluded: Path | None = None) -> FolderContent:
     """Find every video below a folder, and every folder of numbered images, in the order of their names.
 
-    Files are recognised by their first bytes. A file with the suffix of a video is included whatever its content, so
-    that the batch reports it. Hidden files, links, special files and files written by runs are left out.
+    Files are recognised by their content, in any container that FFmpeg reads. A file with the suffix of a video is
+    included whatever its content, so that the batch reports it. Hidden files, links, special files and files written
+    by runs are ignored; a smaller copy that a camera writes beside its recording is left out.
 
     Args:
         folder: The folder.
         excluded: A folder that is not searched.
 
-    Yields:
+    Returns:
         Paths below `folder`.
     """
+    clips, left_out = list[Path](), list[LeftOutFile]()
     for place, folders, files in os.walk(folder):
         here = Path(place)
         folders[:] = sorted(name for name in folders if _should_enter(here / name, excluded))
         for name in [name for name in folders if is_image_sequence(here / name)]:
             folders.remove(name)
-            yield here / name
-        yield from (here / name for name in sorted(files) if is_clip(here / name))
+            clips.append(here / name)
+        videos: dict[Path, VideoFacts | None] = {}
+        for path in (here / name for name in sorted(files)):
+            if path.name.startswith(".") or path.is_symlink() or not path.is_file() or _is_result(path):
+                continue
+            facts = _probe_video(path, read_file_state(path))
+            if facts is None and path.suffix.lower() not in VIDEO_SUFFIXES:
+                left_out.append(LeftOutFile(path))
+            else:
+                videos[path] = facts
+        originals = {path: _find_original(path, videos) for path in videos}
+        clips += [path for path, original in originals.items() if original is None]
+        left_out += [LeftOutFile(path, original) for path, original in originals.items() if original is not None]
+    return FolderContent(tuple(clips), tuple(left_out))
 
 
 def _should_enter(folder: Path, excluded: Path | None) -> bool:
@@ -61,40 +103,42 @@ def _should_enter(folder: Path, excluded: Path | None) -> bool:
     return excluded is None or folder.resolve() != excluded.resolve()
 
 
-def is_clip(path: Path) -> bool:
-    """Whether this file is a video, by its first bytes or its name.
-
-    Args:
-        path: The file.
-
-    Returns:
-        False also for hidden files, links and files written by runs.
-    """
-    if path.name.startswith(".") or path.is_symlink() or not path.is_file() or _is_result(path):
-        return False
-    return path.suffix.lower() in VIDEO_SUFFIXES or (
-        path.suffix.lower() not in AUDIO_SUFFIXES and _has_video_signature(path)
-    )
-
-
 def _is_result(path: Path) -> bool:
     """Whether a run wrote this file: its folder then notes the source clip."""
     return path.name in RESULT_NAMES and path.with_name(SOURCE_FILE).is_file()
 
 
-def _has_video_signature(path: Path) -> bool:
-    """Whether the first bytes are those of a video container."""
+@lru_cache(maxsize=4096)
+def _probe_video(path: Path, state: FileState) -> VideoFacts | None:
+    """Read size and length of a video in this state; None where the file contains no video."""
     try:
         with path.open("rb") as file:
-            head = file.read(HEADER_BYTES)
-    except OSError:
-        return False
-    if head[4:8] == b"ftyp":
-        return head[8:12] not in NON_VIDEO_BRANDS
-    if head[:4] == b"RIFF":
-        return head[8:12] == b"AVI "
-    transport = len(head) > PACKET_BYTES and head[0] == head[PACKET_BYTES] == 0x47
-    return transport or head.startswith(SIGNATURES) or head[4:8] in (b"moov", b"mdat", b"wide")
+            if file.read(12)[4:] in [b"ftyp" + brand for brand in STILL_BRANDS]:
+                return None
+        with open_container(path) as (container, stream):
+            if container.format.name in ANIMATION_FORMATS:
+                return None
+            seconds = container.duration / 1e6 if container.duration else float("nan")  # FFmpeg's AV_TIME_BASE
+            return VideoFacts(stream.width * stream.height, seconds) if stream.width else None
+    except (ClipError, OSError):
+        return None
+
+
+def _find_original(path: Path, videos: Mapping[Path, VideoFacts | None]) -> Path | None:
+    """Find the clip of the same name and length that has more pixels."""
+    facts = videos[path]
+    for other, larger in videos.items():
+        if facts is None or larger is None or larger.pixels <= facts.pixels or not _share_name(path, other):
+            continue
+        if abs(larger.seconds - facts.seconds) <= max(SAME_LENGTH_S, SAME_LENGTH_SHARE * larger.seconds):
+            return other
+    return None
+
+
+def _share_name(small: Path, large: Path) -> bool:
+    """Whether two files are named as a small copy and its original."""
+    one, other = small.stem.upper(), large.stem.upper()
+    return one == other or (one.startswith(SMALL_COPY_PREFIX) and other[:1] == "G" and one[2:] == other[2:])
 
 
 def order_largest_first(clips: Iterable[Path]) -> list[Path]:
@@ -180,7 +224,7 @@ def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator
     last = time.monotonic()
     while idle_s is None or time.monotonic() - last < idle_s:
         began = time.monotonic()
-        for clip in find_clips(folder, excluded):
+        for clip in survey_folder(folder, excluded).clips:
             state = read_file_state(clip)
             if delivered.get(clip) == state:
                 continue

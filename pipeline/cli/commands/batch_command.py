@@ -29,10 +29,13 @@ from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
     from pipeline.batch.batch_workers import ClipRunner
+    from pipeline.batch.clip_discovery import FolderContent
     from pipeline.batch.clip_job import ClipResult
     from pipeline.batch.run_batch import Batch
 
 
+MAX_NAMES = 5
+"""Most files without video that are named."""
 MAX_TABLE_ROWS = 100
 """Most rows of the final table; for a larger batch it lists only failed clips."""
 
@@ -40,7 +43,7 @@ MAX_TABLE_ROWS = 100
 @cli.app.command("batch")
 @add_settings
 def batch(
-    folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth.")],
+    folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth; or one recording with many shots.")],
     options: RunOptions,
     out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out"),
     jobs: Annotated[
@@ -70,18 +73,24 @@ def batch(
     debug: cli.DebugOption = False,
 ) -> None:
     """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
-    from pipeline.batch.clip_discovery import find_clips, order_largest_first, watch_folder
+    from pipeline.batch.clip_discovery import FolderContent, order_largest_first, survey_folder, watch_folder
     from pipeline.batch.clip_job import ClipLimits
     from pipeline.batch.run_batch import Batch, run_batch
 
     began = time.monotonic()
+    recording = folder if folder.is_file() else None
+    folder = folder if recording is None else folder.parent
     if not folder.is_dir():
-        raise OptionError(f"A folder with clips was expected; {folder} is none")
+        raise OptionError(f"A folder with clips, or a recording, was expected; {folder} is neither")
+    if recording is not None and watch:
+        raise OptionError(f"--watch follows a folder; {recording} is a file")
     if cluster is not None and jobs != 1:
         raise OptionError("--jobs is for this machine and --cluster for others; give one of them")
     if not (time_limit > 0 and memory_limit > 0 and (idle is None or idle > 0)):
         raise OptionError("--time-limit, --memory-limit and --idle are more than 0")
-    clips = list(find_clips(folder, excluded=out))
+    content = FolderContent((recording,), ()) if recording is not None else survey_folder(folder, excluded=out)
+    clips = list(content.clips)
+    _print_left_out(content, folder)
     if not clips and not watch:
         raise OptionError(f"A folder with clips was expected; {folder} holds none")
     require_writable_folder(out)
@@ -134,6 +143,21 @@ def _open_runner(work: Batch, jobs: int, cluster: str | None, clips: list[Path])
     with connect_client(cluster) as client:
         require_usable_workers(client, work.cache, work.out, clips[0] if clips else work.root)
         yield partial(run_on_workers, client)
+
+
+def _print_left_out(content: FolderContent, folder: Path) -> None:
+    """Print which files are not run, and why."""
+    others = [str(one.path.relative_to(folder)) for one in content.left_out if one.original is None]
+    lines = [
+        f"{one.path.relative_to(folder)}: a smaller copy of {one.original.name}"
+        for one in content.left_out
+        if one.original is not None
+    ]
+    if others:
+        more = f" and {len(others) - MAX_NAMES} more" if len(others) > MAX_NAMES else ""
+        lines.append(f"{', '.join(others[:MAX_NAMES])}{more}: no video")
+    for line in lines:
+        cli.console.print(f"Left out: {escape_text(line)}", markup=False, soft_wrap=True)
 
 
 def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:

@@ -30,7 +30,7 @@ from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import ClipError, OptionError
 from pipeline.batch import clip_discovery, clip_runner, supervision
-from pipeline.batch.clip_discovery import assign_folders, find_clips, order_largest_first
+from pipeline.batch.clip_discovery import assign_folders, order_largest_first, survey_folder
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import hash_code, require_usable_answer, start_local_client
 from pipeline.batch.run_batch import format_csv, render_summary_page, write_summary
@@ -89,8 +89,29 @@ def test_clips_are_found_by_content_at_any_depth_whatever_their_names(tmp_path: 
     (tmp_path / "link.mp4").symlink_to(tmp_path / "a.mp4")
     (tmp_path / "loop").symlink_to(tmp_path, target_is_directory=True)
     os.mkfifo(tmp_path / "pipe.mp4")
-    paths = {str(path.relative_to(tmp_path)) for path in find_clips(tmp_path)}
+    paths = {str(path.relative_to(tmp_path)) for path in survey_folder(tmp_path).clips}
     assert paths == {*names, "row"}
+
+
+def test_cameras_containers_are_clips_and_their_small_copies_are_left_out(tmp_path: Path) -> None:
+    large, small = write_video(tmp_path / "GX010001.MP4"), tmp_path / "GL010001.LRV"
+    with av.open(str(small), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 48, 32, "yuv420p"
+        for _ in range(12):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((32, 48, 3), np.uint8))))
+        container.mux(stream.encode(None))
+    shutil.copy(small, tmp_path / "other.LRV")
+    with av.open(str(large)) as source, av.open(str(tmp_path / "pi.h264"), "w", format="h264") as raw:
+        target = raw.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = target
+                raw.mux(packet)
+    (tmp_path / "notes.txt").write_text("no film")
+    content = survey_folder(tmp_path)
+    assert [path.name for path in content.clips] == ["GX010001.MP4", "other.LRV", "pi.h264"]
+    assert {one.path.name: one.original for one in content.left_out} == {"GL010001.LRV": large, "notes.txt": None}
 
 
 def test_folders_of_results_never_meet_and_never_leave_the_output(tmp_path: Path) -> None:

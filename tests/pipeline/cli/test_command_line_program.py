@@ -18,7 +18,7 @@ import pytest
 from support import synthetic_run as shot
 from support.pseudo_terminal import Terminal, make_terminal
 
-from pipeline.batch.clip_discovery import assign_folders, find_clips
+from pipeline.batch.clip_discovery import assign_folders
 from pipeline.cli.commands import COMMAND_NAMES, load_command, read_summary
 from pipeline.engine.process_setup import limit_library_threads
 from pipeline.run_options import build_options, list_settings
@@ -176,7 +176,7 @@ def test_what_an_earlier_run_made_is_no_clip() -> None:
     for name in ("in/a.mp4", "in/done/slow.mp4", "in/done/source.json", "in/mine/slow.mp4"):
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).touch()
-    assert [str(path) for path in find_clips(Path("in"))] == ["in/a.mp4", "in/mine/slow.mp4"]
+    assert [str(path) for path in survey_folder(Path("in")).clips] == ["in/a.mp4", "in/mine/slow.mp4"]
 
 
 def test_a_broken_film_is_a_failed_row_and_other_files_are_none(trueroll: Terminal) -> None:
