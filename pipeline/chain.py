@@ -53,7 +53,7 @@ from pipeline.stages.report_stage import ReportOptions, report_stage
 from pipeline.stages.shot_inputs import view_inputs
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
-from video.calibration.view_prior import PROFILE_NOTE
+from video.calibration.view_prior import MOTION_NOTE, PROFILE_NOTE
 from video.io.clip import Clip, require_readable_file
 from video.io.clip_digest import compute_clip_digest, read_file_state
 from video.io.frame_memory import FrameMemory
@@ -348,8 +348,10 @@ def _summarize_run(
     shot: Shot = values["explain"]
     options: ExportOptions = stages["export"].options
     fit = view_inputs(values, options.fit)
-    of_profile = (note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith(PROFILE_NOTE))
-    all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_profile))
+    of_view = (
+        note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith((PROFILE_NOTE, MOTION_NOTE))
+    )
+    all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_view))
     return FinishedRun(folder, shot, fit, all_notes)
 
 

@@ -25,6 +25,11 @@ MAX_STILL_SHIFT_PX = 0.8
 """px of the original image by which features may appear to move for a fixed camera: noise, coding, heat."""
 MIN_INLIER_SHARE = 0.4
 """Smallest share of the tracked features that must agree; below it the image shows something else."""
+STILL_NOISE_PX = 0.4
+"""px, median distance of the located corners from their usual place up to which a camera stands on a stand: noise of
+the registration; the least motion in a hand is 1 px."""
+STILL_SIGMAS = 4.0
+"""Multiple of that distance up to which the camera is at its usual place."""
 SMOOTHING_FRAMES = 5
 """Frames over which the motion of a camera is smoothed."""
 
@@ -213,9 +218,38 @@ def estimate_camera_motion(
         # A hand moves smoothly over a fifth of a second; deviations from a parabola are registration noise.
         from scipy.signal import savgol_filter  # slow to import
 
-        filled = savgol_filter(filled, SMOOTHING_FRAMES, 2, axis=0)
+        smooth = savgol_filter(filled, SMOOTHING_FRAMES, 2, axis=0)
+        is_sudden = np.abs(smooth - filled).max(axis=1, keepdims=True) > MAX_STILL_SHIFT_PX
+        filled = _hold_still(np.where(is_sudden, filled, smooth))
     smoothed = filled.reshape(count, 4, 2)
     return np.stack([homography_between(reference.corners, place) for place in smoothed]), int((~is_registered).sum())
+
+
+def _hold_still(corners: FloatArray) -> FloatArray:
+    """Give a camera on a stand one place in all frames (T, 8) in which it does not move beyond the noise.
+
+    A camera that is knocked returns to its place and stays there for most of the clip; a hand never holds it still.
+    """
+    middle = np.median(corners, axis=0)
+    distance = np.abs(corners - middle).max(axis=1)
+    if np.median(distance) > STILL_NOISE_PX:
+        return corners
+    is_still = distance < STILL_SIGMAS * np.median(distance)
+    return np.where(is_still[:, None], middle, corners)
+
+
+def measure_shifts(corners: FloatArray, motion: FloatArray) -> FloatArray:
+    """Measure how far the table is from its place in the reference image.
+
+    Args:
+        corners: (4, 2) px, corners of the table in the reference image.
+        motion: (T, 3, 3) homographies from the reference image to each frame.
+
+    Returns:
+        (T,) px, median over the corners.
+    """
+    moved = apply_homography(motion[:, None], corners[None])
+    return np.asarray(np.median(np.linalg.norm(moved - corners, axis=-1), axis=1), np.float64)
 
 
 def _rail_mask(shape: tuple[int, ...], corners: FloatArray) -> NDArray[np.uint8]:

@@ -21,7 +21,13 @@ from models.physics.billiards.nominal_ball_size import (
 from models.physics.billiards.tables import TABLE_PRESETS, parse_table, replace_ball_radius
 from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
-from video.calibration.camera_motion import detect_camera_motion, estimate_camera_motion, select_reference_features
+from video.calibration.camera_motion import (
+    MAX_STILL_SHIFT_PX,
+    detect_camera_motion,
+    estimate_camera_motion,
+    measure_shifts,
+    select_reference_features,
+)
 from video.calibration.cloth_region import (
     ClothRegion,
     find_cloth_regions,
@@ -36,12 +42,14 @@ from video.calibration.table_classifier import (
     has_snooker_d,
     measure_pocket_share,
 )
-from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
+from video.calibration.view_prior import CLOTH_MISFIT, MOTION_NOTE, PROFILE_NOTE, ViewPrior
 from video.io.clip import Clip, read_frames
 from video.io.video_options import CalibrateOptions
 
 SAMPLED_FRAMES = 9
 """Number of frames spread over the clip; their median shows the table without moving objects."""
+SWAYING_FRAMES = 6
+"""Number of frames in which the image sways most; they show whether a camera on a stand was knocked."""
 ASPECT_RANGE = (1.9, 2.3)
 """Range of length over width of a billiard table, as measured; those above 2.1 are home tables."""
 UNUSUAL_ASPECT_SHARE = 0.035
@@ -116,11 +124,12 @@ def calibrate_clip(
         OptionError: an option is not meaningful.
     """
     requested = _choose_table(options, prior)
-    frames = _sample_frame_indices(clip)
-    images = [image for _, image in read_frames(clip, indices=frames)]
+    frames, swaying = _sample_frame_indices(clip), _select_swaying_frames(clip)
+    shown = dict(read_frames(clip, indices=np.union1d(frames, swaying)))
+    images = [shown[frame] for frame in frames.tolist()]
     progress(0.3)
     location, background = _locate_in_clip(clip, images, options.corners, prior)
-    motion, lost = _estimate_motion(clip, images, location)
+    motion, lost = _estimate_motion(clip, images, [shown[frame] for frame in swaying.tolist()], location)
     progress(0.7)
     if motion is not None:
         # After registration to the first frame, the median is sharp again.
@@ -132,7 +141,12 @@ def calibrate_clip(
     table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options, prior)
     camera = _build_table_camera(location, background, table)
     progress(1.0)
-    notes = (*location.notes, *table_notes, _height_note(camera, location.perspective), *_motion_notes(motion, lost))
+    notes = (
+        *location.notes,
+        *table_notes,
+        _height_note(camera, location.perspective),
+        *_motion_notes(camera, motion, lost),
+    )
     cloth = _convert_rgb_to_lab(location.cloth_colour)
     if prior is not None and not prior.agrees_with_cloth(cloth):
         notes += (CLOTH_MISFIT,)
@@ -242,9 +256,16 @@ def _add_note(location: TableLocation, why: str) -> TableLocation:
     return replace(location, notes=(*location.notes, f"{PROFILE_NOTE} {why}"))
 
 
-def _estimate_motion(clip: Clip, images: list[ImageArray], location: TableLocation) -> tuple[FloatArray | None, int]:
-    """Return the camera motion (T, 3, 3), or None for a fixed camera, and the number of interpolated frames."""
-    greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]
+def _estimate_motion(
+    clip: Clip, images: list[ImageArray], swaying: list[ImageArray], location: TableLocation
+) -> tuple[FloatArray | None, int]:
+    """Return the camera motion (T, 3, 3), or None for a fixed camera, and the number of interpolated frames.
+
+    Frames in which the image sways show a knock between those that are spread over the clip.
+    """
+    greys, swaying_greys = (
+        [np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8) for image in some] for some in (images, swaying)
+    )
     reference = select_reference_features(greys[0], location.corners)
     moves = detect_camera_motion(reference, greys[1:])
     if moves is None:
@@ -252,7 +273,7 @@ def _estimate_motion(clip: Clip, images: list[ImageArray], location: TableLocati
             f"{clip.path.name} does not show one view of the table throughout (a cut, a zoom or an occlusion); "
             "trim it to one shot from one camera"
         )
-    if not moves:
+    if not moves and not detect_camera_motion(reference, swaying_greys):
         return None, 0
     if not location.is_from_user:
         reference = select_reference_features(greys[0], locate_table(images[0], clip.path.name).corners)
@@ -275,11 +296,13 @@ def _warp_to_reference(image: ImageArray, motion: FloatArray) -> ImageArray:
     )
 
 
-def _motion_notes(motion: FloatArray | None, lost: int) -> tuple[str, ...]:
+def _motion_notes(camera: Camera, motion: FloatArray | None, lost: int) -> tuple[str, ...]:
     if motion is None:
         return ()
     gaps = f"; {lost} frames were interpolated" if lost else ""
-    return (f"the camera moves; its motion was estimated from the rails of the table{gaps}",)
+    shift = measure_shifts(camera.corners_px, motion)
+    largest = f"by up to {shift.max():.1f} px" + (" for a moment" if np.median(shift) <= MAX_STILL_SHIFT_PX else "")
+    return (f"{MOTION_NOTE} {largest}; its motion was estimated from the rails of the table{gaps}",)
 
 
 def compute_median_image(images: list[ImageArray]) -> ImageArray:
@@ -292,6 +315,13 @@ def compute_median_image(images: list[ImageArray]) -> ImageArray:
 def _sample_frame_indices(clip: Clip) -> NDArray[np.int64]:
     positions = np.unique(np.linspace(0, len(clip.distinct_frames) - 1, SAMPLED_FRAMES).round().astype(int))
     return np.asarray(clip.distinct_frames[positions], np.int64)
+
+
+def _select_swaying_frames(clip: Clip) -> NDArray[np.int64]:
+    """Return the frames in which the image as a whole seems to move most."""
+    sway = np.where(np.isin(clip.frames, clip.distinct_frames), clip.sway, 0.0) if len(clip.sway) else np.zeros(0)
+    liveliest = np.argsort(-sway, kind="stable")[:SWAYING_FRAMES]
+    return np.sort(clip.frames[liveliest[sway[liveliest] * clip.width > MAX_STILL_SHIFT_PX]])
 
 
 def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:

@@ -10,6 +10,8 @@ from models.core.scene import BallSize, Table
 from models.core.typing import FloatArray
 from models.numerics.covariance_intersection import measure_contradiction
 
+MOTION_NOTE = "the camera moves"
+"""First words of the note about a moving camera."""
 PROFILE_NOTE = "table profile:"
 """Start of the notes about a profile of which something does not fit."""
 CLOTH_MISFIT = f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used"

@@ -18,7 +18,7 @@ import pytest
 from support import synthetic_run as shot
 from support.pseudo_terminal import Terminal, make_terminal
 
-from pipeline.batch.clip_discovery import assign_folders
+from pipeline.batch.clip_discovery import assign_folders, survey_folder
 from pipeline.cli.commands import COMMAND_NAMES, load_command, read_summary
 from pipeline.engine.process_setup import limit_library_threads
 from pipeline.run_options import build_options, list_settings
