@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from models.core.errors import OptionError, TableNotFound
 from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_change_check, run_clip
 from pipeline.engine.result_cache import ResultCache
@@ -75,22 +73,15 @@ def find_recording_shots(
     """
     unchanged = make_change_check(clip)
     read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot, memory)
+    from video.calibration.shot_segmentation import list_shot_spans  # slow to import
+
     if find_single_span(whole):
         return RecordingShots()
     graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
     intervals = _run_stage(graph, "shots", cache, watcher, partial(unchanged, whole.digest), snapshot)
-    if (
-        len(intervals) < 2
-        and not len(intervals.replays)
-        and len(whole.views) == 1
-        and len(whole.t) == np.ptp(whole.views)
-    ):
-        return RecordingShots()
-    columns = intervals.first_frames, intervals.stop_frames, intervals.motion_s
-    spans = list(zip(*(column.tolist() for column in columns), strict=True))
+    spans = list_shot_spans(whole, intervals)
     if not spans:
-        first, stop = max(whole.views.tolist(), key=lambda view: view[1] - view[0])
-        spans = [(first, stop, 0.0)]
+        return RecordingShots()
     shots = tuple(
         ClipShot(whole, number, first, stop, unchanged, motion_s)
         for number, (first, stop, motion_s) in enumerate(spans)
@@ -164,6 +155,8 @@ def order_shots(recording: RecordingShots, choice: ShotChoice) -> list[ClipShot]
     Raises:
         OptionError: There is no such shot.
     """
+    from video.calibration.shot_segmentation import rank_span  # slow to import
+
     shots = recording.shots
     if choice.number is not None:
         if not 1 <= choice.number <= len(shots):
@@ -175,7 +168,7 @@ def order_shots(recording: RecordingShots, choice: ShotChoice) -> list[ClipShot]
             spans = ", ".join(f"{shot.begins:.2f} to {shot.ends:.2f}" for shot in shots)
             raise OptionError(f"--at is a time in one of the shots, {spans} s; got {choice.at:g}")
     else:
-        chosen = sorted(shots, key=lambda shot: (not shot.has_motion, -round(shot.ends - shot.begins, 1)))
+        chosen = sorted(shots, key=lambda shot: rank_span(shot.begins, shot.ends, shot.motion_s))
     duration, is_default = float(shots[0].whole.t[-1]), choice == LONGEST_SHOT
     return [
         replace(shot, note=format_used_span(_describe_span(shot), len(shots), duration, is_default)) for shot in chosen

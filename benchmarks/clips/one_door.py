@@ -2,7 +2,7 @@
 
     python -m benchmarks.clips.one_door FOLDER_OR_CLIP...
 
-Compares the door of a run alone (reading, calibration, the balls of one frame; no fit, no drawing) with the answer of
+Compares the door of a run alone (the shot, its table and the balls of a frame; no fit, no drawing) with the answer of
 `check`: the refusal, the table, its corners, and the number of balls. Prints a row per clip, and where the answers
 differ. Takes about 10 s a clip; `varied_clips` renders a folder of clips.
 """
@@ -11,16 +11,20 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.stress_cases.stress_chain import SilentWatcher
 from detectors.detect import prepare_detector
 from models.core.errors import TruerollError
 from pipeline.actions.check_clip import check_clip
 from pipeline.batch.clip_discovery import VIDEO_SUFFIXES
-from pipeline.settings import DoorOptions
+from pipeline.engine.result_cache import ResultCache
+from pipeline.recording_shots import LONGEST_SHOT, find_recording_shots, order_shots
+from pipeline.run_options import RunOptions
 from video.calibration.table_finder import calibrate_clip
 from video.io.clip import open_clip, read_frames
 
@@ -36,17 +40,26 @@ class DoorAnswer:
 
 
 def answer_as_run(path: Path, frame: int) -> DoorAnswer:
-    """Read, calibrate and detect as a run does; the balls are those of one frame."""
-    options = DoorOptions()
+    """Read, choose the shot, calibrate and detect as a run does; the balls are those of one frame of the file."""
+    options, refusals = RunOptions(), list[str]()
     try:
-        clip = open_clip(path)
-        scene = calibrate_clip(clip, options.calibrate)
-        detector = prepare_detector(clip, scene, options.detect)
-        ((_, image),) = read_frames(clip, indices=[frame])
-        count = len(detector.detect(image, frame))
+        with tempfile.TemporaryDirectory() as folder:
+            recording = find_recording_shots(path, options, ResultCache(Path(folder)), SilentWatcher())
+        parts = [shot.clip for shot in order_shots(recording, LONGEST_SHOT)] if recording.shots else [open_clip(path)]
     except TruerollError as error:
         return DoorAnswer(str(error))
-    return DoorAnswer("", scene.table.name, tuple(np.rint(scene.camera.corners_px).astype(int).ravel().tolist()), count)
+    for clip in parts:
+        try:
+            scene = calibrate_clip(clip, options.calibrate)
+        except TruerollError as error:
+            refusals.append(str(error))
+            continue
+        number = frame if frame in clip.frames else clip.first_frame
+        ((_, image),) = read_frames(clip, indices=[number])
+        count = len(prepare_detector(clip, scene, options.detect).detect(image, number))
+        corners = tuple(np.rint(scene.camera.corners_px).astype(int).ravel().tolist())
+        return DoorAnswer("", scene.table.name, corners, count)
+    return DoorAnswer(refusals[0])
 
 
 def answer_as_check(path: Path) -> tuple[DoorAnswer, int]:
@@ -59,7 +72,8 @@ def answer_as_check(path: Path) -> tuple[DoorAnswer, int]:
     if report.refusal or scene is None:
         return DoorAnswer(report.refusal), report.clip.first_frame
     corners = tuple(np.rint(report.view.corners).astype(int).ravel().tolist())
-    return DoorAnswer("", scene.table.name, corners, report.ball_count), report.clip.first_frame
+    frame = report.clip.first_frame + int(report.detections.frame.min()) if len(report.detections) else 0
+    return DoorAnswer("", scene.table.name, corners, report.ball_count), frame
 
 
 def main(arguments: list[str] | None = None) -> int:

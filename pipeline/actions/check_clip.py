@@ -16,6 +16,7 @@ from models.core.scene import Scene
 from models.core.typing import ImageArray
 from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
+from pipeline.stages.shot_stages import find_single_span
 from video.filming_check.clip_sample import ClipSample, sample_clip
 from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import (
@@ -27,6 +28,7 @@ from video.filming_check.measure_filming import (
 )
 from video.filming_check.motion_measurements import measure_exposure_time, select_lively_runs
 from video.io.clip import Clip, open_clip, read_frames
+from video.io.video_options import CalibrateOptions
 
 Verdict = Literal["go", "doubts", "no-go"]
 DEFAULT_OPTIONS, DEFAULT_LIMITS = DoorOptions(), FilmingLimits()
@@ -54,8 +56,9 @@ class FilmingReport:
 
     @property
     def ball_count(self) -> int:
-        """Number of balls in the first frame of the part."""
-        return int(np.count_nonzero(self.detections.frame == 0))
+        """Number of balls in the first of these frames."""
+        frames = self.detections.frame
+        return int(np.count_nonzero(frames == frames.min(initial=np.iinfo(np.int64).max)))
 
 
 def check_clip(
@@ -84,7 +87,7 @@ def check_clip(
         is_short = len(sample.times) * part.width * part.height <= WHOLE_CLIP_PIXELS
         clip = open_clip(path, fps=None if fps is None else Fraction(fps), memory=memory) if is_short else part
         sample = replace(sample, times=clip.t) if is_short else sample
-        view = locate_view(sample, clip, options.calibrate)
+        clip, view = _locate_in_first_shot(sample, _list_parts(clip), options.calibrate)
         detections = concatenate_detections([])
         if view.scene is not None and not view.refusal:
             detections = _detect_fast_balls(sample, clip, view, view.scene, options.detect)
@@ -94,6 +97,29 @@ def check_clip(
         part, measurements, _judge(measurements, view.refusal), view.refusal, sample.bits_per_pixel, view,
         sample.stills[0], detections,
     )  # fmt: skip
+
+
+def _list_parts(clip: Clip) -> list[Clip]:
+    """List the parts of a clip that a run tries in turn: the shots of a recording with several views or shots."""
+    if not len(clip.views) or find_single_span(clip):
+        return [clip]
+    from video.calibration.shot_segmentation import list_shot_spans, rank_span, segment_shots  # slow to import
+
+    spans = sorted(
+        list_shot_spans(clip, segment_shots(clip)),
+        key=lambda span: rank_span(float(clip.t[span[0]]), float(clip.t[span[1] - 1]), span[2]),
+    )
+    return [clip.extract_subclip(first, stop) for first, stop, _ in spans] or [clip]
+
+
+def _locate_in_first_shot(sample: ClipSample, parts: list[Clip], options: CalibrateOptions) -> tuple[Clip, FilmedView]:
+    """Locate the table in the first part of a clip that shows one; else in the first part."""
+    first = locate_view(sample, parts[0], options)
+    for part in parts[1:] if first.refusal else []:
+        view = locate_view(sample, part, options)
+        if not view.refusal:
+            return part, view
+    return parts[0], first
 
 
 def _judge(measurements: tuple[FilmingMeasurement, ...], refusal: str) -> Verdict:
@@ -107,8 +133,11 @@ def _detect_fast_balls(
 ) -> Detections:
     """Detect the balls in the first frame of the sampled part and in those of its frames in which they are fastest."""
     runs = select_lively_runs(sample.thumbnails, view.thumbnail_mask)
-    numbers = np.unique(np.concatenate([[0], *runs]))
-    numbers = numbers[np.isin(sample.clip.frames[numbers], clip.frames)]
+    offset = sample.clip.first_frame
+    begin = max(offset, clip.first_frame)
+    begin = begin if begin in clip.frames else clip.first_frame  # the sample is of another shot
+    numbers = np.unique(np.concatenate([[begin - offset], *runs]))
+    numbers = numbers[np.isin(numbers + offset, clip.frames)]
     detector = prepare_detector(clip, scene, options)
-    images = (rgb for _, rgb in read_frames(clip, indices=sample.clip.frames[numbers]))
+    images = (rgb for _, rgb in read_frames(clip, indices=numbers + offset))
     return concatenate_detections([detector.detect(rgb, int(k)) for k, rgb in zip(numbers, images, strict=True)])

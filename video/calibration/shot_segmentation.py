@@ -121,6 +121,31 @@ def segment_shots(clip: Clip, progress: Progress = ignore_progress) -> ShotInter
     )  # fmt: skip
 
 
+def list_shot_spans(clip: Clip, intervals: ShotIntervals) -> list[tuple[int, int, float]]:
+    """List the spans of a recording that can be run.
+
+    Args:
+        clip: The recording.
+        intervals: Its shots.
+
+    Returns:
+        First frame, frame after the last one, and s of motion of each shot; without any, the longest view. Empty where
+        the recording is one shot as a whole.
+    """
+    is_one_view = len(clip.views) == 1 and clip.frame_count == np.ptp(clip.views)
+    if len(intervals) < 2 and not len(intervals.replays) and is_one_view:
+        return []
+    columns = intervals.first_frames, intervals.stop_frames, intervals.motion_s
+    spans = list(zip(*(column.tolist() for column in columns), strict=True))
+    longest = max(clip.views.tolist(), key=lambda view: view[1] - view[0])
+    return spans or [(longest[0], longest[1], 0.0)]
+
+
+def rank_span(begins: float, ends: float, motion_s: float) -> tuple[bool, float]:
+    """Return the key by which spans, s, are sorted: the longest first; those without motion come last."""
+    return motion_s <= 0, -round(ends - begins, 1)
+
+
 def _find_intervals(clip: Clip, view: _View) -> list[tuple[int, int]]:
     """Find the shots of a view; a short view with one of them is the shot as a whole."""
     change = np.full(clip.frame_count, np.nan)
