@@ -78,10 +78,13 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
     verdict, named_effects, film = _decide_verdict(study, patch_fit)
     gap, per_effect = _measure_gap(study, recordings, rng)
+    unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
+    unconfirmed: tuple[str, ...] = ()
+    if verdict in ("effects", "group") and gap.closure.resolved and gap.closure.interval[0] <= 0:
+        verdict, unconfirmed = _withdraw_effects(study, gap.closure, unexplained)
     named = best.names if verdict in ("effects", "group") else ()
     phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
     detectable = _detectable_strengths(study)
-    unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
@@ -96,10 +99,30 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
         not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
-        film_next=_recommend_experiment(study, verdict, film, unexplained),
+        film_next=(
+            f"Film more: {unconfirmed[0]}."
+            if verdict == "undecidable"
+            else _recommend_experiment(study, verdict, film, unexplained)
+        ),
         p_value=study.structure_before.p_value,
-        notes=(*_note_shortened_shots(study), *(() if patch_fit is None else (_PATCH_NOTE,))),
+        notes=(*unconfirmed, *_note_shortened_shots(study), *(() if patch_fit is None else (_PATCH_NOTE,))),
     )
+
+
+def _withdraw_effects(study: Study, closure: GapClosure, unexplained: Unexplained) -> tuple[Verdict, tuple[str, ...]]:
+    """Withdraw effects that may close nothing of the gap of hold-out shots: return the verdict, and why.
+
+    That gap exceeds the noise, so that something is missing. It is unknown where these effects leave more than noise;
+    where they do not, hold-out shots are too few to confirm them.
+    """
+    low, high = closure.interval
+    names = " and ".join(sorted(study.best.names))
+    reason = (
+        f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
+        f" {low:.0%} to {high:.0%} that includes nothing"
+    )
+    is_unknown = study.unknown_evidence.has_systematic_residuals or unexplained.is_clear
+    return ("unknown" if is_unknown else "undecidable"), (reason,)
 
 
 def _measure_excess(study: Study) -> ExcessAcceleration | None:
@@ -237,12 +260,15 @@ def _build_candidates(
     }
     probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
     beside = {name: names for name, (_, names) in fits.items()}
-    return rank_candidates(put_answer_first(probabilities, answer), named_effects, parameter_strengths, beside)
+    probabilities = put_answer_first(probabilities, answer) if answer else probabilities
+    return rank_candidates(probabilities, named_effects, parameter_strengths, beside)
 
 
 def _select_answer(verdict: Verdict, names: frozenset[str]) -> frozenset[str]:
-    """Select the candidates, among them `none` and `unknown`, that a verdict names."""
-    return names if verdict in ("effects", "group") else frozenset({"none" if verdict == "none" else "unknown"})
+    """Select the candidates, among them `none` and `unknown`, that a verdict names; empty where it names none."""
+    if verdict in ("effects", "group"):
+        return names
+    return frozenset() if verdict == "undecidable" else frozenset({"none" if verdict == "none" else "unknown"})
 
 
 def _detectable_strengths(study: Study) -> FloatArray:

@@ -10,7 +10,9 @@ import pytest
 from support.pucks import CATALOGUE, LENS, SCALE, Filming, Pucks, film
 
 from diagnosis.diagnose import diagnose, undo_identity_switches
+from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.selection.hypotheses import SearchOutlook
+from diagnosis.verdicts import diagnosis_report
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
@@ -126,6 +128,19 @@ def test_shots_that_report_choose_nothing() -> None:
     assert poisoned.verdict == honest.verdict
     assert repr(poisoned.candidates) == repr(honest.candidates)  # not a number is not equal to itself
     assert repr(poisoned.where) == repr(honest.where)
+
+
+@pytest.mark.parametrize(("floor", "verdict"), [(0.9, "undecidable"), (0.1, "unknown")])
+def test_an_effect_that_may_close_nothing_of_the_gap_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, floor: float, verdict: str
+) -> None:
+    """What it leaves on hold-out shots, an rms error of 1, is noise or is not."""
+    doubtful = GapClosure(1.5, 1.0, floor, 0.54, (-0.3, 0.84), True)
+    monkeypatch.setattr(diagnosis_report, "estimate_closure", lambda *_, **__: doubtful)
+    report = diagnose_pucks(LACKING["slope"])
+    assert (report.verdict, report.effects) == (verdict, ())
+    assert "hold-out shots do not confirm slope" in report.notes[0]
+    assert "-30%" in report.notes[0]
 
 
 def test_too_little_is_undecidable() -> None:
