@@ -17,7 +17,7 @@ from models.core.errors import TableNotFound
 from models.core.scene import Game
 from models.core.typing import ByteArray, FloatArray
 from models.tracking.appearance import Appearance
-from models.tracking.ball_classes import classify_balls
+from models.tracking.ball_classes import POOL_SET, assign_to_set, classify_balls
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
 
@@ -95,11 +95,9 @@ def classify_detections(detections: Detections, game: Game) -> tuple[str, ...]:
 
 def _detect_without_table(rgb: ByteArray, detect: DetectOptions, note: str) -> StillDetections:
     candidates = detect_without_table(rgb, open_ball_model(select_model_file(detect)))
-    best = [
-        int(np.argmax(look)) if np.nanmax(look, initial=0.0) > MIN_APPEARANCE_PROBABILITY else -1
-        for look in candidates.appearance
-    ]
-    kinds = tuple("ball" if k < 0 else KIND_OF_APPEARANCE[APPEARANCES[k]] for k in best)
+    unlikeliness = -np.log(np.clip(np.nan_to_num(candidates.appearance), 1e-6, 1.0))
+    sizes = {kind: POOL_SET[kind] for kind in (KIND_OF_APPEARANCE[name] for name in APPEARANCES)}
+    kinds = assign_to_set(unlikeliness, sizes, -np.log(MIN_APPEARANCE_PROBABILITY))
     return _sort_left_to_right(
         StillDetections(
             candidates.centre,

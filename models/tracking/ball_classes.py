@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, count
 
 import numpy as np
@@ -20,8 +20,16 @@ SNOOKER_COLOURS = {
 """CIE L*a*b* under even, warm white light, read off photographs of sets; accurate to about 15."""
 MAX_CHROMA = 55.0
 """CIE chroma above which colours are not distinguished by it."""
-MAX_COLOUR_DISTANCE = 60.0
-"""Lab distance beyond which a snooker ball gets no class."""
+MAX_COLOUR_DISTANCE = 45.0
+"""Lab distance beyond which a snooker ball gets no class: three times the accuracy of `SNOOKER_COLOURS`."""
+MIN_CUE_WHITE, CLEAR_WHITE, WRONG_WHITE_DISTANCE = 0.5, 0.7, 40.0
+"""White share that the cue ball of snooker exceeds, and from which a ball has no colour, and the Lab distance that the
+contrary is worth: highlights cover less, on a pink up to 0.56; marks and rings more.
+"""
+MAX_REDS = 15
+"""Reds of a snooker set."""
+POOL_SET = {"cue": 1, "eight": 1, "solid": 7, "stripe": 7}
+"""Balls of each class of a pool set."""
 BROWN_TO_USUAL_RATIO, BROWN_TO_NEXT_RATIO, MIN_BROWN_DISTANCE = 2.5, 1.2, 8.0
 """The brown among balls that all look red differs from their median colour by this factor more than usual, by this
 factor more than any other ball, and by at least this Lab distance: reds are many and alike in any light.
@@ -157,8 +165,10 @@ def _classify_snooker(appearance: Appearance, struck_ball: int | None) -> tuple[
     distance = np.hypot.reduce(
         (_limit_saturation(appearance.colour)[:, None] - _limit_saturation(reference)[None]) * weight, axis=2
     )
-    distance[:, names.index("cue")] += 40.0 * (appearance.white < 0.5)
-    distance[appearance.white >= 0.7, names.index("cue")] *= 0.5
+    paleness = np.clip((appearance.white - MIN_CUE_WHITE) / (CLEAR_WHITE - MIN_CUE_WHITE), 0.0, 1.0)
+    is_cue = np.array(names) == "cue"
+    distance += WRONG_WHITE_DISTANCE * np.where(is_cue, (appearance.white < MIN_CUE_WHITE)[:, None], paleness[:, None])
+    distance[appearance.white >= CLEAR_WHITE, names.index("cue")] *= 0.5
     if struck_ball is not None:
         distance[struck_ball, names.index("cue")] *= 0.5
     reddish = np.flatnonzero(np.isin(np.argmin(distance, axis=1), [names.index("red"), names.index("brown")]))
@@ -166,7 +176,7 @@ def _classify_snooker(appearance: Appearance, struck_ball: int | None) -> tuple[
     if brown is not None:
         distance[reddish, names.index("brown")] = MAX_COLOUR_DISTANCE
         distance[brown, [names.index("red"), names.index("brown")]] = MAX_COLOUR_DISTANCE, 0.0
-    return _assign_names(distance, names)
+    return assign_to_set(distance, dict.fromkeys(names, 1) | {"red": MAX_REDS}, MAX_COLOUR_DISTANCE)
 
 
 def _find_brown(appearance: Appearance, reddish: NDArray[np.int64]) -> int | None:
@@ -193,14 +203,22 @@ def _scale_to_one_lightness(colour: FloatArray) -> FloatArray:
     return np.asarray(colour * np.median(colour[:, 0]) / np.maximum(colour[:, :1], 1.0))
 
 
-def _assign_names(distance: FloatArray, names: list[str]) -> tuple[str, ...]:
-    """Assign a class to each of N balls from distances (N, M): each of the M classes once, red any number of times."""
-    balls = len(distance)
-    class_of_column = names + ["red"] * (balls - 1) + ["ball"] * balls
-    red_columns = np.repeat(distance[:, [names.index("red")]], balls - 1, axis=1)
-    cost = np.concatenate([distance, red_columns, np.full((balls, balls), MAX_COLOUR_DISTANCE)], axis=1)
-    _, columns = linear_sum_assignment(cost)
-    return tuple(class_of_column[c] for c in columns)
+def assign_to_set(cost: FloatArray, sizes: Mapping[str, int], undecided_cost: float) -> tuple[str, ...]:
+    """Assign classes to N balls at the least total cost, each class to as many balls as the set has of it.
+
+    Args:
+        cost: (N, M) of each class for each ball.
+        sizes: Number of balls of each of the M classes.
+        undecided_cost: Of a ball that gets no class.
+
+    Returns:
+        One class per ball; `ball` for those without a class.
+    """
+    columns = np.repeat(np.arange(len(sizes)), list(sizes.values()))
+    none = np.full((len(cost), len(cost)), undecided_cost)
+    _, picks = linear_sum_assignment(np.concatenate([cost[:, columns], none], axis=1))
+    names = [*np.array(list(sizes))[columns].tolist(), *["ball"] * len(cost)]
+    return tuple(names[pick] for pick in picks)
 
 
 def _limit_saturation(colour: FloatArray) -> FloatArray:
@@ -256,6 +274,10 @@ def _classify_pool(appearance: Appearance, struck_ball: int | None) -> tuple[str
         and _have_one_colour(appearance.colour[yellow])
     ):
         kinds[red], kinds[yellow] = "red", "yellow"
+    for kind in ("solid", "stripe"):  # of more than a set has, the least certain get no class
+        own = np.flatnonzero(kinds == kind)
+        doubtful = own[np.argsort(-abs(striped[own] - MIN_STRIPE_WHITE), kind="stable")[POOL_SET[kind] :]]
+        kinds[doubtful] = "ball"
     return tuple(kinds)
 
 

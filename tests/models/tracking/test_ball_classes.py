@@ -10,6 +10,7 @@ from models.tracking.appearance import Appearance, summarize_appearance
 from models.tracking.ball_classes import (
     SNOOKER_COLOURS,
     assign_ids,
+    assign_to_set,
     classify_balls,
     find_missing_colours,
     recognise_set,
@@ -184,3 +185,29 @@ def test_a_corrected_class_renames_no_other_ball() -> None:
         assert after[ball] == expected
         assert [name for k, name in enumerate(after) if k != ball] == [n for k, n in enumerate(before) if k != ball]
     assert assign_ids(("solid", "cue", *kinds[2:]), xy, before, before) == ("solid-2", "cue", *before[2:])
+
+
+def test_a_white_ring_is_no_colour_of_snooker_and_no_second_cue_ball() -> None:
+    """The white of the ring is nearest to pink; the cue ball is whiter, and the pink is pale with its highlight."""
+    colours = [(99.0, 0, 1), (90, -10, 2), (80, 27, 14), (53, 80, 60)]
+    assert classify_balls(_uniform_appearance(colours, [1.0, 0.94, 0.56, 0.0]), "snooker") == (
+        "cue", "ball", "pink", "red",
+    )  # fmt: skip
+
+
+def test_a_look_that_fits_no_class_of_snooker_gets_none() -> None:
+    """Violet is nearest to blue, which another ball is, and 52 from pink."""
+    appearance = _uniform_appearance([(53, 80, 60), (38, 0, -42), (50, 45, -45)], [0.0, 0.0, 0.0])
+    assert classify_balls(appearance, "snooker") == ("red", "blue", "ball")
+
+
+def test_no_set_has_more_balls_of_a_class_than_are_made() -> None:
+    stripes = _uniform_appearance([(60, 10, 45)] * 9, [0.6, 0.6, 0.2, *[0.6] * 6])
+    assert classify_balls(stripes, "pool") == ("stripe", "stripe", "ball", *["stripe"] * 5, "ball")
+    reds = _uniform_appearance([(53, 80, 60)] * 17, [0.0] * 17)
+    assert classify_balls(reds, "snooker").count("red") == 15
+
+
+def test_a_set_is_assigned_jointly() -> None:
+    cost = np.array([[0.1, 5.0], [0.2, 5.0], [5.0, 0.3], [5.0, 5.0]])
+    assert assign_to_set(cost, {"cue": 1, "solid": 7}, 0.5) == ("cue", "ball", "solid", "ball")
