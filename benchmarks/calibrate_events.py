@@ -6,6 +6,9 @@ Simulates and films random shots (`worlds/billiards.py`), damages their detectio
 hypothesis with the truth. A logistic model with a Gaussian prior on its weights is fitted to the evidence; half of the
 shots are held out for the printed reliability. `--write` replaces the coefficients of the program. The seed is none of
 those of `benchmarks.stress`. Takes two seconds per shot.
+
+`--premises` gives every shot objects that are no balls, joined tracks or a wrong calibration, and fits the weights of
+the evidence against premises beside the other coefficients of the program.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -31,6 +34,7 @@ from scipy.special import expit  # noqa: E402
 from benchmarks.stress_cases.ball_matching import BallMatch, match_balls, match_events  # noqa: E402
 from benchmarks.stress_cases.case_scores import judge_call  # noqa: E402
 from benchmarks.stress_cases.detection_damage import DETECTION_DAMAGES, NothingToDamage  # noqa: E402
+from benchmarks.stress_cases.false_premises import FALSE_PREMISES  # noqa: E402
 from benchmarks.stress_cases.shot_truth import ShotTruth  # noqa: E402
 from benchmarks.stress_cases.stress_chain import Call, FittedShot, fit_recording  # noqa: E402
 from benchmarks.stress_cases.synthetic_shots import (  # noqa: E402
@@ -41,12 +45,21 @@ from benchmarks.stress_cases.synthetic_shots import (  # noqa: E402
 )
 from benchmarks.support.run_folder import ROOT  # noqa: E402
 from models.core.events import Events  # noqa: E402
+from models.core.options import FitOptions  # noqa: E402
 from models.core.typing import FloatArray, IntArray  # noqa: E402
 from models.estimation.contact_test.call_answers import PairClass, classify_pair  # noqa: E402
 from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
 from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
+from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
+from models.estimation.reconstruction.shot_views import view_shot  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402
-from models.estimation.shot_hypotheses.event_probability import CATEGORIES, EVIDENCE_NAMES  # noqa: E402
+from models.estimation.shot_hypotheses.event_premises import PREMISE_EVIDENCE_NAMES  # noqa: E402
+from models.estimation.shot_hypotheses.event_probability import (  # noqa: E402
+    CATEGORIES,
+    EVIDENCE_NAMES,
+    EventEvidence,
+    estimate_event_probability,
+)
 
 WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
 """Standard deviations of the Gaussian priors on the weights and on the biases."""
@@ -56,6 +69,12 @@ LAST_REST_FRAMES = 5.0
 """Frames before the end of the clip from which the truth does not show whether a ball rests."""
 UNDAMAGED_SHARE = 0.25
 """Share of the shots that are not damaged."""
+FALSE_PREMISE_SHARE = 0.1
+"""Share of clips with tracks or a calibration that are wrong: five of the 52 clips of others that were tried."""
+PREMISE_SECONDS = 2.0
+"""s of a shot that are fitted with false premises: most contacts are in them, and fits of long shots take longest."""
+FALSIFIED_FITS = 3
+"""Fits of a shot with a false premise, beside the one without."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +85,9 @@ class LabelledHypothesis:
     evidence: tuple[float, ...]
     is_true: bool
     shot: int
+    damage: str = ""
+    premises: tuple[tuple[float, ...], ...] = ()
+    """Evidence against the premises of each of its balls."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +124,41 @@ def label_shot(number: int, seed: int, work: Path) -> tuple[list[LabelledHypothe
     print(shot.name, file=sys.stderr)
     match = match_balls(truth, fitted)
     return label_hypotheses(fitted, truth, match, kept, number), label_pairs(fitted, truth, match, kept)
+
+
+def label_premises(number: int, seed: int, work: Path) -> tuple[list[LabelledHypothesis], list[LabelledPair]]:
+    """Fit a simulated shot as it is and with false premises, and compare with the truth.
+
+    Args:
+        number: Number of the shot.
+        seed: Seed of all shots.
+        work: Folder of the simulated shots.
+
+    Returns:
+        All hypotheses of which the truth is known, and no pairs.
+    """
+    shot = draw_synthetic_shot(seed, number)
+    rng = np.random.default_rng([seed, number, 3])
+    recording, truth = film_synthetic_shot(shot, work / "shots", seed)
+    begins = recording.t < PREMISE_SECONDS
+    recording = replace(
+        recording, frame=recording.frame[begins], t=recording.t[begins],
+        detections=recording.detections.select_rows(recording.detections.frame <= recording.frame[begins][-1]),
+    )  # fmt: skip
+    fitted = fit_recording(recording)
+    labelled = label_hypotheses(fitted, truth, match_balls(truth, fitted), None, number)
+    for name in rng.choice(list(FALSE_PREMISES), FALSIFIED_FITS, replace=False):
+        try:
+            falsified, changed = FALSE_PREMISES[name](fitted, truth, rng)
+        except NothingToDamage as reason:
+            print(f"{shot.name}: {reason}", file=sys.stderr)
+            continue
+        explained = view_shot(explain(falsified.tracks, recording.scene, FitOptions()))
+        falsified = replace(falsified, fit=explained)
+        rows = label_hypotheses(falsified, changed, match_balls(changed, falsified), None, number)
+        labelled += [replace(row, damage=str(name)) for row in rows]
+    print(shot.name, file=sys.stderr)
+    return labelled, []
 
 
 def label_pairs(fitted: FittedShot, truth: ShotTruth, match: BallMatch, kept: IntArray | None) -> list[LabelledPair]:
@@ -174,7 +231,9 @@ def label_hypotheses(
             is_true = event is not None
         else:
             continue
-        labelled.append(LabelledHypothesis(one.category, one.evidence, is_true, number))
+        by_ball = fitted.fit.explanation.premises
+        premises = tuple(by_ball[ball].evidence for ball in (moment.ball, one.other) if ball in by_ball)
+        labelled.append(LabelledHypothesis(one.category, one.evidence, is_true, number, premises=premises))
     return labelled
 
 
@@ -211,6 +270,84 @@ def fit_logistic(design: FloatArray, label: FloatArray) -> FloatArray:
         return loss, design.T @ (expit(z) - label) + beta / sigma**2
 
     return np.asarray(minimize(cost, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B").x)
+
+
+def compute_premises(beta: FloatArray, rows: list[LabelledHypothesis]) -> FloatArray:
+    """Compute the probability (R,) that the premises of each hypothesis hold.
+
+    Args:
+        beta: (1 + F,) bias and weights.
+        rows: Labelled hypotheses.
+
+    Returns:
+        The probabilities, of the ball with the weakest premise.
+    """
+    one, two = (np.array([row.premises[k] for row in rows]) for k in (0, -1))
+    return np.asarray(expit(beta[0] - np.maximum(one @ beta[1:], two @ beta[1:])))
+
+
+def weigh_fits(rows: list[LabelledHypothesis]) -> FloatArray:
+    """Weigh hypotheses (R,) so that fits with a false premise have their share of real clips; the mean weight is 1."""
+    is_false = np.array([row.damage != "" for row in rows])
+    clean, falsified = (
+        len({(row.shot, row.damage) for row in rows if bool(row.damage) == own}) for own in (False, True)
+    )
+    odds = FALSE_PREMISE_SHARE / (1 - FALSE_PREMISE_SHARE) * clean / max(falsified, 1)
+    weight = np.where(is_false, odds, 1.0)
+    return np.asarray(weight / weight.mean())
+
+
+def fit_premises(rows: list[LabelledHypothesis], p: FloatArray) -> FloatArray:
+    """Fit bias and weights of the evidence against premises; no weight is negative.
+
+    Args:
+        rows: Labelled hypotheses.
+        p: (R,) their probabilities given that their premises hold.
+
+    Returns:
+        (1 + F,) coefficients.
+    """
+    label, weight = np.array([row.is_true for row in rows]), weigh_fits(rows)
+    sigma = np.array([BIAS_SIGMA, *[WEIGHT_SIGMA] * len(PREMISE_EVIDENCE_NAMES)])
+
+    def cost(beta: FloatArray) -> float:
+        joint = np.clip(p * compute_premises(beta, rows), 1e-9, 1 - 1e-9)
+        return float(-weight @ np.log(np.where(label, joint, 1 - joint)) + 0.5 * ((beta / sigma) ** 2).sum())
+
+    bounds = [(None, None), *[(0.0, None)] * len(PREMISE_EVIDENCE_NAMES)]
+    return np.asarray(minimize(cost, np.ones(len(sigma)), bounds=bounds, method="L-BFGS-B").x)
+
+
+def run_premises(rows: list[LabelledHypothesis], settings: str, write: bool) -> None:
+    """Fit the evidence against premises, and print how reliable the joint probabilities are.
+
+    Args:
+        rows: Labelled hypotheses.
+        settings: Shots and seed that they are from.
+        write: Whether to replace the coefficients of the program.
+    """
+    p = np.array([estimate_event_probability(row.category, EventEvidence(*row.evidence)) for row in rows])
+    label, damage = np.array([row.is_true for row in rows], float), np.array([row.damage for row in rows])
+    held_out = np.array([row.shot % 2 == 1 for row in rows])
+    beta = fit_premises([row for row in rows if row.shot % 2 == 0], p[~held_out])
+    joint = p * compute_premises(beta, rows)
+    for name, inside in (("premises taken for granted", p), ("with the probability of premises", joint)):
+        print(f"\n{name}, on the half of the shots that is held out:\n")
+        print_reliability(inside[held_out], label[held_out])
+    print("\n| false premise | n | false at >= 0.9 before | after | true at >= 0.9 before | after |")
+    print("|---|---|---|---|---|---|")
+    for name in ("", *FALSE_PREMISES):
+        own = held_out & (damage == name)
+        cells = [int(((one >= 0.9) & own & (label == is_true)).sum()) for is_true in (0, 1) for one in (p, joint)]
+        print(f"| {name or 'none'} | {int(own.sum())} | {' | '.join(map(str, cells))} |")
+    beta = np.round(fit_premises(rows, p), 3)
+    weight = dict(zip(PREMISE_EVIDENCE_NAMES, beta[1:].tolist(), strict=True))
+    source = f"benchmarks/calibrate_events.py --premises {settings}"
+    premises = {"source": source, "count": len(rows), "bias": float(beta[0]), "weight": weight}
+    print(json.dumps(premises, indent=1))
+    if write:
+        path = Path(event_probability.__file__).with_name(event_probability.COEFFICIENTS)
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"premises": premises}, indent=1) + "\n")
 
 
 def write_bias(category: str, rows: list[LabelledHypothesis], settings: str) -> None:
@@ -259,16 +396,18 @@ def main() -> int:
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "stress", help="folder of simulated shots")
     parser.add_argument("--rows", type=Path, help="JSON file: read the labelled hypotheses if it exists, else write it")
     parser.add_argument("--only", choices=CATEGORIES, help="replace the bias of this category, and nothing else")
+    parser.add_argument("--premises", action="store_true", help="fit the evidence against premises, and nothing else")
     parser.add_argument("--write", action="store_true", help="replace the coefficients of the program")
     arguments = parser.parse_args()
     work = arguments.work.absolute()
+    settings = f"--shots {arguments.shots} --seed {arguments.seed}"
     if arguments.rows and arguments.rows.is_file():
         content = json.loads(arguments.rows.read_text())
         rows = [LabelledHypothesis(**row) for row in content["hypotheses"]]
         pairs = [LabelledPair(**row) for row in content["pairs"]]
     else:
         simulate_shots([draw_synthetic_shot(arguments.seed, k) for k in range(arguments.shots)], work / "shots")
-        label = partial(label_shot, seed=arguments.seed, work=work)
+        label = partial(label_premises if arguments.premises else label_shot, seed=arguments.seed, work=work)
         if arguments.jobs > 1:
             with ProcessPoolExecutor(arguments.jobs) as pool:
                 parts = list(pool.map(label, range(arguments.shots)))
@@ -278,6 +417,9 @@ def main() -> int:
         if arguments.rows:
             content = {"hypotheses": [vars(row) for row in rows], "pairs": [vars(row) for row in pairs]}
             arguments.rows.write_text(json.dumps(content))
+    if arguments.premises:
+        run_premises(rows, settings, arguments.write)
+        return 0
     design, truth = design_matrix(rows)
     held_out = np.array([row.shot % 2 == 1 for row in rows])
     beta = fit_logistic(design[~held_out], truth[~held_out])
@@ -285,10 +427,10 @@ def main() -> int:
     print_reliability(expit(design[held_out] @ beta), truth[held_out])
     beta = fit_logistic(design, truth)
     if arguments.only:
-        write_bias(arguments.only, rows, f"--shots {arguments.shots} --seed {arguments.seed}")
+        write_bias(arguments.only, rows, settings)
         return 0
     content = {
-        "source": f"benchmarks/calibrate_events.py --shots {arguments.shots} --seed {arguments.seed}",
+        "source": f"benchmarks/calibrate_events.py {settings}",
         "bias": dict(zip(CATEGORIES, np.round(beta[: len(CATEGORIES)], 3).tolist(), strict=True)),
         "weight": dict(zip(EVIDENCE_NAMES, np.round(beta[len(CATEGORIES) :], 3).tolist(), strict=True)),
         "count": {name: float(sum(row.category == name for row in rows)) for name in CATEGORIES},

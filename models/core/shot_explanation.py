@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from models.core.typing import FloatArray
@@ -84,6 +85,16 @@ class RackBreak:
 
 
 @dataclass(frozen=True, slots=True)
+class BallPremise:
+    """What all statements about a ball rest on: its track is one ball, and its motion is that of balls on the table."""
+
+    probability: float
+    """Probability that it holds."""
+    evidence: tuple[float, ...] = ()
+    """Evidence that the probability follows from, in the order of `event_premises.PREMISE_EVIDENCE_NAMES`."""
+
+
+@dataclass(frozen=True, slots=True)
 class ShotExplanation:
     """All moments of a shot, sorted by time."""
 
@@ -91,6 +102,12 @@ class ShotExplanation:
     moving_at_start: tuple[str, ...] = ()
     """Balls that move when they are first detected: what set them in motion, or what they met before, is not known."""
     breaks: tuple[RackBreak, ...] = ()
+    premises: Mapping[str, BallPremise] = field(default_factory=dict)
+    """By ball; nothing speaks against those that are missing."""
+
+    def premise_probability(self, *balls: str) -> float:
+        """Return the probability of the weakest premise of some balls: what makes several fail is mostly common."""
+        return min((self.premises[ball].probability for ball in balls if ball in self.premises), default=1.0)
 
     def is_within_rack(self, t: float, *balls: str) -> bool:
         """Return whether only balls of a rack take part in a contact at t, s, while it rests or bursts."""

@@ -221,7 +221,7 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
     if a in record.explanation.moving_at_start:  # what came before the clip was a cushion or a ball
         meetings.append((-math.inf, {UNKNOWN: 1 - UNOBSERVED_PROBABILITY, _UNKNOWN_CUSHION: UNOBSERVED_PROBABILITY}))
     weights, _ = _weigh_first(meetings)
-    unlisted = probability_of_unlisted_event()
+    unlisted = probability_of_unlisted_event(record, a)
     probability = float(np.clip(sum(weights.get(name, 0.0) for name in _CUSHIONS), unlisted, 1 - unlisted))
     fitting = [one for one in candidates if one.probability >= MIN_LISTED_PROBABILITY
                and (one.other in CUSHIONS) == (probability >= 0.5)]  # fmt: skip
@@ -306,9 +306,10 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     ]
     here = [(moment, hypothesis) for moment, hypothesis in falls if hypothesis.other == name]
     t, t_sigma = float(record.moments[k]), float("nan")
-    probability = UNOBSERVED_PROBABILITY if _vanishes(record, one, margin) else probability_of_unlisted_event()
+    unlisted = probability_of_unlisted_event(record, a)
+    probability = UNOBSERVED_PROBABILITY if _vanishes(record, one, margin) else unlisted
     if here:
-        t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, here[-1][1].probability
+        t, t_sigma, probability = here[-1][0].t, here[-1][0].t_sigma, max(here[-1][1].probability, unlisted)
     candidate = CandidateContact(one, name, t, t_sigma, probability, margin, sigma)
     met = next((one.other for _, one in reversed(falls) if one.other != name and one.probability > 0.5), "")
     return build_answer(record, CallAnswer("pocket", (a, name), probability, balls=(a,), met=met), candidate)
@@ -355,7 +356,7 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     remaining = side * along - (record.table.ball_radius if edge else 0.0)  # > 0 while short of the line
     k = int(observed[np.argmin(remaining[observed])])
     margin, sigma = float(remaining[k]), float(max(record.path_sigma[k, one], 1e-5))
-    unlisted = probability_of_unlisted_event()
+    unlisted = probability_of_unlisted_event(record, a)
     probability = float(np.clip(ndtr(-margin / sigma), unlisted, 1 - unlisted))
     beyond = observed[remaining[observed] <= 0]
     row = int(beyond[0]) if len(beyond) else k
@@ -484,13 +485,23 @@ def probability_of_unlisted_contact(record: ShotRecord, one: int, two: int) -> f
     Returns:
         The learned share of such pairs that touched.
     """
-    return read_event_model().unlisted_contact[classify_pair(record, one, two)]
+    return _doubt(record, classify_pair(record, one, two), record.ids[one], record.ids[two])
 
 
-def probability_of_unlisted_event() -> float:
+def probability_of_unlisted_event(record: ShotRecord, *balls: str) -> float:
     """Return the probability of an event that no hypothesis lists, where every motion has a cause.
+
+    Args:
+        record: The shot.
+        balls: Names of the balls that the event is about.
 
     Returns:
         The learned share of pairs of balls with clear motion that touched without a listed contact.
     """
-    return read_event_model().unlisted_contact["clear"]
+    return _doubt(record, "clear", *balls)
+
+
+def _doubt(record: ShotRecord, kind: PairClass, *balls: str) -> float:
+    """Return the probability of an unlisted event: learned where the premises of the balls hold, else unobserved."""
+    premise = record.explanation.premise_probability(*balls)
+    return premise * read_event_model().unlisted_contact[kind] + (1 - premise) * UNOBSERVED_PROBABILITY

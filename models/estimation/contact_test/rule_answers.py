@@ -139,7 +139,7 @@ def _judge(
     record: ShotRecord, kind: calls.QuestionKind, subject: tuple[str, ...], p: float, base: CallAnswer
 ) -> CallAnswer:
     """Answer a question of the rules with probability p at the moment of another answer."""
-    unlisted = calls.probability_of_unlisted_event()
+    unlisted = calls.probability_of_unlisted_event(record, *base.balls)
     p = float(np.clip(p, unlisted, 1 - unlisted))
     t = base.t if math.isfinite(base.t) else float(record.moments[0])
     others = base.alternatives if kind in ("no-contact", "wrong-ball") else ()

@@ -24,6 +24,7 @@ from models.core.typing import FloatArray
 from models.estimation.hand_marks.event_marks import weigh_marks
 from models.estimation.hand_marks.resolved_marks import resolve_marks
 from models.estimation.joint_fit.fit_arrays import DIAMETER_COLUMN
+from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
 from models.estimation.joint_fit.trust_level import (
     add_warnings,
@@ -43,6 +44,7 @@ from models.estimation.reconstruction.trajectory_assembly import (
     shift_polynomial,
 )
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
+from models.estimation.shot_hypotheses.event_premises import assess_premises
 from models.estimation.shot_hypotheses.event_probability import EventRow, weigh_close_pass
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
@@ -105,21 +107,6 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     )
     chi2, _, _ = evaluate_segment_chi2(solution, observations)
     pocketed = _find_pocketed_balls(solution, tracks, table)
-    breaks, first_contacts = find_rack_breaks(shot, solution)
-    hidden = {row.contact for row in first_contacts} | _find_hidden_contacts(solution, breaks, tracks.ids)
-    first_contacts += _list_break_contacts(shot.breaks, tracks.ids)
-    rows = [
-        row for row in list_events(solution, tracks, table, pocketed, first_contacts, hidden)
-        if row.kind != "rest" or not ShotExplanation(breaks=breaks).is_within_rack(row.t, row.a)
-    ]  # fmt: skip
-    weighed, explanation = weigh_events(
-        rows, solution, observations, tracks, table, chi2, shot.hypotheses, breaks, hidden
-    )
-    weighed = [
-        replace(row, gap=float(shot.gaps[row.contact, 0]), gap_sigma=float(shot.gaps[row.contact, 1]))
-        if row.category == "ball" and np.isfinite(shot.gaps[row.contact, 0]) else row
-        for row in weighed
-    ]  # fmt: skip
     ends = {tracks.ids.index(event.a): event.t for event in pocketed}
     unfitted_balls = [
         ball
@@ -137,8 +124,26 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     state = trajectory.at(original.t)
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
     accepted = np.isfinite(state.xy[..., 0]) & ~state.measured
-    share, seconds = _share_of_accepted_time(original.t, moving, accepted)
+    seconds, explained_seconds = _sum_moving_time(original.t, moving, accepted)
     noise = assess_noise(solution, observations, is_accepted, NOISE_FLOOR_RADII * table.ball_radius)
+    breaks, first_contacts = find_rack_breaks(shot, solution)
+    hidden = {row.contact for row in first_contacts} | _find_hidden_contacts(solution, breaks, tracks.ids)
+    changes = _sum_causeless_changes(solution, hidden, table.ball_radius, tracks.ids)
+    premises = assess_premises(seconds, explained_seconds, changes)
+    first_contacts += _list_break_contacts(shot.breaks, tracks.ids)
+    rows = [
+        row for row in list_events(solution, tracks, table, pocketed, first_contacts, hidden)
+        if row.kind != "rest" or not ShotExplanation(breaks=breaks).is_within_rack(row.t, row.a)
+    ]  # fmt: skip
+    weighed, explanation = weigh_events(
+        rows, solution, observations, tracks, table, chi2, shot.hypotheses, breaks, hidden,
+        dict(zip(tracks.ids, premises, strict=True)),
+    )  # fmt: skip
+    weighed = [
+        replace(row, gap=float(shot.gaps[row.contact, 0]), gap_sigma=float(shot.gaps[row.contact, 1]))
+        if row.category == "ball" and np.isfinite(shot.gaps[row.contact, 0]) else row
+        for row in weighed
+    ]  # fmt: skip
     return Fit(
         collect_events(weighed, tracks),
         trajectory,
@@ -149,9 +154,9 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
         moving,
         accepted,
         assess_trust(
-            share,
+            float(explained_seconds.sum() / seconds.sum()) if seconds.any() else 1.0,
             noise,
-            seconds,
+            float(seconds.sum()),
             _list_warnings(solution, [shot.naming.say(original.ids[ball]) for ball in unfitted_balls]),
         ),
         explanation,
@@ -238,17 +243,33 @@ def _list_warnings(solution: JointSolution, unfitted_balls: list[str]) -> list[s
     return warnings
 
 
-def _share_of_accepted_time(
+def _sum_moving_time(
     t: FloatArray, moving: NDArray[np.bool_], accepted: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return the share of the moving time that is accepted, and the moving time in ball seconds."""
-    step = np.gradient(t)[:, None] if len(t) > 1 else np.ones((len(t), 1))
-    seconds = float((moving * step).sum())
-    return (
-        float((moving & accepted).astype(float).ravel() @ np.broadcast_to(step, moving.shape).ravel()) / seconds
-        if seconds
-        else 1.0
-    ), seconds
+) -> tuple[FloatArray, FloatArray]:
+    """Return the moving time (N,) of each ball, and the part that accepted fits explain, s."""
+    step = np.gradient(t) if len(t) > 1 else np.ones(len(t))
+    return step @ moving, step @ (moving & accepted)
+
+
+def _sum_causeless_changes(
+    solution: JointSolution, hidden: set[int], radius: float, ids: tuple[str, ...]
+) -> FloatArray:
+    """Sum the sizes of all changes (N,) of each ball that nothing known causes, outside breaks.
+
+    The size of a change is that of the velocity relative to the faster one of before and after. Where the path jumps,
+    the distance from its line before is added in ball radii, at most 1: missing frames leave it on that line.
+    """
+    total, graph = np.zeros(len(ids)), solution.graph
+    for number, contact in enumerate(graph.contacts):
+        if contact.kind in ("free", "jump") and number not in hidden:
+            for one, two in zip(contact.before, contact.after, strict=True):
+                before, after = end_state(solution, one), graph.segments[two].state
+                speed = max(np.hypot(*before[2:4]), np.hypot(*after[2:4]), 1e-9)
+                way = after[:2] - before[:2]
+                along = max(float(way @ before[2:4]), 0.0) / max(float(before[2:4] @ before[2:4]), 1e-18)
+                off = min(float(np.hypot(*(way - along * before[2:4]))) / radius, 1.0)
+                total[graph.segments[one].ball] += np.hypot(*(after[2:4] - before[2:4])) / speed + off
+    return total
 
 
 def _list_coefficients(solution: JointSolution) -> tuple[Parameter, ...]:
@@ -277,8 +298,7 @@ def _view_measured_motion(shot: Shot) -> Fit:
     state = trajectory.at(tracks.t)
     moving = np.linalg.norm(np.nan_to_num(state.v), axis=2) > shot.moving_speed
     never = np.zeros_like(moving)
-    _, seconds = _share_of_accepted_time(tracks.t, moving, never)
-    trust = Trust("red", (reason,)) if seconds else assess_trust(0.0, None, 0.0, [reason])
+    trust = Trust("red", (reason,)) if moving.any() else assess_trust(0.0, None, 0.0, [reason])
     return Fit(
         events, trajectory, (), float("nan"), float("nan"), tracks.xy - state.xy, moving, never, trust,
         mark_outcomes=shot.outcomes,
@@ -309,7 +329,8 @@ def _add_close_passes(
     for one, two, result in ((each.one, each.other, each.result) for each in passes):
         if explanation.is_within_rack(result.t, tracks.ids[one], tracks.ids[two]):
             continue
-        hypotheses, p = weigh_close_pass(tracks.ids[two], result)
+        premise = explanation.premise_probability(tracks.ids[one], tracks.ids[two])
+        hypotheses, p = weigh_close_pass(tracks.ids[two], result, premise)
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
         if p >= MIN_LISTED_PROBABILITY:

@@ -5,6 +5,8 @@ coefficients to what was true; its seeds are none of the stress test's. A probab
 number of such shots allows.
 
 Evidence for and against an event is numbers that the fit of the shot yields, without any judgement.
+
+All of it takes for granted that the tracks are balls; `event_premises` doubts that.
 """
 
 from __future__ import annotations
@@ -143,6 +145,10 @@ class EventModel:
     unlisted_contact: dict[str, float]
     """Share of pairs of balls that touched although no contact of them is listed, by class of the pair, see
     `models.estimation.contact_test.call_answers`."""
+    premise_bias: float
+    """Logarithm of the odds of premises that nothing speaks against."""
+    premise_weight: dict[str, float]
+    """By evidence against premises; none is negative."""
 
 
 @cache
@@ -154,6 +160,8 @@ def read_event_model() -> EventModel:
         np.array([content["weight"][name] for name in EVIDENCE_NAMES]),
         content["count"],
         content["unlisted_contact"],
+        content["premises"]["bias"],
+        content["premises"]["weight"],
     )
 
 
@@ -173,10 +181,15 @@ def estimate_event_probability(category: str, evidence: EventEvidence) -> float:
     return float(np.clip(p, limit, 1 - limit))
 
 
-def weigh_close_pass(other: str, result: ContactTestResult) -> tuple[tuple[CauseHypothesis, ...], float]:
-    """Return the hypotheses of a close pass, the most probable first, and the probability of a contact."""
+def weigh_close_pass(
+    other: str, result: ContactTestResult, premise: float
+) -> tuple[tuple[CauseHypothesis, ...], float]:
+    """Return the hypotheses of a close pass, the most probable first, and the probability of a contact.
+
+    `premise` is the probability that the premises of its balls hold.
+    """
     odds = np.log(max(result.probability, 1e-12)) - np.log(max(1 - result.probability, 1e-12))
     evidence = EventEvidence(test=float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
-    p = estimate_event_probability("close_pass", evidence)
+    p = premise * estimate_event_probability("close_pass", evidence)
     contact = CauseHypothesis("ball", other, p, "close_pass", tuple(evidence.vector.tolist()))
     return tuple(sorted((contact, CauseHypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability)), p

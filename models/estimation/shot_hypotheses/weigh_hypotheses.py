@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
 from models.core.shot_explanation import (
     MIN_LISTED_PROBABILITY,
+    BallPremise,
     Cause,
     CauseHypothesis,
     Doubt,
@@ -74,6 +76,7 @@ def weigh_events(
     hypotheses: tuple[ContactRivals, ...],
     breaks: tuple[RackBreak, ...],
     hidden: set[int],
+    premises: Mapping[str, BallPremise],
 ) -> tuple[list[EventRow], ShotExplanation]:
     """Weigh all events, their rivals, and velocity changes without a cause.
 
@@ -87,6 +90,7 @@ def weigh_events(
         hypotheses: (C,) what may have happened instead of each contact.
         breaks: The breaks.
         hidden: Contacts in the breaks that no frame shows.
+        premises: What the events of each ball rest on.
 
     Returns:
         The events that are probable enough to be listed, with their probabilities, and all hypotheses.
@@ -101,11 +105,13 @@ def weigh_events(
         rivals = _find_rivals(shot, row)
         evidence = _collect_evidence(shot, row, rivals)
         p = estimate_event_probability(row.category, evidence) if row.category else row.probability
-        weighed = [(replace(row, probability=p), evidence), *_weigh_rivals(shot, row, rivals, evidence, 1 - p)]
+        weighed = _weigh_premises(
+            premises, [(replace(row, probability=p), evidence), *_weigh_rivals(shot, row, rivals, evidence, 1 - p)]
+        )
         likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
         moments.append(_make_moment(shot, weighed, evidence))
         if others := [one for one in weighed if one[0].a != row.a]:  # rivals for the other ball of the contact
-            mirrored = replace(row, a=row.b, b=row.a, probability=p)
+            mirrored = replace(weighed[0][0], a=row.b, b=row.a)
             moments.append(_make_moment(shot, [(mirrored, evidence), *others], evidence))
         if row.kind != "rest":
             explained.add(row.contact)
@@ -114,12 +120,23 @@ def weigh_events(
             change = _describe_change(shot, number)
             rivals = hypotheses[number].rivals
             evidence = _collect_evidence(shot, change, rivals)
-            weighed = _weigh_rivals(shot, change, rivals, evidence, 1.0)
+            weighed = _weigh_premises(premises, _weigh_rivals(shot, change, rivals, evidence, 1.0))
             likely += [one for one, _ in weighed if one.probability >= MIN_LISTED_PROBABILITY]
             moments.append(_make_moment(shot, [(replace(change, probability=0.0), evidence), *weighed], evidence))
     moments.sort(key=lambda one: one.t)
     moving = _find_moving_at_start(solution, tracks.ids, table.ball_radius)
-    return likely, ShotExplanation(tuple(moments), moving, breaks)
+    return likely, ShotExplanation(tuple(moments), moving, breaks, premises)
+
+
+def _weigh_premises(
+    premises: Mapping[str, BallPremise], weighed: list[tuple[EventRow, EventEvidence]]
+) -> list[tuple[EventRow, EventEvidence]]:
+    """Multiply the probability of each event by that of what it rests on."""
+    explanation = ShotExplanation(premises=premises)
+    return [
+        (replace(row, probability=row.probability * explanation.premise_probability(row.a, row.b)), evidence)
+        for row, evidence in weighed
+    ]
 
 
 def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...], radius: float) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import pytest
 from support import synthetic_run as shot
 
 from models.core.number_format import format_probability
-from models.core.shot_explanation import CauseHypothesis, Moment, RackBreak, ShotExplanation
+from models.core.shot_explanation import BallPremise, CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
@@ -75,3 +75,13 @@ def test_an_unknown_cause_beside_a_probable_cushion_was_no_ball(tmp_path: Path) 
     record = make_record(tmp_path, ShotExplanation((Moment("white", 0.3, 1e-3, np.array([0.9, 0.5]), causes),)))
     assert call_answers.answer_first_contact(record, "white").alternatives[0][0] == "none"
     assert call_answers.answer_cushion_first(record, "white").probability > 0.99
+
+
+@pytest.mark.parametrize(("premise", "verdict"), [(1.0, "no"), (0.2, "inconclusive")])
+def test_no_call_is_decided_about_a_ball_whose_premises_may_fail(tmp_path: Path, premise: float, verdict: str) -> None:
+    """What no frame shows to be one ball may have touched anything, crossed any line and fallen into any pocket."""
+    record = make_record(tmp_path, ShotExplanation(premises={"white": BallPremise(premise)}))
+    assert call_answers.answer_contact(record, "white", "red").verdict == verdict
+    assert call_answers.answer_cushion_first(record, "white").verdict == verdict
+    beyond = record.table.length - 1e-3
+    assert call_answers.answer_line(record, "white", "x", beyond, edge=False).verdict == verdict
