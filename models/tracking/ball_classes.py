@@ -276,15 +276,21 @@ def _classify_pool(appearance: Appearance, struck_ball: int | None) -> tuple[str
         kinds[red], kinds[yellow] = "red", "yellow"
     for kind in ("solid", "stripe"):  # of more than a set has, the least certain get no class
         own = np.flatnonzero(kinds == kind)
-        doubtful = own[np.argsort(-abs(striped[own] - MIN_STRIPE_WHITE), kind="stable")[POOL_SET[kind] :]]
+        certainty = abs(_measure_stripe_white(appearance)[own] - MIN_STRIPE_WHITE)
+        doubtful = own[np.argsort(-certainty, kind="stable")[POOL_SET[kind] :]]
         kinds[doubtful] = "ball"
     return tuple(kinds)
 
 
 def _shows_stripe(appearance: Appearance) -> NDArray[np.bool_]:
     """Which balls (N,) show the white of a stripe."""
-    striped = appearance.white_rim + 0.5 * appearance.white
+    striped = _measure_stripe_white(appearance)
     return np.asarray((striped >= MIN_STRIPE_WHITE) | (appearance.white_high >= MIN_STRIPE_WHITE_HIGH))
+
+
+def _measure_stripe_white(appearance: Appearance) -> FloatArray:
+    """Measure the white (N,) that `MIN_STRIPE_WHITE` bounds."""
+    return np.asarray(appearance.white_rim + 0.5 * appearance.white)
 
 
 def _find_cue_ball(appearance: Appearance, struck_ball: int | None) -> int | None:
