@@ -26,7 +26,7 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, find_repeated_fields
 from video.io.frame_layout import read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import ImageSequence
@@ -193,6 +193,8 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
     repeats = find_duplicate_frames(*np.array(changes).T)
+    if damage.has_fields:
+        repeats |= find_repeated_fields(np.array(changes)[:, 0])
     if blending := find_blending(*np.array(changes).T):
         repeats |= blending.is_mixed
     part = replace(

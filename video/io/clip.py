@@ -24,7 +24,7 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames
+from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, find_repeated_fields
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
@@ -201,6 +201,8 @@ def open_clip(
     scan = _scan_file(path, aspect, progress, memory or FrameMemory())
     change = np.array(scan.change)
     is_duplicate, blending = find_duplicate_frames(*change.T), find_blending(*change.T)
+    if scan.has_fields:
+        is_duplicate |= find_repeated_fields(change[:, 0])
     unobserved = np.unique([*scan.damaged, *(np.flatnonzero(blending.is_mixed) if blending else ())]).astype(np.int64)
     observed = int(np.count_nonzero(~np.delete(is_duplicate, unobserved)))
     if observed < MIN_DISTINCT_FRAMES:

@@ -51,6 +51,10 @@ MAX_CADENCE_CHANGE_SHARE = 0.5
 """Largest change, relative to its neighbours', of a frame that the cadence marks as duplicate: encoders lag behind slow
 motion."""
 
+MAX_FIELD_CHANGE_SHARE = 0.6
+"""Largest change of a second field relative to that of a first one where both show one moment: the lines between are
+interpolated, which changes sharp edges. Of two moments the changes are alike."""
+
 MAX_PERIOD = 12
 """Frames: the pattern of 25 fps in a 60 fps container has a period of 12."""
 
@@ -109,6 +113,24 @@ def find_duplicate_frames(change: FloatArray, third: FloatArray) -> NDArray[np.b
         return np.zeros(len(change), np.bool_)
     period = _find_period(change, between)
     return between if period is None else between | _extrapolate_cadence(change, between, period)
+
+
+def find_repeated_fields(change: FloatArray) -> NDArray[np.bool_]:
+    """Find the second fields of frames that a camera took as a whole and stored as two fields.
+
+    Args:
+        change: (T,) grey levels, change from the previous field, of a video of fields alone.
+
+    Returns:
+        (T,) True for all second fields where they show the moment of the first ones.
+    """
+    count = len(change) // 2
+    first, second = change[2 : 2 * count : 2], change[3 : 2 * count : 2]
+    moving = first >= MIN_MOTION_CHANGE
+    repeats = np.zeros(len(change), np.bool_)
+    if np.count_nonzero(moving) >= MIN_DUPLICATES:
+        repeats[1::2] = np.median(second[moving] / first[moving]) < MAX_FIELD_CHANGE_SHARE
+    return repeats
 
 
 def _find_quiet_runs(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:

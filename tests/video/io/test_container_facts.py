@@ -238,6 +238,13 @@ def test_the_fields_of_interlaced_video_become_frames(tmp_path: Path, order: str
     np.testing.assert_allclose(np.diff(sample.times), 1 / 60, atol=1e-4)
 
 
+def test_two_fields_of_one_moment_are_one_observation(tmp_path: Path) -> None:
+    """Cameras store 25 whole frames per second as 50 fields; they state interlaced frames all the same."""
+    frames = draw_moving_disc(COUNT)
+    clip = open_clip(write_plain_video(tmp_path / "a.mp4", frames, encoder={"flags": "+ildct"}, field_order="tff"))
+    np.testing.assert_array_equal(clip.distinct_frames[2:-2], np.arange(0, 2 * COUNT, 2)[2:-2])
+
+
 def test_slow_motion_runs_at_the_rate_at_which_it_was_filmed(tmp_path: Path) -> None:
     images = draw_moving_disc(COUNT)
     slow = write_plain_video(
