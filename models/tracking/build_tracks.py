@@ -40,7 +40,13 @@ from models.tracking.hand_edits import (
 from models.tracking.table_detections import TableDetections, project_detections
 from models.tracking.track_completion import complete_tracks
 from models.tracking.track_hypotheses import track_balls
-from models.tracking.tracklet_linking import Tracklet, cut_tracklets, link_tracklets, make_tracklet
+from models.tracking.tracklet_linking import (
+    Tracklet,
+    cut_tracklets,
+    drop_unconfirmed_departures,
+    link_tracklets,
+    make_tracklet,
+)
 
 CAROM_BALLS = 3
 MIN_FRAMES = 5
@@ -169,6 +175,7 @@ def _find_balls(
             "check the calibration of the table, or give --corners and --ball-radius."
         )
     balls = complete_tracks(balls, table_detections, t, scene.table)
+    balls = drop_unconfirmed_departures(balls, table_detections, t, scene.table)
     return correct_identity_switches(balls, table_detections, t, scene.table.ball_radius), pixels
 
 

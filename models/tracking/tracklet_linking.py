@@ -13,6 +13,10 @@ from models.tracking.table_detections import TableDetections
 
 MAX_SPEED = 12.0
 """m/s, a hard break."""
+REST_SPEED, MAX_DECELERATION = 0.1, 3.0
+"""m/s below which a ball rests, whose velocity is known to 0.03; and m/s2 by which one slows down: sliding has 2, and
+cushions take their share.
+"""
 MAX_GAP_FRAMES, MIN_DETECTIONS = 4, 3
 """Frames without a detection that end a tracklet, and the fewest detections of one."""
 MAX_OVERLAP_FRAMES = 3
@@ -144,6 +148,10 @@ def _link_cost(before: Tracklet, after: Tracklet, t: FloatArray, table: Table) -
     distance = float(np.hypot(*displacement))
     if distance > MAX_SPEED * gap + table.ball_radius:
         return _IMPOSSIBLE
+    rests = max(np.hypot(*before.end[2:]), np.hypot(*after.start[2:])) < REST_SPEED
+    # struck and stopped within the gap: it cannot have gone farther than it can slow down
+    if rests and distance > MAX_DECELERATION * gap**2 / 2 + 2 * table.ball_radius:
+        return _IMPOSSIBLE
     colour = float(((before.colour - after.colour) ** 2).sum()) / max(before.spread, after.spread) ** 2
     reach = 0.01 + 0.3 * gap + 0.5 * gap * float(np.hypot(*before.end[2:]))
     ahead = float(np.hypot(*(displacement - gap * (before.end[2:] + after.start[2:]) / 2)))
@@ -152,6 +160,26 @@ def _link_cost(before: Tracklet, after: Tracklet, t: FloatArray, table: Table) -
     return float(
         min(colour / 2, limit) + motion + 2.0 * np.log1p(gap) + (15.0 if ends_in_pocket(before, table) else 0.0)
     )
+
+
+def drop_unconfirmed_departures(
+    tracklets: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table
+) -> list[Tracklet]:
+    """Drop the last detections of balls that rest until then, where too few show that it is the ball that left.
+
+    A hand that passes over a resting ball hides it and is detected instead. A ball that falls into a pocket is excused.
+    """
+    confirmed = []
+    for one in tracklets:
+        xy = detections.xy[one.row]
+        jumps = np.flatnonzero(np.hypot(*np.diff(xy, axis=0).T) > 2 * table.ball_radius) + 1
+        last = [k for k in jumps if len(xy) - k < MIN_DETECTIONS <= k]
+        if last and not ends_in_pocket(one, table):
+            k = last[0]
+            if np.ptp(xy[k - MIN_DETECTIONS : k], axis=0).max() < table.ball_radius / 2:
+                one = make_tracklet(one.frame_index[:k], one.row[:k], detections, t)
+        confirmed.append(one)
+    return confirmed
 
 
 def ends_in_pocket(tracklet: Tracklet, table: Table) -> bool:

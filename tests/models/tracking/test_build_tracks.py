@@ -108,6 +108,38 @@ def test_a_hand_that_hides_a_ball_is_not_the_beginning_of_its_track(frames: int)
     assert tracks.is_observed.sum() > 150
 
 
+@pytest.mark.parametrize(("frames", "is_kept"), [(2, False), (3, True)])
+def test_a_resting_ball_does_not_leave_in_the_last_two_frames(frames: int, is_kept: bool) -> None:
+    """A hand passes over it as the clip ends, and is detected in its place."""
+    observed = observe(
+        play(np.array([0.5, 0.6]), np.array([1.0, 0.3]), np.array([[1.6, 0.3]]), seconds=2.0),
+        overhead(), 30, np.random.default_rng(23), clutter=0, miss=0,
+    )  # fmt: skip
+    last = len(observed.frame) - frames
+    is_hidden = (observed.ball == 1) & (observed.detections.frame >= last)
+    seen = replace(observed, detections=observed.detections.select_rows(~is_hidden))
+    hand = observed.px[0, 1] + np.arange(1, frames + 1)[:, None] * [40.0, 5.0]
+    detections = _add_detections(seen, np.arange(last, last + frames), hand)
+    tracks = build_tracks(detections, observed.frame, observed.t, overhead())
+    assert (owners(tracks, observed.px) == -2).any() == is_kept
+
+
+@pytest.mark.parametrize(("gap", "distance", "is_linked"), [(0.4, 0.2, True), (0.4, 0.5, False), (1.0, 0.5, True)])
+def test_a_ball_that_rests_on_both_sides_of_a_gap_went_no_farther_than_it_can_slow_down(
+    gap: float, distance: float, is_linked: bool
+) -> None:
+    t = np.concatenate([np.arange(12) / 30, 11 / 30 + gap + np.arange(12) / 30])
+    xy = np.repeat([[0.8, 0.6], [0.8 + distance, 0.6]], 12, axis=0)
+    scene, one = overhead(), np.ones(24)
+    detections = Detections(
+        np.arange(24), scene.camera.to_pixels(xy, R), 11.4 * one, np.zeros((24, 2)),
+        np.tile([60.0, 0.0, 10.0], (24, 1)), 0.1 * one, 0.1 * one, 0.5 * one, one, 0.5 * one, 0.5 * one,
+    )  # fmt: skip
+    projected = project_detections(detections, np.arange(24), scene)
+    parts = [make_tracklet(rows, rows, projected, t) for rows in (np.arange(12), np.arange(12, 24))]
+    assert len(link_tracklets(parts, projected, t, POOL)) == 2 - is_linked
+
+
 def test_a_hand_that_halts_and_turns_is_no_ball() -> None:
     observed = _two_balls(np.random.default_rng(20))
     turns = np.array([0, 0, 0, 9, 9, -4, -12, 0, 0, 0, 7, 15, -9, -9, 0, 0, 12, -5, -11, 8, 0, 0, 0, 10, -14, 0, 6, -8])
