@@ -294,10 +294,13 @@ class _Interpretation:
         if len(ratios) > 1 and abs(ratios[-1]) < low:
             other = int(np.argmax(np.abs(ratios[:-1])))
             if low < abs(ratios[other]) < high and abs(ratios[-1]) < low / 2:
-                name, last = self.names[other], self.names[-1]
+                name = self.names[other]
                 self.positions[:, [other, -1]] = self.positions[:, [-1, other]]
-                self.notes.append(f"{self.place}: bodies fall along {name}, not {last}; {name} is taken as the height")
+                self.notes.append(
+                    f"{self.place}: bodies fall along {name}, not {self.names[-1]}; {name} is taken as the height"
+                )
                 ratios[[other, -1]] = ratios[[-1, other]]
+                falls[other], falls[-1] = falls[-1], falls[other]
         ratio = float(ratios[-1])
         if ratio < -low:
             if self.scene.has_inputs:
@@ -308,8 +311,8 @@ class _Interpretation:
             self.notes.append(
                 f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
             )
-        size, last = abs(ratio), falls[-1]
-        if size <= high or (last is not None and last.has_drag and size <= _MOST_DRAG):
+        size, fall = abs(ratio), falls[-1]
+        if size <= high or (fall is not None and fall.has_drag and size <= _MOST_DRAG):
             return
         metres = size * self.scene.gravity
         evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
