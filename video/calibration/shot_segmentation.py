@@ -109,6 +109,9 @@ def segment_shots(clip: Clip, progress: Progress = ignore_progress) -> ShotInter
         for first, stop in _find_intervals(clip, view) if view.has_table else ():
             shown = _thin_out([image for frame, image in view.moving if first <= frame < stop])
             repeated = [number for number, earlier in recent if is_replay(shown, earlier)]
+            begins_so = bool(replays) and replays[-1][0] >= view.first and (not shots or shots[-1][0] < view.first)
+            if not repeated and begins_so:  # a view that begins with a replay is one
+                repeated = [replays[-1][2]]
             if repeated:
                 replays.append((first, stop, repeated[-1]))
                 continue

@@ -25,7 +25,8 @@ def find_views(images: list[ByteArray]) -> list[list[int]]:
     meter = ViewMeter()
     for image in images:
         meter.add_frame(image)
-    return meter.find_views(np.arange(len(images)) / RATE).tolist()
+    views: list[list[int]] = meter.find_views(np.arange(len(images)) / RATE).tolist()
+    return views
 
 
 SHOT = [draw_scene(1, at) for at in np.linspace(0, 1, 90)]
