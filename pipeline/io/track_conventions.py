@@ -16,6 +16,7 @@ from models.core.typing import BoolArray, FloatArray
 from models.estimation.track_evidence import (
     SURE_SIGMAS,
     BodyPath,
+    Fall,
     find_held_samples,
     fit_swing,
     measure_fall,
@@ -42,9 +43,12 @@ _SAME_TIME = 0.01
 path per frame."""
 _FALL_RANGE = (0.4, 2.5)
 """Accelerations, in gravity, that drag, lift and noise of short drops explain."""
-_MOST_DRAG = 20.0
-"""Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: they would fly at
-more than four times the speed at which they fall for long."""
+_LEVEL = 0.5
+"""Acceleration along the height, in that along another coordinate, below which bodies fall along the other one; a wind
+accelerates less than half as much as gravity."""
+_MOST_DRAG = 500.0
+"""Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: the fastest smash
+of a shuttlecock, twenty times its terminal speed, has 400."""
 _UNIT_TOLERANCE = 1.25
 """Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity."""
 _GOOD_SWING = 0.5
@@ -291,18 +295,15 @@ class _Interpretation:
         downward = [-fall.acceleration if fall and sure else 0.0 for fall, sure in zip(falls, is_sure, strict=True)]
         ratios = np.array(downward) / self.scene.gravity
         low, high = _FALL_RANGE
-        if len(ratios) > 1 and abs(ratios[-1]) < low:
-            other = int(np.argmax(np.abs(ratios[:-1])))
-            if low < abs(ratios[other]) < high and abs(ratios[-1]) < low / 2:
-                name = self.names[other]
-                self.positions[:, [other, -1]] = self.positions[:, [-1, other]]
-                self.notes.append(
-                    f"{self.place}: bodies fall along {name}, not {self.names[-1]}; {name} is taken as the height"
-                )
-                ratios[[other, -1]] = ratios[[-1, other]]
-                falls[other], falls[-1] = falls[-1], falls[other]
-        ratio = float(ratios[-1])
-        if ratio < -low:
+        other = int(np.argmax(np.abs(ratios)))
+        if self._is_level(falls[-1], falls[other]) and abs(ratios[other]) > low:
+            name, height = self.names[other], self.names[-1]
+            self.positions[:, [other, -1]] = self.positions[:, [-1, other]]
+            self.notes.append(f"{self.place}: bodies fall along {name}, not {height}; {name} is taken as the height")
+            ratios[-1], falls[-1] = ratios[other], falls[other]
+        ratio, last = float(ratios[-1]), falls[-1]
+        has_drag = last is not None and last.has_drag
+        if ratio < -low and (not has_drag or ratio > -high):  # drag slows a falling smash by more
             if self.scene.has_inputs:
                 raise self._refuse(
                     f"bodies fall towards larger {self.names[-1]}; turn it, and the axes of spin, upwards"
@@ -311,8 +312,8 @@ class _Interpretation:
             self.notes.append(
                 f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
             )
-        size, fall = abs(ratio), falls[-1]
-        if size <= high or (fall is not None and fall.has_drag and size <= _MOST_DRAG):
+        size = abs(ratio)
+        if size <= high or (has_drag and size <= _MOST_DRAG):
             return
         metres = size * self.scene.gravity
         evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
@@ -323,12 +324,17 @@ class _Interpretation:
         remedy = "correct px_per_m" if self.stated == "px" else "state the units in scene.json, or correct the times"
         raise self._refuse(f"{evidence}; {remedy}")
 
+    def _is_level(self, fall: Fall | None, other: Fall | None) -> bool:
+        """Return whether bodies surely do not fall along one coordinate, as far as they fall along another."""
+        if fall is None or other is None or fall is other or other.has_drag:
+            return False
+        return abs(fall.acceleration) + SURE_SIGMAS * fall.sigma < _LEVEL * abs(other.acceleration)
+
     def _check_swing(self) -> None:
         """Require that angles move as a pendulum does, in rad, 0 where it hangs."""
-        turns = {"rad": 2 * np.pi, "deg": 360.0}
         stated = self.stated or "rad"
         readings = {}
-        for unit in turns:
+        for unit in ("rad", "deg"):
             scale = 1.0 if unit == "rad" else np.pi / 180
             if self.stated == "deg":  # converted already
                 scale = 180 / np.pi if unit == "rad" else 1.0

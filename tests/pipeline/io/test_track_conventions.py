@@ -110,17 +110,30 @@ def test_a_flight_is_read_rightly_whatever_its_conventions(
     assert any(re.search(words, note) for note in read.notes), read.notes
 
 
-def test_exchanged_axes_of_a_flight_are_recognised(tmp_path: Path) -> None:
+@pytest.mark.parametrize("factor", [1.0, -1.0, 1000.0])
+def test_exchanged_axes_of_a_flight_are_recognised(tmp_path: Path, factor: float) -> None:
     rows = throw()
-    rows = {
-        **{name: rows[name] for name in ("shot", "frame", "t", "id")},
-        "x": rows["x"],
-        "y": rows["z"],
-        "z": rows["x"],
-    }
+    rows = {**rows, "y": factor * rows["z"], "z": abs(factor) * rows["x"], "x": abs(factor) * rows["x"]}
     read = read_track_folders([write(tmp_path / "odd", rows, FLIGHT)])
     assert "fall along y, not z" in read.notes[0]
-    assert np.allclose(read.recordings[0].positions[:, 0, 2], rows["y"][rows["shot"] == 0])
+    assert np.allclose(read.recordings[0].positions[:, 0, 2], rows["y"][rows["shot"] == 0] / factor)
+
+
+def test_a_smash_that_drag_slows_is_not_turned(tmp_path: Path) -> None:
+    """A shuttlecock at 60 m/s downwards decelerates by many times gravity, upwards."""
+    rng, t, rows = np.random.default_rng(6), np.arange(12) / 120, []
+    for shot in range(3):
+        height, speed, path = 3.0, -60.0, []
+        for _ in t:
+            path.append(height + rng.normal(0, 0.002))
+            for _ in range(20):
+                speed -= (9.81 + 0.2 * speed * abs(speed)) / 2400
+                height += speed / 2400
+        rows.append(np.stack([np.full(12, shot), np.arange(12), t, path], axis=1))
+    shots, frame, time, z = np.concatenate(rows).T
+    columns = {"shot": shots, "frame": frame, "t": time, "id": np.full(36, "shuttle"), "z": z}
+    read = read_track_folders([write(tmp_path / "plain", columns, {**FLIGHT, "units": "m"})])
+    assert not any("turned" in note for note in read.notes)
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1e3, '9,[78].. m/s2 for a gravity of 9.81, so .* "units": "mm"'),
