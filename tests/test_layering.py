@@ -81,7 +81,7 @@ def test_no_import_cycle_joins_modules_or_packages() -> None:
     ("command", "limit"),
     [
         ("cache_command", 1_000),
-        ("check_command", 8_000),
+        ("check_command", 8_500),
         ("simulate_command", 10_000),
         ("predict_command", 19_500),
     ],

@@ -204,7 +204,7 @@ def test_what_nobody_foresaw_is_one_line_too(trueroll: Terminal, monkeypatch: py
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a sum\nof nothing")
 
-    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", fail)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_chosen_shot", fail)
     result = trueroll("run", "x.mp4")
     assert result.status == 1
     assert result.err.count("\n") == 1
@@ -215,7 +215,7 @@ def test_an_interrupted_run_says_so(trueroll: Terminal, monkeypatch: pytest.Monk
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", stop)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_chosen_shot", stop)
     result = trueroll("run", "x.mp4")
     assert result.status == 130
     assert result.err == "trueroll: interrupted; nothing half-written is left\n"
@@ -257,7 +257,7 @@ def test_an_interrupt_that_a_finaliser_swallows_is_raised_again(
         Swallows()
         time.sleep(20)
 
-    monkeypatch.setattr("pipeline.cli.commands.run_command.run_clip", work)
+    monkeypatch.setattr("pipeline.cli.commands.run_command.run_chosen_shot", work)
     assert trueroll("run", "x.mp4").status == 130
 
 
