@@ -29,7 +29,6 @@ from detectors.measurement.cloth_background import (
     ClothBackground,
     build_disc_kernel,
     contrast_strength,
-    find_hollow_discs,
     learn_cloth_background,
 )
 from detectors.measurement.frame_change import ForegroundScan, SearchMemory, find_touched_places, find_windows
@@ -42,7 +41,7 @@ from detectors.measurement.frame_detections import (
     select_shaded,
     suppress_overlaps,
 )
-from detectors.measurement.working_view import WorkingView, build_view, values_at
+from detectors.measurement.working_view import WorkingView, build_view, nearest_pixels, values_at
 from models.core.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
@@ -220,7 +219,8 @@ class HoughDetector:
         coverage = _disc_coverage(scan.foreground, working_centre, self.view)
         is_on_table = values_at(self.view.centre_area, working_centre)
         at = working_centre[:, None] + self.view.scale * circles.radius[:, None, None] * DISC_SAMPLES
-        is_hollow = find_hollow_discs(values_at(scan.strength, at), self.cloth.threshold)
+        row, column = nearest_pixels(scan.strength.shape, at)
+        is_hollow = self.cloth.find_hollow_discs(scan.strength[row, column], row, column)
         is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE) & ~is_hollow
         return suppress_overlaps(_circles_to_detections(circles, coverage).take(is_good), self.view.scene, frame)
 

@@ -116,6 +116,26 @@ class ClothBackground:
         away = self._weight_shadows((working[row, column] - self.colour[row, column])[None])[0]
         return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
+    def find_hollow_discs(self, difference: Float32Array, row: IntArray, column: IntArray) -> BoolArray:
+        """Find the discs through which the cloth shows: rings of light or paint, which are no balls.
+
+        Where the cloth is marked, as by a cue that rested there, a ball may look like the marking: that is no evidence.
+
+        Args:
+            difference: Differences (K, SAMPLES) from the cloth at `DISC_SAMPLES` of K discs, grey levels.
+            row: Rows (K, SAMPLES) of these samples.
+            column: Columns (K, SAMPLES).
+
+        Returns:
+            Mask (K,).
+        """
+        is_marked = np.isin(row * self.hole_area.shape[1] + column, self.marking_places)
+        core = np.median(np.where(is_marked, np.inf, difference)[:, _SAMPLE_RADII < CORE_RADII], axis=1)
+        at_rim = np.where(is_marked, 0.0, difference)[:, _SAMPLE_RADII > RIM_RADII]
+        sector = _SAMPLE_SECTORS[_SAMPLE_RADII > RIM_RADII]
+        rim = np.sort([np.median(at_rim[:, sector == k], axis=1) for k in range(RIM_SECTORS)], axis=0)[1]
+        return np.asarray((rim > self.threshold) & (core < HOLLOW_SHARE * rim))
+
     def is_lining(self, working: ByteArray, centre: FloatArray) -> BoolArray:
         """Which objects at working px (n, 2) are parts of a net or a lining: they stand still over a hole."""
         row, column = nearest_pixels(self.hole_area.shape, centre)
@@ -186,23 +206,6 @@ def _find_first_cloth(shown: BoolArray) -> IntArray:
     """Find the first step (n,) of each ray (n, S) from which cloth is shown for `CLOTH_STEPS`."""
     stays = np.asarray(np.lib.stride_tricks.sliding_window_view(shown, CLOTH_STEPS, axis=1).all(axis=2), dtype=bool)
     return np.asarray(np.where(stays.any(axis=1), stays.argmax(axis=1), 0))
-
-
-def find_hollow_discs(difference: Float32Array, threshold: float) -> BoolArray:
-    """Find the discs through which the cloth shows: rings of light or paint, which are no balls.
-
-    Args:
-        difference: Differences (K, SAMPLES) from the cloth at `DISC_SAMPLES` of K discs, grey levels.
-        threshold: Grey levels above which a pixel is not cloth.
-
-    Returns:
-        Mask (K,).
-    """
-    core = np.median(difference[:, _SAMPLE_RADII < CORE_RADII], axis=1)
-    is_rim = _SAMPLE_RADII > RIM_RADII
-    sectors = [np.median(difference[:, is_rim & (k == _SAMPLE_SECTORS)], axis=1) for k in range(RIM_SECTORS)]
-    rim = np.sort(sectors, axis=0)[1]
-    return np.asarray((rim > threshold) & (core < HOLLOW_SHARE * rim))
 
 
 def contrast_strength(contrast: Float32Array) -> Float32Array:

@@ -19,7 +19,7 @@ import numpy as np
 
 from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.circle_fit import smooth_image
-from detectors.measurement.cloth_background import ClothBackground, find_hollow_discs, learn_cloth_background
+from detectors.measurement.cloth_background import ClothBackground, learn_cloth_background
 from detectors.measurement.frame_change import (
     FULL_SEARCH_INTERVAL,
     REACH_RADII,
@@ -34,7 +34,7 @@ from detectors.measurement.frame_detections import (
     select_shaded,
 )
 from detectors.measurement.overlap_resolution import resolve_overlaps
-from detectors.measurement.working_view import WorkingView, build_view, values_at
+from detectors.measurement.working_view import WorkingView, build_view, nearest_pixels, values_at
 from detectors.network.ball_model import BallModel, CentreModel
 from detectors.network.candidate_rules import CLEAR_SCORE, is_certain, is_possible
 from detectors.network.frame_context import FrameContext
@@ -240,10 +240,10 @@ class PostProcessor:
         if not len(discs):
             return np.zeros(0, dtype=bool)
         working, centre = self.view.working_image(rgb, frame), self.view.frame_to_working(discs.centre, frame)
-        at = np.rint(centre[:, None] + self.view.scale * discs.radius[:, None, None] * DISC_SAMPLES).astype(np.int64)
-        x, y = (np.clip(at[..., axis], 0, working.shape[1 - axis] - 1) for axis in (0, 1))
-        difference = self.cloth.measure_difference(working, y.ravel(), x.ravel()).reshape(x.shape)
-        return find_hollow_discs(difference, self.cloth.threshold)
+        at = centre[:, None] + self.view.scale * discs.radius[:, None, None] * DISC_SAMPLES
+        row, column = nearest_pixels(working.shape, at)
+        difference = self.cloth.measure_difference(working, row.ravel(), column.ravel()).reshape(row.shape)
+        return self.cloth.find_hollow_discs(difference, row, column)
 
 
 def _is_part_of_streak(balls: RestingBalls, streaks: FrameDetections) -> BoolArray:

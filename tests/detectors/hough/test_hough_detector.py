@@ -175,6 +175,18 @@ def test_rings_of_light_are_no_balls_and_hide_none() -> None:
     assert np.linalg.norm(nearest_errors(detections, balls), axis=1).max() < 1.0
 
 
+def test_a_ball_where_a_cue_rested_is_opaque() -> None:
+    """The cue becomes a marking of the cloth, and differs little from a white ball in its place."""
+    rng = np.random.default_rng(11)
+    ball = Ball(300, 200, (240, 235, 225))
+    cloth = [(k, render_balls([], rng)) for k in range(3)]
+    for _, image in cloth:
+        cv2.line(image, (100, 200), (300, 200), (225, 205, 170), round(0.8 * RADIUS * PX_PER_M), cv2.LINE_AA)
+    detections = build_hough_detector(build_test_scene(), cloth).detect(render_balls([ball], rng))
+    assert len(detections) == 1
+    assert nearest_errors(detections, [ball]).max() < 1.0
+
+
 def test_a_disc_that_is_drawn_over_the_image_is_no_ball() -> None:
     """It has one level, which the noise of coding spreads by 1.5 %; a ball of that colour is shaded."""
     rng = np.random.default_rng(10)
