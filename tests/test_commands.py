@@ -37,6 +37,7 @@ COMMANDS = {
     "fit-table DIR...": "fit-table shots -o out/table.json",
     "certify DIR...": "certify shots -o out/certificate",
     "gapcheck": 'gapcheck --only "slide, friction" --shots 6 --keep out/cases',
+    "convert INPUT -o OUTPUT": "convert out/overhead_pool/tracks.csv -o out/tracks.parquet",
     "diagnose INPUT...": "diagnose out/cases/0000",
     "simulate SHOT.json": "simulate docs/examples/shot.json -o out/simulated",
     "detect IMAGE|FOLDER": "detect out/frames/000000.png -o out/balls.csv",

@@ -185,7 +185,11 @@ def _parse_header(header: list[str]) -> tuple[list[str], dict[str, str]]:
     familiar = {name for names in ALIASES.values() for name in names} | set(ALIASES)
     names = [
         bare[k]
-        if k in units and bare[k] in familiar and bare[k] not in plain and bare.count(bare[k]) == 1
+        if k in units
+        and bare[k] in familiar
+        and bare[k] not in plain
+        and bare.count(bare[k]) == 1
+        and plain[k] not in NUMERIC_COLUMNS
         else plain[k]
         for k in range(len(header))
     ]

@@ -45,7 +45,10 @@ def test_a_net_over_a_hole_is_no_ball_and_a_ball_beside_the_hole_is_one() -> Non
     inside, outside = np.array([1.4, 1.4]) * ball, np.array([2.9, 2.9]) * ball
     for place in (inside, outside):
         x, y = np.rint(camera.to_pixels(place, ball)).astype(int).tolist()
-        cv2.circle(image, (x, y), round(float(camera.radius_px(place, ball))), (225, 220, 215), -1)
+        for share, level in ((1.0, 200), (0.8, 215), (0.5, 225)):  # shaded: a disc of one level is drawn, no ball
+            cv2.circle(
+                image, (x, y), round(share * float(camera.radius_px(place, ball))), (level,) * 3, -1, cv2.LINE_AA
+            )
     lab = cv2.cvtColor((np.array([[[30, 140, 90]]]) / 255).astype(np.float32), cv2.COLOR_RGB2LAB)[0, 0]
     scene = Scene(home, camera, lab.astype(np.float64), ())
     view = build_view(scene)
