@@ -113,6 +113,8 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
     """Make a statement of a number with its unit as text, of a number of a file, or of a word."""
     if isinstance(value, float | int):
         return Statement(key, f"{value}", source, float(value), float(value))
+    if value == "may be zero":
+        return Statement(key, value, source, -math.inf, math.inf)
     form = rf"({'|'.join(BOUNDS)}|)(-?\d+(?:\.(\d+))?)(?: ± [\d.]+)? ?((?!top|back|right|left|either)[a-z/]+|%|°|)"
     form += rf"(?: \([^)]*\))?(?: ?({'|'.join(SIGNS)}|either way))?"
     parts = re.fullmatch(form, re.sub(r"may be zero \((.*)\)", r"\1 either way", value))

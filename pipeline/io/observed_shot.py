@@ -74,7 +74,7 @@ def list_shot_numbers(source: Path) -> list[int]:
     """
     path = _find_track_table(source)
     rows, _ = _read_rows(path, read_scene_document(path.parent / "scene.json"))
-    return sorted(set(rows.shot.tolist()))
+    return sorted(set(rows.shot[rows.is_usable].tolist()))
 
 
 def _find_track_table(source: Path) -> Path:

@@ -210,13 +210,21 @@ class _Interpretation:
                 order = np.argsort(frame[own], kind="stable")
                 is_numbered = has_frames and len(np.unique(frame[own])) == len(own)
                 if is_numbered and np.any(np.diff(self.t[own][order]) <= 0):
-                    raise self._refuse(f"t must increase with frame; in shot {shot} it does not")
+                    self._leave_out(here, f"t must increase with frame; in shot {shot} it does not")
+                    break
             numbers[here] = np.unique(self.t[here], return_inverse=True)[1]
-            if has_frames:
+            if has_frames and self.is_usable[here].all():
                 self.notes.append(
                     f"{self.place}: a frame number has several times, as of cameras with own numbers; the times count"
                 )
         return numbers
+
+    def _leave_out(self, rows: NDArray[np.intp], sentence: str) -> None:
+        """Leave out a shot that cannot be used; a table of which nothing remains is refused."""
+        self.is_usable[rows] = False
+        if not self.is_usable.any():
+            raise self._refuse(sentence)
+        self.notes.append(f"{self.place}: {sentence}; it is left out")
 
     def _align_frame_times(self, here: NDArray[np.intp], frame: NDArray[np.int64]) -> bool:
         """Give all rows of a frame the time of its first one; return False where they differ, or do not go forward."""
