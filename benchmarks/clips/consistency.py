@@ -247,7 +247,9 @@ class RunStatements:
         for row in map(self.identify, rows):
             for text in re.split(r"(?<=[^\d])\. (?=[A-Z«])", row):
                 subject = found[1] if (found := re.match(r"(«[^»]+»)", text)) else subject
-                yield re.sub(r"\b[Ii]t (was struck|touched|fell|came)", rf"{subject} \1", text)
+                text = re.sub(r"\b[Ii]t (was struck|touched|fell|came)", rf"{subject} \1", text)
+                # the time of a score is that of its second ball
+                yield re.sub(r"touched «[^»]+» and, after [^,]* in all, («[^»]+» at)", r"touched \1", text)
 
     def read_story(self, text: str, source: str) -> Iterator[Statement]:
         """Read what a sentence states of first contacts, places and rests."""
@@ -393,7 +395,8 @@ class RunStatements:
         for name, pattern in named.items():
             if is_single and (found := re.search(pattern, text)):
                 yield state(("number", NUMBER_NAMES[name], cue), found[1], source)
-                yield state(("measurable", NUMBER_NAMES[name], cue), "yes", source)
+                is_doubtful = text[found.end() :].startswith(", where it is not measurable")
+                yield state(("measurable", NUMBER_NAMES[name], cue), "no" if is_doubtful else "yes", source)
         for name, side in (("top_spin_share", "top|back"), ("side_spin_share", "(?:left|right) side")):
             if is_single and re.search(rf"(?:{side}) spin[^;]*, where it is not measurable", text):
                 yield state(("measurable", NUMBER_NAMES[name], cue), "no", source)

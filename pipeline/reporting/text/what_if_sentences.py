@@ -106,7 +106,8 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
     if change["speed"] is not None or change["speed_factor"] != 1:
         share = changed["speed"] / real["speed"] - 1
         words = f"{100 * abs(share):.0f} % {'more' if share > 0 else 'less'} speed"
-        parts.append(f"{words}: {format_speed(changed['speed'])} instead of {format_speed(real['speed'])}")
+        doubt = "" if "speed" in real["observable"] else ", where it is not measurable"
+        parts.append(f"{words}: {format_speed(changed['speed'])} instead of {format_speed(real['speed'])}{doubt}")
     if abs(change["angle"]) > MIN_CHANGE:
         side = "right" if change["angle"] > 0 else "left"
         parts.append(f"the direction turned by {abs(change['angle']):g} degrees to the {side}")
