@@ -115,13 +115,16 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
         return Statement(key, f"{value}", source, float(value), float(value))
     if value == "may be zero":
         return Statement(key, value, source, -math.inf, math.inf)
+    if counts := re.fullmatch(r"(\d+) or (\d+)", value):
+        return Statement(key, value, source, float(counts[1]), float(counts[2]))
     form = rf"({'|'.join(BOUNDS)}|)(-?\d+(?:\.(\d+))?)(?: ± [\d.]+)? ?((?!top|back|right|left|either)[a-z/]+|%|°|)"
     form += rf"(?: \([^)]*\))?(?: ?({'|'.join(SIGNS)}|either way))?"
     parts = re.fullmatch(form, re.sub(r"may be zero \((.*)\)", r"\1 either way", value))
     if parts is None or parts[4] not in UNITS:
         return Statement(key, value.lower().removeprefix("the "), source)
     limit, number, decimals, unit, side = (one or "" for one in parts.groups())
-    half = 0.5 * 10.0 ** -len(decimals)
+    zeros = len(number) - len(number.rstrip("0")) if not decimals and number.strip("-0") else 0
+    half = 0.5 * 10.0 ** (zeros - len(decimals))  # 90 cm may be 92.6 cm with an error of 20 cm
     low, high = BOUNDS.get(limit, (-half, half))
     scale = UNITS[unit] * SIGNS.get(side, 1)
     ends = sorted((scale * (float(number) + low), scale * (float(number) + high)))
@@ -248,8 +251,9 @@ class RunStatements:
             for text in re.split(r"(?<=[^\d])\. (?=[A-Z«])", row):
                 subject = found[1] if (found := re.match(r"(«[^»]+»)", text)) else subject
                 text = re.sub(r"\b[Ii]t (was struck|touched|fell|came)", rf"{subject} \1", text)
-                # the time of a score is that of its second ball
-                yield re.sub(r"touched «[^»]+» and, after [^,]* in all, («[^»]+» at)", r"touched \1", text)
+                # the time of a score is that of its second ball, its probability that of all its contacts
+                text, scores = re.subn(r"touched «[^»]+» and, after [^,]* in all, («[^»]+» at)", r"touched \1", text)
+                yield re.sub(rf"{NUMBER} %", "", text) if scores else text
 
     def read_story(self, text: str, source: str) -> Iterator[Statement]:
         """Read what a sentence states of first contacts, places and rests."""

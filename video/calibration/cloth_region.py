@@ -22,6 +22,8 @@ MIN_FILL_SHARE = 0.5
 """Smallest share of the quadrangle that must have the cloth's colour; players, shadows and balls cover the rest."""
 MAX_HUE_ANGLES = (0.07, 0.12, 0.2)
 """Candidate thresholds (rad) of the angle between colour vectors within which a pixel has the hue of the cloth."""
+POLYGON_TOLERANCE = 0.006
+"""Distance from the outline of a region, in its length, up to which a polygon replaces it."""
 MIN_BRIGHTNESSES = (0.35, 0.5, 0.65)
 """Candidate thresholds of the brightness relative to the cloth; cushions are shaded."""
 
@@ -185,8 +187,10 @@ def _fit_quadrangle(mask: NDArray[np.uint8], is_cropped: bool) -> _Quadrangle | 
     if cv2.contourArea(contour) < MIN_TABLE_SHARE * mask.size:
         return None
     hull = cv2.convexHull(contour)
-    polygon = cv2.approxPolyDP(hull, 0.006 * cv2.arcLength(hull, True), True)[:, 0].astype(np.float64)
-    corners = _select_sides(polygon, float(cv2.contourArea(hull)))
+    length = cv2.arcLength(hull, True)
+    polygon = cv2.approxPolyDP(hull, POLYGON_TOLERANCE * length, True)[:, 0].astype(np.float64)
+    # the polygon lies inside the outline, from which all its sides may be as far as the tolerance
+    corners = _select_sides(polygon, float(cv2.contourArea(hull)), POLYGON_TOLERANCE * length**2)
     if corners is None:
         return None
     corners = _refine_sides(corners, contour[:, 0].astype(np.float64))
@@ -204,8 +208,11 @@ def _fill_share(mask: NDArray[np.uint8], corners: FloatArray) -> float:
     return float(mask[inside > 0].mean()) if inside.any() else 0.0
 
 
-def _select_sides(polygon: FloatArray, area: float) -> FloatArray | None:
-    """Select the four sides of a convex polygon (K, 2) whose lines enclose it most tightly; return corners (4, 2)."""
+def _select_sides(polygon: FloatArray, area: float, slack: float) -> FloatArray | None:
+    """Select the four sides of a convex polygon (K, 2) whose lines enclose it most tightly; return corners (4, 2).
+
+    They enclose the `area` (px^2) of what the polygon replaces, which may be larger by `slack`.
+    """
     count = len(polygon)
     if count < 4:
         return None
@@ -220,7 +227,7 @@ def _select_sides(polygon: FloatArray, area: float) -> FloatArray | None:
         if corners is None or not _is_convex(corners):
             continue
         size = _polygon_area(corners)
-        if not 0.97 * area < size < 1.6 * area:
+        if not area - slack < size < 1.6 * area:
             continue
         score = lengths[list(chosen)].sum() / lengths.sum() - 1.5 * (size / area - 1)
         if score > best_score:

@@ -25,6 +25,7 @@ from models.core.scene import Camera, Scene, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.camera_model import orient_corners
+from video.calibration.cloth_region import find_cloth_regions
 from video.calibration.table_finder import calibrate_clip, calibrate_image, locate_table, parse_corners
 from video.io.clip import open_clip
 from video.io.video_options import CalibrateOptions
@@ -123,6 +124,21 @@ def test_a_table_is_found_where_the_image_ends_at_its_cloth() -> None:
     right, bottom = np.rint(high + margin).astype(int)
     location = locate_table(np.ascontiguousarray(image[top:bottom, left:right]))
     assert corner_error(location.corners, camera.corners_px - [left, top]) < 1.0
+
+
+@pytest.mark.parametrize("bow", [0.0, 2.0, 4.0])
+def test_a_cloth_of_four_sides_is_a_region(bow: float) -> None:
+    """The polygon of its four corners is smaller than the cloth, also where a lens bows the sides, px."""
+    corners = np.array([[41.0, 222.0], [92.0, 110.0], [397.0, 116.0], [439.0, 235.0]])
+    outline = []
+    for one, two in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        share = np.linspace(0, 1, 50)[:, None]
+        outwards = np.array([two[1] - one[1], one[0] - two[0]]) / np.linalg.norm(two - one)
+        outline.append(one + share * (two - one) + 4 * share * (1 - share) * bow * outwards)
+    image = np.full((360, 480, 3), (90, 75, 60), np.uint8)
+    cv2.fillPoly(image, [np.rint(np.concatenate(outline)).astype(np.int32)], (24, 124, 36))
+    best = find_cloth_regions(image)[0]
+    assert np.linalg.norm(best.corners[:, None] - corners, axis=2).min(axis=1).max() < 2.0 + 1.5 * bow
 
 
 def test_a_cloth_that_fills_the_image_is_no_table() -> None:
