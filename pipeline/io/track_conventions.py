@@ -23,6 +23,7 @@ from models.estimation.track_evidence import (
     measure_speed,
     unwrap_angles,
 )
+from pipeline.io.shot_folder import has_shot
 from pipeline.io.text_table import TextTable
 from pipeline.reporting.text.text_formatting import escape_text
 
@@ -251,6 +252,8 @@ class _Interpretation:
         return [(self.t[rows], self.positions[rows]) for rows in self._list_bodies()]
 
     def _drop_held_samples(self) -> None:
+        if has_shot(self.table.path.parent):
+            return  # a run wrote the table, no recorder
         count = 0
         for rows in list(self._list_bodies()):
             repetitions = rows[find_held_samples(self.positions[rows])]

@@ -16,15 +16,17 @@ from pipeline.io.gap_files import build_gap_document
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
-REFUSED = ("decreasing times", "equal times", "no places")
+REFUSED = ("decreasing times", "no places")
 """A file with these is refused when it is read."""
 IMPOSSIBLE = {
     "slide": ("places times 1e6", "times times 1e-6", "wild motion", "30000 frames per second"),
     "flight": ("places times 1e6", "times times 1e-6", "30000 frames per second"),
-    "pendulum": ("wild motion",),
+    "pendulum": ("wild motion", "equal times"),
     "billiards": ("places times 1e6",),
 }
-"""Nothing slides, falls or swings like that: the file is refused for the speed, the fall or the unit of its angles."""
+"""Nothing slides, falls or swings like that: the file is refused for the speed, the fall or the unit of its angles. Of
+equal times, a shot is left out; the swings of this file are one shot.
+"""
 UNDECIDABLE = ("constant places", "noise alone", "one sample")
 SLOW_WITH_CONTACTS = (
     "30000 frames per second", "an empty shot", "infinite places", "missing places", "rounded places", "wild motion",

@@ -268,6 +268,16 @@ def test_held_samples_are_left_out(tmp_path: Path, source: int, shown: int) -> N
     assert all(len(one.t) == int(1.5 * source) for one in read.recordings)
 
 
+def test_repeated_samples_of_a_run_are_observations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A detector that measures what moves finds a creeping ball at one place in several frames; no recorder held it."""
+    monkeypatch.setattr("pipeline.io.track_conventions.has_shot", lambda folder: folder == tmp_path / "run")
+    rows = {name: np.repeat(values, 2) for name, values in throw().items()}
+    rows["frame"] = np.tile(np.arange(180), 3)
+    rows["t"] = rows["frame"] / 120
+    run, foreign = (read_track_folders([write(tmp_path / name, rows, FLIGHT)]) for name in ("run", "odd"))
+    assert [len(read.recordings[0].t) for read in (run, foreign)] == [180, 90]
+
+
 def test_held_samples_of_an_even_motion_are_left_out() -> None:
     """The steps of a body at constant speed are alike; what parts them is the unit of the last digit."""
     path = np.round(0.02 * np.arange(60)[:, None] + np.random.default_rng(0).normal(0, 1e-4, (60, 1)), 6)
