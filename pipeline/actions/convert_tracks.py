@@ -18,12 +18,11 @@ from models.core.errors import OptionError
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat, list_formats
 from pipeline.io.strict_json import read_json, write_json
+from pipeline.io.track_conventions import MAX_NUMBER
 from pipeline.reporting.text.text_formatting import escape_text
 
 _HEAD_BYTES = 1 << 16
 """Bytes of a file by which formats are recognised."""
-_MAX_NUMBER = 1e12
-"""Frames and coordinates from here on are no recording."""
 _MALFORMED = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, StopIteration,
               struct.error, zlib.error, ParseError, pa.ArrowException, EOFError, RuntimeError)  # fmt: skip
 """Errors of parsers on files that do not hold what they begin with."""
@@ -91,7 +90,7 @@ def _require_rows(tracks: PointTracks) -> None:
     if len(counts) > 1:
         raise ValueError("its columns differ in length")
     for name, values in tracks.columns.items():
-        if values.dtype.kind in "if" and np.nanmax(np.abs(values.astype(np.float64)), initial=0) > _MAX_NUMBER:
+        if values.dtype.kind in "if" and np.nanmax(np.abs(values.astype(np.float64)), initial=0) > MAX_NUMBER:
             raise ValueError(f"{name} goes up to {np.nanmax(np.abs(values)):.3g}, which no recording has")
 
 

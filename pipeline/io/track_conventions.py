@@ -32,7 +32,7 @@ MAX_NUMBER = 1e12
 squares would overflow."""
 LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """m."""
-_UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _MIN_EPOCH = 1e7
 """s, four months: a time from here on counts from an epoch, not from the start of a recording."""
@@ -290,7 +290,7 @@ class _Interpretation:
 
     def _suggest_or_scale(self, unit: str, evidence: str) -> None:
         """Take another unit where none is stated; refuse a stated one."""
-        spelled = f"{evidence}, so that lengths are in {_UNIT_NAMES[unit]}"
+        spelled = f"{evidence}, so that lengths are in {UNIT_NAMES[unit]}"
         if self.stated:
             raise self._refuse(
                 f'{spelled}, but {self.stated} is stated; write "units": "{unit}" in scene.json or correct the scale'
@@ -419,7 +419,7 @@ class _Interpretation:
                 if words:
                     self.notes.append(f"{self.place}: {words}")
                 if unit != "m":
-                    self.notes.append(f"{self.place}: positions fit on the table in {_UNIT_NAMES[unit]}")
+                    self.notes.append(f"{self.place}: positions fit on the table in {UNIT_NAMES[unit]}")
                 return
 
 

@@ -20,10 +20,12 @@ from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.text_table import TextTable, read_text_table
 from pipeline.io.track_conventions import (
+    LENGTH_UNITS,
     MAX_NUMBER,
     MAX_OVERSHOOT,
     MAX_SHARE_OFF_TABLE,
     MAX_TABLE_LENGTH,
+    UNIT_NAMES,
     TrackRows,
     TrackScene,
     find_off_table,
@@ -287,9 +289,6 @@ def _default_noise(entry: SceneEntry) -> float:
 
 TRACKS_FILE, SCENE_FILE = "tracks.csv", "scene.json"
 
-_SMALLER_UNITS = {100: "centimetres", 1000: "millimetres"}
-"""Units that are used by mistake, by their number in a metre."""
-
 
 def require_track_files(folder: Path) -> None:
     """Raise an OptionError if a folder lacks a file of a track folder; it names the file, the place and the remedy."""
@@ -350,5 +349,6 @@ def require_positions_on_table(places: FloatArray, size: tuple[float, float], pa
 
 def _suggest_unit(high: float, most: float) -> str:
     """Suggest the unit in which the largest value would be on the table."""
-    fits = [(count, unit) for count, unit in _SMALLER_UNITS.items() if 0 < high / count <= most * (1 + MAX_OVERSHOOT)]
+    counts = {round(1 / LENGTH_UNITS[unit]): UNIT_NAMES[unit] for unit in ("cm", "mm")}
+    fits = [(count, unit) for count, unit in counts.items() if 0 < high / count <= most * (1 + MAX_OVERSHOOT)]
     return f"; if it is in {fits[0][1]}, divide x and y by {fits[0][0]}" if fits else "; correct the one or the other"

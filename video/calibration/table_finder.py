@@ -74,8 +74,6 @@ USER_CORNER_SIGMA_PX = 2.0
 """px, standard deviation of corners given by the user."""
 GIVE_CORNERS = "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
 """Remedy where a table is in view but is not recognised."""
-FILLED_SHARE = 0.7
-"""Share of the image from which a surface that reaches its border is said to fill it."""
 MIN_COURT_LINES = 2
 """Painted lines in either direction that make a court: a table has a line across and none along at most."""
 SAME_TABLE_OVERLAP = 0.8
@@ -395,11 +393,6 @@ def _list_attempts(image: ImageArray, is_cropped: bool) -> list[_Attempt]:
         if misfit < GOOD_MISFIT:
             break
     return sorted(attempts, key=lambda one: one.misfit)
-
-
-def _cover_of_image(attempt: _Attempt, image: ImageArray) -> float:
-    """Return the share of an image that a region of cloth covers."""
-    return cv2.contourArea(attempt.outer.astype(np.float32)) / float(image.shape[0] * image.shape[1])
 
 
 def _explain_attempt(attempt: _Attempt | None) -> str:

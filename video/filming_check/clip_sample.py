@@ -28,9 +28,8 @@ from video.io.decoder import (
 )
 from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, find_repeated_fields
 from video.io.frame_layout import read_layout
-from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import ImageSequence
-from video.io.timestamps import compute_presentation_times, find_jitter, is_slow_motion, nominal_fps
+from video.io.timestamps import compute_presentation_times, find_camera_clock, nominal_fps
 
 PIXEL_BUDGET = 100_000_000
 """Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
@@ -62,8 +61,6 @@ class ClipSample:
     """(K, h, w) small grey frames."""
     stills: tuple[ImageArray, ...]
     """Colour frames (H, W, 3), evenly spread."""
-    still_frames: tuple[int, ...]
-    """Their indices in the part."""
     quantiser_step: float
     """Grey levels, mean step of the quantiser; NaN where the codec does not state it."""
 
@@ -83,12 +80,11 @@ class _PacketList:
     pixel_aspect: Fraction
 
 
-def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
+def sample_clip(path: Path) -> ClipSample:
     """Read the timestamps of a clip and decode its liveliest part.
 
     Args:
         path: A video, or a folder of numbered images.
-        memory: Keeps the decoded frames for later passes.
 
     Returns:
         The sample.
@@ -98,7 +94,7 @@ def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
     """
     require_readable_file(path)
     if path.is_dir():
-        clip = open_clip(path, memory=memory)
+        clip = open_clip(path)
         return _decode_part(clip, clip.t, float("nan"))
     packets = _read_packets(path)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
@@ -106,7 +102,7 @@ def sample_clip(path: Path, memory: FrameMemory | None = None) -> ClipSample:
     t = packets.times[first:stop]
     clip = Clip(
         path, "", 0, 0, packets.fps, t, np.zeros(len(t), np.bool_), False, (), first,
-        stop - first == len(packets.times), memory, pixel_aspect=packets.pixel_aspect, clock_rate=packets.clock_rate,
+        stop - first == len(packets.times), pixel_aspect=packets.pixel_aspect, clock_rate=packets.clock_rate,
     )  # fmt: skip
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
 
@@ -130,14 +126,8 @@ def _read_packets(path: Path) -> _PacketList:
         later = times + np.diff(times, append=2 * times[-1] - times[-2]) / 2
         times, size = np.stack([times, later], axis=1).ravel(), np.repeat(size / 2, 2)
         is_key = np.stack([is_key, np.zeros_like(is_key)], axis=1).ravel()
-    stored_fps = nominal_fps(times, fps)
-    if capture_fps and is_slow_motion(stored_fps, capture_fps):
-        rate = float(stored_fps / capture_fps)
-    else:
-        times, jitter = find_jitter(times)
-        rate = 0.0 if jitter else 1.0
-    times = times * rate if rate else times
-    return _PacketList(times, size, is_key, nominal_fps(times, capture_fps), pixels, rate, aspect)
+    clock = find_camera_clock(times, fps, capture_fps)
+    return _PacketList(clock.t, size, is_key, nominal_fps(clock.t, capture_fps), pixels, clock.rate, aspect)
 
 
 def _iterate_packets(container: Any, stream: Any) -> Iterator[Any]:
@@ -163,8 +153,8 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     """Decode the frames of a clip once."""
     wanted = set(np.linspace(0, clip.frame_count - 1, STILLS).round().astype(int).tolist())
     meter, changes, thumbnails = FrameChangeMeter(), list[tuple[float, float]](), list[ImageArray]()
-    stills, places, steps = list[ImageArray](), list[int](), list[float]()
-    memory, layout, damage, damaged = clip.memory or FrameMemory(), None, DecodingDamage(), list[int]()
+    stills, steps = list[ImageArray](), list[float]()
+    layout, damage, damaged = None, DecodingDamage(), list[int]()
     with open_container(clip.path) as (container, stream):
         if not isinstance(container, ImageSequence):
             stream.codec_context.options = {"export_side_data": "venc_params"}
@@ -172,7 +162,6 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
         for k, frame in enumerate(frames):
             if k == clip.frame_count:
                 break
-            memory.add_frame(k, frame)
             damaged += [k] * damage.is_current
             layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
             if k < QUANTISER_FRAMES:
@@ -183,13 +172,11 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
             thumbnails.append(np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
             if k in wanted:
                 stills.append(layout.extract_rgb(frame))
-                places.append(k)
     if layout is None or len(thumbnails) < FRAME_RANGE[0] // 2:
         raise ClipError(
             f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
         )
     decoded = len(thumbnails)
-    memory.is_complete |= memory.is_filling
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
     repeats = find_duplicate_frames(*np.array(changes).T)
@@ -207,7 +194,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
         unobserved_frames=tuple(damaged),
     )
     return ClipSample(
-        times, bits_per_pixel, part, np.stack(thumbnails), tuple(stills), tuple(places),
+        times, bits_per_pixel, part, np.stack(thumbnails), tuple(stills),
         float(np.mean(steps)) if steps else float("nan"),
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ SAME_AGREEMENT = 0.05
 LEAST_CHANGE = 0.05
 """Relative change of a frame that shows nothing new: coding and noise."""
 LARGEST_MINOR_SHARE = 0.25
-"""Share of the second image up to which a frame is observed: a ball that is so faint is not camera_number for one."""
+"""Share of the second image up to which a frame is observed: a detector takes so faint a ball for none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, f
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
-from video.io.timestamps import compute_presentation_times, even_times, find_jitter, is_slow_motion, nominal_fps
+from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock
 from video.io.view_changes import ViewMeter
 
 MIN_DISTINCT_FRAMES = 5
@@ -211,24 +211,23 @@ def open_clip(
             f"tracking needs at least {MIN_DISTINCT_FRAMES}"
         )
     t, note = compute_presentation_times(scan.pts, scan.dts, scan.time_base, scan.fps or DEFAULT_FPS)
-    nominal, rate = nominal_fps(t, scan.fps), 1.0
     notes = [*_describe_problems(scan, t, note if fps is None else "")]
     if fps is not None:
         nominal, rate = Fraction(fps), 0.0
         t = even_times(len(t), nominal)
-    elif scan.capture_fps and is_slow_motion(nominal, scan.capture_fps):
-        rate = float(nominal / scan.capture_fps)
-        notes.append(
-            f"it was filmed at {float(scan.capture_fps):.4g} fps and stores {float(nominal):.4g} fps; "
-            f"its times are {rate:.3g} of those stored"
-        )
-        nominal, t = scan.capture_fps, t * rate
-    elif (even := find_jitter(t))[1]:
-        t, rate = even[0], 0.0
-        nominal = nominal_fps(t, scan.fps)
-        notes.append(
-            f"its timestamps jitter by {1e3 * even[1]:.1f} ms about {float(nominal):.4g} fps; even times are used"
-        )
+    else:
+        clock = find_camera_clock(t, scan.fps, scan.capture_fps)
+        t, nominal, rate = clock.t, clock.fps, clock.rate
+        if 0 < rate != 1:
+            notes.append(
+                f"it was filmed at {float(nominal):.4g} fps and stores {rate * float(nominal):.4g} fps; "
+                f"its times are {rate:.3g} of those stored"
+            )
+        elif clock.jitter:
+            notes.append(
+                f"its timestamps jitter by {1e3 * clock.jitter:.1f} ms about {float(nominal):.4g} fps; "
+                "even times are used"
+            )
     if blending is not None:
         t, rate = blending.estimate_times(t), 0.0
         notes.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -96,6 +97,40 @@ def find_jitter(t: FloatArray) -> tuple[FloatArray, float]:
         return t, 0.0
     correlation = float(off[1:] @ off[:-1]) / (len(off) * jitter**2)
     return (interval * order, jitter) if correlation < MOST_CORRELATION else (t, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraClock:
+    """When a camera took the T frames of a file."""
+
+    t: FloatArray
+    """(T,) s."""
+    fps: Fraction
+    """Nominal frame rate, 1/s."""
+    rate: float
+    """Seconds of `t` per second of the presentation times: below 1 for slow motion, 0 where even times replaced them.
+    """
+    jitter: float
+    """s, root mean square deviation of presentation times that jitter; else 0."""
+
+
+def find_camera_clock(t: FloatArray, declared: Fraction | None, capture: Fraction | None) -> CameraClock:
+    """Find when the camera took frames, from their presentation times.
+
+    Args:
+        t: (T,) s, presentation times.
+        declared: frame rate in the header, 1/s.
+        capture: rate at which the camera took frames, 1/s, if the file states one.
+
+    Returns:
+        The clock.
+    """
+    stored = nominal_fps(t, declared)
+    if capture and is_slow_motion(stored, capture):
+        rate = float(stored / capture)
+        return CameraClock(t * rate, capture, rate, 0.0)
+    even, jitter = find_jitter(t)
+    return CameraClock(even, nominal_fps(even, declared), 0.0, jitter) if jitter else CameraClock(t, stored, 1.0, 0.0)
 
 
 def even_times(count: int, fps: Fraction) -> FloatArray:
