@@ -27,6 +27,13 @@ _MOVING_QUANTA = 2.0
 values where a body moves less than one unit per step."""
 _ROUNDING = 1e-9
 """Difference of two steps, in the largest step, that is an effect of the arithmetic."""
+_MAX_ROUNDING = 0.6
+"""Largest difference of a rounded time from its even one, in units of the clock: half, and the error of the fit."""
+_LIKE_CLOCK = 0.8
+"""Step, in units of the clock, from which on to its inverse missing samples look like rounding."""
+_MIN_CORRELATION = 0.98
+"""Correlation with the rate of a coordinate from which a column is this rate: another coordinate's has less unless both
+move along one line, where their ratio is not that of two units."""
 _WINDOW_SAMPLES = 7
 """Fewest samples of a fitted parabola: three are free."""
 _WINDOW_SHARE = 0.25
@@ -72,15 +79,72 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
     if len(moving) < _MIN_VALUES or (moving > 1).mean() < _MIN_HELD_SHARE:
         return is_repetition
     longest = int(np.quantile(moving, 0.95))
-    for start, length in zip(starts, lengths, strict=True):
-        is_repetition[start : start + length] = np.arange(length) % longest > 0
-    return is_repetition
+    return np.asarray((np.arange(len(positions)) - np.repeat(starts, lengths)) % longest > 0)
 
 
 def _measure_quantum(steps: FloatArray) -> float:
     """Measure the unit of the last digit of values by their steps (T,), whose differences it divides."""
     gaps = np.diff(np.unique(np.append(0.0, steps)))
     return float(gaps[gaps > _ROUNDING * steps.max(initial=0.0)].min(initial=np.inf))
+
+
+@dataclass(frozen=True, slots=True)
+class EvenTimes:
+    """Even times that a coarse clock rounded."""
+
+    t: FloatArray
+    """(K,) s."""
+    step: float
+    """s between samples."""
+    clock: float
+    """s, unit to which the times are rounded."""
+    rounding: float
+    """s, largest difference of a time from its even one."""
+
+
+def fit_even_times(number: FloatArray, t: FloatArray) -> EvenTimes | None:
+    """Fit even times to rounded ones.
+
+    Args:
+        number: (K,) number of each sample.
+        t: (K,) s.
+
+    Returns:
+        The even times; None where the times differ from even ones by more than rounding explains.
+    """
+    steps = np.diff(np.unique(t))
+    if len(np.unique(number)) < _MIN_VALUES or not len(steps):
+        return None
+    clock = _measure_quantum(steps)
+    count = number - number.mean()
+    step = float(count @ t / (count @ count))
+    even = t.mean() + step * count
+    rounding = float(np.abs(t - even).max())
+    is_rounded = step > 0 and rounding < _MAX_ROUNDING * clock and not _LIKE_CLOCK < step / clock < 1 / _LIKE_CLOCK
+    return EvenTimes(even, step, clock, rounding) if is_rounded else None
+
+
+def measure_rate_ratio(samples: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> float | None:
+    """Measure the ratio of the rate of a coordinate and another column, if that is its rate up to a factor.
+
+    Args:
+        samples: Times, coordinate and column (T,) of every body in every shot.
+
+    Returns:
+        The ratio; None where they do not change alike.
+    """
+    best, ratio = _MIN_CORRELATION, None
+    if not all(np.isfinite(column).all() for _, _, column in samples):
+        return None
+    totals = [np.append(0.0, np.cumsum(np.diff(t) * (column[1:] + column[:-1]) / 2)) for t, _, column in samples]
+    for lag in _SMOOTHING:
+        moved = np.concatenate([x[lag:] - x[:-lag] for _, x, _ in samples])
+        summed = np.concatenate([total[lag:] - total[:-lag] for total in totals])
+        if len(moved) >= _MIN_VALUES and np.ptp(moved) > 0 and np.ptp(summed) > 0:
+            alike = abs(float(np.corrcoef(moved, summed)[0, 1]))
+            if alike > best:
+                best, ratio = alike, float(moved @ summed / (summed @ summed))
+    return ratio
 
 
 def measure_fall(paths: Sequence[BodyPath], column: int) -> Fall | None:

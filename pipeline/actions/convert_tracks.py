@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -16,8 +17,9 @@ import pyarrow as pa
 
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat, list_formats
+from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat, list_formats
 from pipeline.io.strict_json import read_json, write_json
+from pipeline.io.text_table import decode_text
 from pipeline.io.track_conventions import MAX_NUMBER
 from pipeline.reporting.text.text_formatting import escape_text
 
@@ -74,24 +76,33 @@ def read_tracks(path: Path, name: str | None = None) -> tuple[PointTracks, Track
     except Exception as error:
         if not isinstance(error, (*_MALFORMED, OSError)) and not type(error).__module__.startswith(_PARSERS):
             raise
-        detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        if isinstance(error, IndexError):
-            detail = "a row or list is too short"
-        reason = f"it lacks {detail}" if isinstance(error, KeyError) else detail
-        raise OptionError(f"{place} is no whole {chosen.title}: {reason[:160]}; export it again") from error
+        raise OptionError(f"{place} is no whole {chosen.title}: {_describe_fault(error)}; export it again") from error
     return tracks, chosen
 
 
+def _describe_fault(error: Exception) -> str:
+    """Describe what is wrong with a file, without the words of its parser."""
+    if isinstance(error, MalformedTracks | UnicodeError):
+        return str(error) if isinstance(error, MalformedTracks) else "it is no text"
+    if isinstance(error, KeyError):
+        return f"it lacks {escape_text(str(error))[:60]}"
+    if isinstance(error, IndexError | StopIteration):
+        return "a row or list is too short"
+    if type(error).__module__ == "builtins" and not isinstance(error, OSError):
+        return "it breaks off, or a value is no number or has another type than is usual there"
+    return "it breaks off, is damaged, or is another kind of file"
+
+
 def _require_rows(tracks: PointTracks) -> None:
-    """Raise a ValueError where tracks have no rows, or columns that are no numbers or differ in length."""
+    """Raise a MalformedTracks error where tracks have no rows, or columns that are no numbers or differ in length."""
     counts = {len(values) for values in tracks.columns.values()}
     if counts == {0} or not counts:
-        raise ValueError("it has no positions")
+        raise MalformedTracks("it has no positions")
     if len(counts) > 1:
-        raise ValueError("its columns differ in length")
+        raise MalformedTracks("its columns differ in length")
     for name, values in tracks.columns.items():
         if values.dtype.kind in "if" and np.nanmax(np.abs(values.astype(np.float64)), initial=0) > MAX_NUMBER:
-            raise ValueError(f"{name} goes up to {np.nanmax(np.abs(values)):.3g}, which no recording has")
+            raise MalformedTracks(f"{name} goes up to {np.nanmax(np.abs(values)):.3g}, which no recording has")
 
 
 def _recognise(path: Path) -> TrackFormat:
@@ -99,6 +110,8 @@ def _recognise(path: Path) -> TrackFormat:
     if path.is_file():
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
+        with suppress(OptionError):  # of a format that is no text
+            head = decode_text(head, path.name, is_whole=False).encode()
     formats = list_formats()
     general = formats["track-folder"]  # any table of text: the last one
     for one in (*(other for other in formats.values() if other is not general), general):

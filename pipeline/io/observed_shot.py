@@ -12,6 +12,7 @@ from models.core.errors import OptionError
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import KINDS, Tracks
 from models.core.typing import FloatArray
+from pipeline.io.row_grid import build_row_grid
 from pipeline.io.run_folder import DEFAULT_SIGMA, parse_camera, parse_table, read_scene_document
 from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.text_table import Columns, read_text_table
@@ -104,15 +105,12 @@ def _select_shot(rows: TrackRows, shot: int | None, path: Path) -> int:
 
 
 def _build_tracks(rows: TrackRows, columns: Columns, number: int, scene: Scene, path: Path) -> Tracks:
-    """Arrange rows as T frames by N balls; of several rows of a ball in a frame, the first counts."""
+    """Arrange rows as T frames by N balls."""
     here = np.flatnonzero(rows.is_usable & (rows.shot == number))
     if not len(here):
         raise OptionError(f"{path} has no observed position of a ball")
-    frames, first, row = np.unique(rows.frame[here], return_index=True, return_inverse=True)
-    names = rows.ids[here]
-    ids = tuple(dict.fromkeys(names.tolist()))
-    ball = np.array([ids.index(name) for name in names])
-    grid = _TrackGrid(row[::-1], ball[::-1], (len(frames), len(ids)))
+    names, grid = rows.ids[here], build_row_grid(rows.frame[here], rows.ids[here])
+    ids, first = grid.bodies, here[grid.first]
     blank = np.full(len(rows.t), np.nan)
     xy = grid.scatter(rows.positions[here])
     sigma = rows.unit * grid.scatter(columns.get("sigma", blank)[here])
@@ -123,24 +121,11 @@ def _build_tracks(rows: TrackRows, columns: Columns, number: int, scene: Scene, 
     px = grid.scatter(np.stack([columns.get("x_px", blank), columns.get("y_px", blank)], axis=1)[here])
     size = grid.scatter(columns.get("radius_px", blank)[here])
     return Tracks(
-        frames, rows.t[here][first], ids, _parse_ball_classes(columns.get("kind", rows.ids)[here], names, ids), xy,
+        rows.frame[first], rows.t[first], ids, _parse_ball_classes(columns.get("kind", rows.ids)[here], names, ids), xy,
         np.where(np.isfinite(px), px, computed), sigma, sigma,
         np.zeros_like(xy), np.where(np.isfinite(size), size, scene.camera.radius_px(filled, radius)),
         np.tile([70.0, 0.0, 0.0], (len(ids), 1)),
     )  # fmt: skip
-
-
-class _TrackGrid:
-    """Arrangement of K table rows as T frames by N balls."""
-
-    def __init__(self, row: NDArray[np.intp], ball: NDArray[np.intp], shape: tuple[int, int]) -> None:
-        self._row, self._ball, self._shape = row, ball, shape
-
-    def scatter(self, values: FloatArray) -> FloatArray:
-        """Arrange values (K, ...) as (T, N, ...), NaN elsewhere."""
-        grid = np.full((*self._shape, *values.shape[1:]), np.nan)
-        grid[self._row, self._ball] = values[::-1]
-        return grid
 
 
 def _parse_ball_classes(labels: NDArray[np.str_], names: NDArray[np.str_], ids: tuple[str, ...]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
 from pipeline.io.csv_tables import write_columns
+from pipeline.io.row_grid import build_row_grid
 from pipeline.io.strict_json import read_json
 from pipeline.io.text_table import Columns, read_text_table
 from pipeline.io.track_conventions import TrackRows, TrackScene, interpret_tracks
@@ -95,14 +96,10 @@ def read_particles(path: Path, fps: float | None = None) -> tuple[list[Recording
 
 def _build_recording(number: int, rows: TrackRows, path: Path) -> Recording:
     here = np.flatnonzero(rows.is_usable & (rows.shot == number))
-    t, row = np.unique(rows.t[here], return_inverse=True)
-    ids = tuple(dict.fromkeys(rows.ids[here].tolist()))
-    index = {name: k for k, name in enumerate(ids)}
-    x = np.full((len(t), len(ids), len(rows.coordinates)), np.nan)
-    x[row, [index[name] for name in rows.ids[here].tolist()]] = rows.positions[here]
+    grid = build_row_grid(rows.t[here], rows.ids[here])
     from models.estimation.particles.particle_fit import MIN_SAMPLES  # slow to import
 
-    particles = record_points(t, x, ids, number)
+    particles = record_points(rows.t[here][grid.first], grid.scatter(rows.positions[here]), grid.bodies, number)
     try:
         particles.require_samples(MIN_SAMPLES)
     except ValueError as error:

@@ -29,11 +29,12 @@ def read_json(path: Path, expected: str) -> Any:
         OptionError: The file cannot be read, or is not JSON.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_bytes())
     except OSError as error:
         raise OptionError(f"{expected}; {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        raise OptionError(f"{path} is not JSON: {error}") from error
+        place = f"line {error.lineno}, column {error.colno}" if isinstance(error, json.JSONDecodeError) else "its text"
+        raise OptionError(f"{path} is not whole JSON; correct {place}, or write it again") from error
 
 
 def format_first_error(error: ValidationError) -> str:

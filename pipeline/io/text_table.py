@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv as rows_of_text
 import io
 import re
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,11 +27,17 @@ _SAMPLE_LINES = 50
 """Lines from which delimiter and decimal sign are recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
+_MISSING = (*csv.ConvertOptions().null_values, "-", "--", "?", ".", "None", "none", "missing")
+"""Cells of numbers that were not measured."""
+_BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+"""Characters that no text has."""
+_DOCUMENTS = ("{", "[{", "[[", "<")
+"""Beginnings of JSON, XML and HTML, which would pass as tables with strange names."""
 UNITS = {
     "px": "px", "pixel": "px", "pixels": "px", "m": "m", "metres": "m", "meters": "m", "cm": "cm", "mm": "mm",
-    "in": "in", "inch": "in", "inches": "in", "ft": "ft", "feet": "ft", "s": "s", "sec": "s", "seconds": "s",
-    "ms": "ms", "us": "us", "µs": "us", "ns": "ns", "rad": "rad", "radians": "rad", "deg": "deg", "degrees": "deg",
-    "°": "deg",
+    "km": "km", "in": "in", "inch": "in", "inches": "in", "ft": "ft", "feet": "ft", "s": "s", "sec": "s",
+    "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns", "rad": "rad", "radians": "rad", "deg": "deg",
+    "degrees": "deg", "°": "deg",
 }  # fmt: skip
 """Spellings of units in headers."""
 _WITH_UNIT = re.compile(r"(.+?)\s*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|[\s_/]\s*([^\s_/]+))")
@@ -136,17 +143,54 @@ def name_columns(path: Path, columns: dict[str, Any], units: dict[str, str], not
                             if _is_usable(name, column)}, units, tuple(notes))  # fmt: skip
 
 
+def read_text(path: Path) -> str:
+    """Read a file of text in any encoding, packed by gzip or not.
+
+    Raises:
+        OptionError: It is no text.
+    """
+    return decode_text(path.read_bytes(), escape_text(path))
+
+
+def decode_text(data: bytes, place: str, is_whole: bool = True) -> str:
+    """Decode text.
+
+    Args:
+        data: The bytes of a file.
+        place: Its name, for the message.
+        is_whole: Whether they are all of them.
+
+    Returns:
+        The text.
+
+    Raises:
+        OptionError: They are no text.
+    """
+    if data.startswith(b"\x1f\x8b"):
+        archive = zlib.decompressobj(wbits=31)  # with a header of gzip
+        try:
+            data = archive.decompress(data)
+        except zlib.error:
+            data = b""
+        if is_whole and not archive.eof:
+            raise OptionError(f"{place} is a gzip archive that breaks off or is damaged; copy it again")
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace")
+    if len(data) > 1 and not data[1 : 2 * _SAMPLE_LINES : 2].strip(b"\0"):  # Latin letters of two bytes each
+        return data.decode("utf-16-le", errors="replace")
+    if _BINARY.search(data):
+        raise OptionError(f"{place} is no text; save it as CSV or in a format that trueroll convert reads")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
 def _split_lines(data: bytes, place: str) -> tuple[list[str], str]:
     """Decode text, and return its lines without comments and empty ones, and the last comment before them."""
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = data.decode("utf-16", errors="replace")
-    else:
-        if b"\0" in data:
-            raise OptionError(f"{place} is no text; convert other formats with trueroll convert")
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("cp1252", errors="replace")
+    text = decode_text(data, place)
+    if text.lstrip().startswith(_DOCUMENTS):
+        raise OptionError(f"{place} is JSON, XML or HTML; save it as CSV or in a format that trueroll convert reads")
     lines = [line for line in text.splitlines() if line.strip()]
     comment = ""
     for line in lines:
@@ -220,17 +264,18 @@ def _parse_body(body: list[str], names: list[str], delimiter: str, decimal: str,
             csv.ParseOptions(delimiter=delimiter),
             csv.ConvertOptions(
                 column_types={name: pa.string() for name in names if name in (*TEXT_COLUMNS, *ALIASES["id"])},
-                strings_can_be_null=False, decimal_point=decimal,
+                strings_can_be_null=False, decimal_point=decimal, null_values=_MISSING,
             ),
         )  # fmt: skip
     except pa.ArrowException as error:
         for number, row in enumerate(_split_cells(body, delimiter)):
             if len(row) != len(names):
+                remedy = "separate columns by semicolons where numbers have decimal commas"
                 raise OptionError(
-                    f"{place}: row {number + 1} has {len(row)} values for {len(names)} columns; separate columns by"
-                    " semicolons where numbers have decimal commas"
+                    f"{place}: row {number + 1} has {len(row)} values for {len(names)} columns;"
+                    f" {remedy if len(row) > len(names) else 'complete or remove it'}"
                 ) from error
-        raise OptionError(f"{place} is not a table of text: {' '.join(str(error).split())}") from error
+        raise OptionError(f"{place} is no table of text; save it as CSV with one kind of value per column") from error
     return {name: table.column(name) for name in table.column_names}
 
 
@@ -257,7 +302,15 @@ def _to_values(name: str, column: Any, place: str) -> NDArray[Any]:
     try:
         return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-        raise OptionError(f"{place}: the column {name} has a value that is not a number") from error
+        cells = enumerate(map(str, column.to_pylist()))
+        number, value = next(
+            ((k, one) for k, one in cells if one not in _MISSING and not _NUMBER.fullmatch(one)), (0, "")
+        )
+        wanted = "write seconds" if name == "t" else "write a plain number, or leave the cell empty"
+        raise OptionError(
+            f"{place}: the column {name} has a value that is not a number, {escape_text(value)[:40]!r} in row"
+            f" {number + 1}; {wanted}"
+        ) from error
 
 
 NUMERIC_COLUMNS = ("sigma", "observed", "x_px", "y_px", "radius_px", "force_x", "force_y", "torque", "platform_x",

@@ -5,6 +5,7 @@ What nobody stated is recognised and said; what was stated and contradicts the m
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -18,21 +19,26 @@ from models.estimation.track_evidence import (
     BodyPath,
     Fall,
     find_held_samples,
+    fit_even_times,
     fit_swing,
     measure_fall,
+    measure_rate_ratio,
     measure_speed,
     unwrap_angles,
 )
 from pipeline.io.shot_folder import has_shot
-from pipeline.io.text_table import TextTable
+from pipeline.io.text_table import NUMERIC_COLUMNS, TEXT_COLUMNS, UNITS, TextTable
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAX_NUMBER = 1e12
 """Coordinates, frames and durations (s) from here on, like NaN, count as missing: no recording has them, and their
 squares would overflow."""
-LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "km": 1000.0}
 """m."""
-UNIT_NAMES = {"cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}
+"""rad."""
+UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet", "km": "kilometres",
+              "rad": "radians", "deg": "degrees"}  # fmt: skip
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _MIN_EPOCH = 1e7
 """s, four months: a time from here on counts from an epoch, not from the start of a recording."""
@@ -50,6 +56,9 @@ accelerates less than half as much as gravity."""
 _MOST_DRAG = 500.0
 """Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: the fastest smash
 of a shuttlecock, twenty times its terminal speed, has 400."""
+_RATE_TOLERANCE = 1.05
+"""Factor by which the ratio of a coordinate's rate and a column may differ from that of two units: a filtered rate is a
+few per cent too small, and the nearest two units, centimetres and inches, differ by 2.54."""
 _UNIT_TOLERANCE = 1.25
 """Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity."""
 _GOOD_SWING = 0.5
@@ -135,7 +144,8 @@ class _Interpretation:
         count = len(next(iter(self.columns.values()))) if self.columns else 0
         self.shot = np.nan_to_num(self.columns.get("shot", np.zeros(count)), posinf=0, neginf=0)
         self.shot = np.where(np.abs(self.shot) < MAX_NUMBER, self.shot, 0).astype(np.int64)
-        self.ids = self.columns.get("id", np.array(["body"] * count))
+        self.ids = self.columns.get("id", np.full(count, "body"))
+        self.body = np.unique(self.ids, return_inverse=True)[1] if "id" in self.columns else np.zeros(count, np.int64)
         self.t = self._read_times(count)
         with np.errstate(over="ignore", invalid="ignore"):
             self.t = np.where(np.abs(self.t) < MAX_NUMBER, self.t, np.nan)
@@ -150,6 +160,7 @@ class _Interpretation:
     def run(self) -> TrackRows:
         if "id" not in self.columns:
             self.notes.append(f"{self.place} has no column id, so all its rows are one body")
+        self._even_out_times()
         frame = self._number_frames()
         self._drop_held_samples()
         self._convert_stated_units()
@@ -220,6 +231,28 @@ class _Interpretation:
                 )
         return numbers
 
+    def _even_out_times(self) -> None:
+        """Replace times that were rounded to a coarse clock by the even ones that round to them."""
+        coarsest = 0.0
+        for shot in np.unique(self.shot[self.is_usable]):
+            here = np.flatnonzero(self.is_usable & (self.shot == shot))
+            here = here[np.lexsort((self.t[here], self.body[here]))]
+            if "frame" in self.columns:
+                number = self.columns["frame"][here]
+            else:
+                starts = np.append(0, np.flatnonzero(np.diff(self.body[here])) + 1)
+                number = np.arange(len(here)) - np.repeat(starts, np.diff(np.append(starts, len(here))))
+                first, second = (np.diff(self.positions[here], n, axis=0) for n in (1, 2))
+                if np.square(second).sum() > np.square(first).sum():
+                    continue  # several bodies without names
+            even = fit_even_times(number, self.t[here])
+            if even is not None and even.rounding > _SAME_TIME * even.step:
+                self.t[here], coarsest = even.t, max(coarsest, even.clock)
+        if coarsest:
+            self.notes.append(
+                f"{self.place}: times are rounded to {coarsest:.3g} s; the even times that round to them are used"
+            )
+
     def _leave_out(self, rows: NDArray[np.intp], sentence: str) -> None:
         """Leave out a shot that cannot be used; a table of which nothing remains is refused."""
         self.is_usable[rows] = False
@@ -240,11 +273,11 @@ class _Interpretation:
         return True
 
     def _list_bodies(self) -> Iterable[NDArray[np.intp]]:
-        """List the usable rows of each body of each shot, in the order of time."""
+        """List the usable rows of each body of each shot, in the order of time; of rows at one time, the first."""
         rows = np.flatnonzero(self.is_usable)
-        order = rows[np.lexsort((self.t[rows], self.ids[rows], self.shot[rows]))]
-        keys = np.stack([np.unique(self.ids, return_inverse=True)[1][order], self.shot[order]])
-        for part in np.split(order, np.flatnonzero(np.diff(keys, axis=1).any(axis=0)) + 1):
+        order = rows[np.lexsort((self.t[rows], self.body[rows], self.shot[rows]))]
+        other = (np.diff(self.body[order]) != 0) | (np.diff(self.shot[order]) != 0)
+        for part in np.split(order, np.flatnonzero(other) + 1):
             if len(part):
                 yield part[np.append(True, np.diff(self.t[part]) > 0)]
 
@@ -254,8 +287,12 @@ class _Interpretation:
     def _drop_held_samples(self) -> None:
         if has_shot(self.table.path.parent):
             return  # a run wrote the table, no recorder
-        count = 0
-        for rows in list(self._list_bodies()):
+        count, bodies, usable = 0, list(self._list_bodies()), int(self.is_usable.sum())
+        if several := usable - sum(map(len, bodies)):
+            self.notes.append(
+                f"{self.place}: {several} of {usable} rows repeat the time of a row of their body and are left out"
+            )
+        for rows in bodies:
             repetitions = rows[find_held_samples(self.positions[rows])]
             self.is_usable[repetitions] = False
             count += len(repetitions)
@@ -277,13 +314,32 @@ class _Interpretation:
         is_angle = self.scene.name == "pendulum"
         if is_angle and self.stated not in ("rad", "deg"):
             self.stated = None  # scenes state m where they have no length
+        self.stated = self.stated or self._find_unit_by_rate()
         if self.stated == "px" and not self.scene.px_per_m and self.scene.name:
             raise self._refuse("positions in px need px_per_m in scene.json")
         if self.stated in ("rad", "deg") and not is_angle and self.scene.name:
             raise self._refuse(f"positions are lengths, and {self.stated} is stated; correct the unit")
         if self.scene.name:
             px = 1 / self.scene.px_per_m if self.scene.px_per_m else 1.0
-            self._scale({"px": px, "deg": np.pi / 180, **LENGTH_UNITS}.get(self.stated or "", 1.0))
+            self._scale({"px": px, **ANGLE_UNITS, **LENGTH_UNITS}.get(self.stated or "", 1.0))
+
+    def _find_unit_by_rate(self) -> str | None:
+        """Find the unit of positions by a further column that is their rate, in the unit of its name, else in SI."""
+        paths = [(rows, self.t[rows], self.positions[rows]) for rows in self._list_bodies()] if self.scene.name else []
+        ours = {"shot", "frame", "t", *TEXT_COLUMNS, *NUMERIC_COLUMNS, *self.scene.coordinates}
+        units = ANGLE_UNITS if self.scene.name == "pendulum" else LENGTH_UNITS
+        for name in self.columns if paths else ():
+            spelled = re.search(r"([a-z°]+)/s", name)
+            own = UNITS.get(spelled[1]) if spelled else None
+            for k, axis in enumerate(self.names if name not in ours else ()):
+                ratio = measure_rate_ratio([(t, x[:, k], self.columns[name][rows]) for rows, t, x in paths])
+                size = units.get(own or "", 1.0) / ratio if ratio and ratio > 0 else np.nan
+                for unit, one in units.items():
+                    # a rate without a unit in its name that changes as its coordinate does shares its unit, whichever
+                    if abs(np.log(size / one)) < np.log(_RATE_TOLERANCE) and (own in units or one != 1):
+                        self.notes.append(f"{self.place}: {axis} is in {UNIT_NAMES[unit]}, as its rate {name} shows")
+                        return unit
+        return None
 
     def _scale(self, unit: float) -> None:
         self.positions, self.unit = self.positions * unit, self.unit * unit
@@ -297,6 +353,14 @@ class _Interpretation:
             )
         self._scale(LENGTH_UNITS[unit])
         self.notes.append(f"{self.place}: {spelled}")
+
+    def _note_assumed_unit(self, unit: str, doubt: str = "nothing shows it") -> None:
+        """Say that a unit was assumed where nobody stated it."""
+        if not self.stated:
+            self.notes.append(
+                f"{self.place}: no unit of {', '.join(self.names)} is stated, and {doubt}; {UNIT_NAMES[unit]} are"
+                ' assumed: state "units" in scene.json'
+            )
 
     def _check_fall(self) -> None:
         """Require that bodies fall with gravity along the last coordinate, in metres, upwards positive."""
@@ -324,7 +388,13 @@ class _Interpretation:
                 f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
             )
         size = abs(ratio)
-        if size <= high or (has_drag and size <= _MOST_DRAG):
+        if low <= size <= high:
+            if abs(np.log(size)) > np.log(_UNIT_TOLERANCE):
+                self._note_assumed_unit("m", f"a fall at {size * self.scene.gravity:.3g} m/s2 does not show it")
+            return
+        is_tiny = not has_drag and abs(np.log(max(size, 1e-9) * LENGTH_UNITS["km"])) < np.log(_UNIT_TOLERANCE)
+        if not is_tiny and (size <= high or (has_drag and size <= _MOST_DRAG)):
+            self._note_assumed_unit("m", "no fall without drag shows it")
             return
         metres = size * self.scene.gravity
         evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
@@ -366,6 +436,9 @@ class _Interpretation:
             chosen = other
             self._scale(np.pi / 180)
             self.notes.append(f"{self.place}: angles are in degrees, as their motion shows")
+        elif fits["rad"].misfit > _GOOD_SWING * fits["deg"].misfit:
+            widest = float(np.abs(self.positions[self.is_usable]).max())
+            self._note_assumed_unit("rad", f"the motion of angles up to {widest:.2g} does not show it")
         for rows, angles, is_wrapped in readings[chosen]:
             if is_wrapped:
                 self.positions[rows] = angles
@@ -395,22 +468,25 @@ class _Interpretation:
                 f"bodies move at {speed:,.3g} m/s, which nothing on a table does; state the units of positions in"
                 " scene.json (cm, mm, or px with px_per_m), or correct the times"
             )
+        self._note_assumed_unit("m")
 
     def _check_table(self) -> None:
         """Require positions on the table, in metres from a corner, y clockwise from x."""
         if self.scene.table is None:
             return
         size = np.array(self.scene.table)
+        same, swapped = (0, 1), (1, 0)
         for unit in ("m", "cm", "mm"):  # a table in feet or inches is within a factor of four of one in metres
             length = LENGTH_UNITS[unit]
             if (unit != "m" and self.stated) or np.max(size) > MAX_TABLE_LENGTH:
                 break
-            for shift, turn, words in (
-                (0.0, (1, 1), ""),
-                (0.0, (1, -1), "y is negative, so that it points away from the table, and is turned"),
-                (size / 2, (1, 1), "positions count from the middle of the table"),
+            for axes, shift, turn, words in (
+                (same, 0.0, (1, 1), ""),
+                (same, 0.0, (1, -1), "y is negative, so that it points away from the table, and is turned"),
+                (same, size / 2, (1, 1), "positions count from the middle of the table"),
+                (swapped, 0.0, (1, 1), "x runs along the shorter side; x and y are exchanged"),
             ):
-                placed = self.positions[:, :2] * length * turn + shift
+                placed = self.positions[:, axes] * length * turn + shift
                 usable = placed[self.is_usable]
                 is_small = length != 1 and np.abs(usable - shift).max() < _MIN_SHARE_USED * size.max()
                 if is_small or find_off_table(usable, self.scene.table).mean(axis=0).max() > MAX_SHARE_OFF_TABLE:
@@ -419,7 +495,9 @@ class _Interpretation:
                 if words:
                     self.notes.append(f"{self.place}: {words}")
                 if unit != "m":
-                    self.notes.append(f"{self.place}: positions fit on the table in {UNIT_NAMES[unit]}")
+                    inches = usable * LENGTH_UNITS["in"] / length
+                    other = ", and in inches too" if not find_off_table(inches, self.scene.table).any() else ""
+                    self.notes.append(f"{self.place}: positions fit on the table in {UNIT_NAMES[unit]}{other}")
                 return
 
 

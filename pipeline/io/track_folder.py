@@ -15,6 +15,7 @@ from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
 from pipeline.io.known_inputs import build_inputs, find_input_columns
+from pipeline.io.row_grid import build_row_grid
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
@@ -75,7 +76,7 @@ class SceneEntry(BaseModel):
 
     model_config = ConfigDict(extra="allow")
     scene: Literal["billiards", "flight", "pendulum", "slide"] = "billiards"
-    units: Literal["m", "cm", "mm", "in", "ft", "px", "rad", "deg"] | None = None
+    units: Literal["m", "cm", "mm", "in", "ft", "km", "px", "rad", "deg"] | None = None
     px_per_m: PositiveNumber | None = None
     fps: PositiveNumber | None = None
     table: SceneTableEntry | None = None
@@ -227,7 +228,10 @@ def _read_table(entry: SceneEntry, path: Path) -> tuple[tuple[Recording, ...], t
     names = tuple(name for name in reference.coordinates if name in table.columns)
     fewest = 1 if entry.scene in ("flight", "pendulum") else len(reference.coordinates)
     if len(names) < fewest:
-        raise OptionError(f"{path} needs the columns id and {', '.join(reference.coordinates)}")
+        raise OptionError(
+            f"{path} needs the columns id and {', '.join(reference.coordinates)}, a row for each body and time; it has"
+            f" {', '.join(table.columns) or 'no numbers'}: rename them, or try trueroll convert --scene {entry.scene}"
+        )
     inputs = find_input_columns(entry.scene, names, table.columns, path)
     rows = interpret_tracks(table, entry.describe_tracks(bool(inputs)))
     recordings = _split_recordings(entry, table, rows, replace(reference, coordinates=names), inputs)
@@ -262,14 +266,9 @@ def _split_recordings(
     recordings = []
     for number in np.unique(rows.shot[rows.is_usable]).tolist():
         here = np.flatnonzero(rows.is_usable & (rows.shot == number))
-        frames, first, row = np.unique(rows.frame[here], return_index=True, return_inverse=True)
-        names, body = np.unique(rows.ids[here], return_inverse=True)
-        bodies, times = tuple(str(name) for name in names), rows.t[here][first]
-        positions = np.full((len(frames), len(bodies), len(rows.coordinates)), np.nan)
-        error = np.full(positions.shape[:2], np.nan)
-        # Of several rows of a body in a frame, the first counts.
-        positions[row[::-1], body[::-1]] = rows.positions[here[::-1]]
-        error[row[::-1], body[::-1]] = sigma[here[::-1]]
+        grid = build_row_grid(rows.frame[here], rows.ids[here], sorted(set(rows.ids[here].tolist())))
+        frames, times, bodies = rows.frame[here][grid.first], rows.t[here][grid.first], grid.bodies
+        positions, error = grid.scatter(rows.positions[here]), grid.scatter(sigma[here])
         given = None
         if inputs:
             # also rows without a position
@@ -348,7 +347,9 @@ def require_positions_on_table(places: FloatArray, size: tuple[float, float], pa
 
 
 def _suggest_unit(high: float, most: float) -> str:
-    """Suggest the unit in which the largest value would be on the table."""
-    counts = {round(1 / LENGTH_UNITS[unit]): UNIT_NAMES[unit] for unit in ("cm", "mm")}
-    fits = [(count, unit) for count, unit in counts.items() if 0 < high / count <= most * (1 + MAX_OVERSHOOT)]
-    return f"; if it is in {fits[0][1]}, divide x and y by {fits[0][0]}" if fits else "; correct the one or the other"
+    """Suggest the unit in which the largest value would be on the table; of several, the one that fills it best."""
+    fits = [(high * size, unit) for unit, size in LENGTH_UNITS.items() if 0 < high * size <= most * (1 + MAX_OVERSHOOT)]
+    if not fits:
+        return "; correct the one or the other"
+    unit = max(fits)[1]
+    return f'; if it is in {UNIT_NAMES[unit]}, write "units": "{unit}" into {SCENE_FILE}'

@@ -17,6 +17,7 @@ from models.core.typing import FloatArray
 from video.io.blended_frames import find_blending
 from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
+    ONE_FRAME_CODECS,
     DecodingDamage,
     decode_frames,
     decode_frames_from,
@@ -335,6 +336,8 @@ class _FileScan:
     has_audio: bool = False
     errors: tuple[str, ...] = ()
     damaged: list[int] = field(default_factory=list)
+    lost: list[int] = field(default_factory=list)
+    codec: str = ""
 
 
 def _scan_file(path: Path, aspect: Fraction | None, progress: Progress, memory: FrameMemory) -> _FileScan:
@@ -360,6 +363,8 @@ def _scan_file(path: Path, aspect: Fraction | None, progress: Progress, memory: 
             f"{damage.errors[0] if damage.errors else 'the stream is empty'}"
         )
     scan.errors, scan.has_fields = tuple(damage.errors), damage.has_fields
+    if scan.codec in ONE_FRAME_CODECS and not scan.has_fields:
+        scan.lost = sorted(pts for pts in damage.lost if pts > (scan.pts[0] or 0))  # those before refer to other files
     memory.is_complete = memory.is_filling
     progress(1.0)
     return scan
@@ -372,7 +377,7 @@ def _read_header(scan: _FileScan, container: Any, stream: Any) -> None:
     elif container.duration:
         scan.duration_s = container.duration / 1e6  # FFmpeg's AV_TIME_BASE
     scan.aspect, scan.capture_fps = pixel_aspect_ratio(stream), read_capture_rate(container)
-    scan.has_audio = len(container.streams.audio) > 0
+    scan.has_audio, scan.codec = len(container.streams.audio) > 0, getattr(stream, "name", "")
 
 
 def _check_size(path: Path, scan: _FileScan, frame: Any) -> None:
@@ -402,6 +407,9 @@ def _describe_problems(scan: _FileScan, t: FloatArray, timing: str) -> Iterator[
         yield f"{INCOMPLETE_PREFIXES[0]} at {at}; the {len(t)} frames before are used"
     elif scan.errors and not scan.damaged:
         yield f"{INCOMPLETE_PREFIXES[1]} ({scan.errors[0]}); the {len(t)} frames that can be decoded are used"
+    elif scan.lost and not scan.damaged:
+        first, last = (float((pts - (scan.pts[0] or 0)) * scan.time_base) for pts in (scan.lost[0], scan.lost[-1]))
+        yield f"{INCOMPLETE_PREFIXES[1]}; {len(scan.lost)} frames from {first:.2f} to {last:.2f} s cannot be decoded"
     runs = np.split(scan.damaged, 1 + np.flatnonzero(np.diff(scan.damaged) > 1)) if scan.damaged else ()
     for first, last in ((run[0], run[-1]) for run in runs):
         span = f"from {t[first]:.2f} to {t[last]:.2f} s; frames {first} to {last} are"

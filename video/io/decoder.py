@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,6 +32,14 @@ TIME_TOLERANCE_S = 2e-4
 
 CAPTURE_RATE_KEYS = ("com.android.capture.fps",)
 """Metadata with the rate at which the camera took frames. Apple's slow motion stores true timestamps instead."""
+SONY_CAPTURE_RATE = re.compile(rb'captureFps="(\d+(?:\.\d+)?)[pi]"', re.IGNORECASE)
+"""The same rate in the NonRealTimeMeta of Sony's XAVC, an XML that FFmpeg does not read."""
+HEADER_BYTES = 1 << 22
+"""Bytes of a box of MP4 in which this XML is searched: it comes before the tables of samples and is some kB long."""
+
+ONE_FRAME_CODECS = ("h264", "hevc")
+"""Codecs whose packets hold a shown frame each, where there are no fields; others hide frames in packets of their own.
+"""
 
 NON_VIDEO_FORMATS = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
 """Formats as which FFmpeg would read a text file or a still image."""
@@ -49,6 +58,8 @@ class DecodingDamage:
     """Whether the frame that was decoded last is damaged."""
     has_fields: bool = False
     """Whether frames were split into their fields."""
+    lost: set[int] = field(default_factory=set)
+    """Timestamps of the packets of which no frame came: FFmpeg omits frames of HEVC whose reference is missing."""
     _is_broken: bool = False
     _resumed_at: int | None = None
     """Timestamp of the key frame that ended the last damage; frames shown before it refer to damaged ones."""
@@ -63,6 +74,8 @@ class DecodingDamage:
             self._resumed_at = packet.pts if self._is_broken else None
             self._is_broken = False
         self._recent.append(packet.pts)
+        if packet.pts is not None and not packet.is_discard:
+            self.lost.add(packet.pts)
         self._is_broken |= packet.is_corrupt or is_lost
         is_leading = self._resumed_at is not None and packet.pts is not None and packet.pts < self._resumed_at
         if is_lost:
@@ -146,6 +159,7 @@ def decode_frames(container: Any, stream: Any, damage: DecodingDamage | None = N
     splitter, was_damaged = FieldSplitter(), False
     for frame in _decode_stored_frames(container, stream, damage):
         is_damaged = damage.judge_frame(frame)
+        damage.lost.discard(frame.pts)
         damage.has_fields |= frame.interlaced_frame
         for image in splitter.split_fields(frame):
             damage.is_current = is_damaged or (was_damaged and image is not frame)  # fields are drawn from both
@@ -233,12 +247,32 @@ def pixel_aspect_ratio(stream: Any) -> Fraction:
 
 def read_capture_rate(container: Any) -> Fraction | None:
     """Read the rate at which the camera took frames, 1/s; None where the file does not state it."""
-    for key in CAPTURE_RATE_KEYS:
-        with suppress(KeyError, ValueError, ZeroDivisionError):
-            rate = Fraction(container.metadata[key]).limit_denominator(1001)
+    if isinstance(container, ImageSequence):
+        return None
+    stated = [container.metadata[key] for key in CAPTURE_RATE_KEYS if key in container.metadata]
+    if container.format.name.startswith("mov"):
+        stated += [match[1].decode() for box in _read_mp4_boxes(Path(container.name)) for match in
+                   SONY_CAPTURE_RATE.finditer(box)]  # fmt: skip
+    for text in stated:
+        with suppress(ValueError, ZeroDivisionError):
+            rate = Fraction(text).limit_denominator(1001)
             if rate > 0:
                 return rate
     return None
+
+
+def _read_mp4_boxes(path: Path) -> Iterator[bytes]:
+    """Read the beginnings of the outer boxes of an MP4 file other than that of its samples."""
+    with suppress(OSError), path.open("rb") as file:
+        while len(head := file.read(16)) >= 8:
+            size, kind = int.from_bytes(head[:4], "big"), head[4:8]
+            size = int.from_bytes(head[8:], "big") if size == 1 else size
+            start = file.tell() - len(head)
+            if kind != b"mdat":
+                yield file.read(min(size, HEADER_BYTES))
+            if size < 8:  # the last box ends with the file
+                return
+            file.seek(start + size)
 
 
 def _describe_error(error: BaseException) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
-from av.video.reformatter import Interpolation, VideoReformatter
+from av.video.reformatter import Colorspace, Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
 from models.core.typing import ImageArray
@@ -21,6 +21,11 @@ is less than its outline is measured to, and resampling would blur it more."""
 ASPECT_RANGE = (0.25, 4.0)
 """Pixel aspect ratios that cameras and anamorphic lenses write (8:11 to 2); others are a damaged header."""
 
+HD_SIZE = (1280, 577)
+"""Least width or height, px, of video in BT.709 colours where nothing states them (as in mpv): standard definition,
+which is in BT.601, has at most 576 lines. FFmpeg takes BT.601 for all of it, which shifts greens by 20 levels."""
+UNSPECIFIED_MATRIX = 2
+"""Matrix of frames without this tag (AVCOL_SPC_UNSPECIFIED)."""
 DEEP_FORMAT = "rgb48le"
 """16-bit levels, which neither HLG nor PQ coarsens."""
 
@@ -51,6 +56,8 @@ class FrameLayout:
     """Width of a stored pixel over its height; 1 where they are used as stored."""
     colours: ColourConversion | None
     """Conversion to the colours of a standard display; None where they are that already."""
+    matrix: Colorspace | None = None
+    """Matrix from luma and chroma to RGB; None for that of the frame's tags."""
 
     def upright_size(self, frame: Any) -> tuple[int, int]:
         """Return width and height of the image of a frame, px."""
@@ -65,10 +72,9 @@ class FrameLayout:
 
     def extract_rgb(self, frame: Any) -> ImageArray:
         """Convert a frame to an upright RGB image (H, W, 3)."""
-        size = self._square_size(frame)
-        if self.colours is None:
-            return self.orientation.rotate_upright(_convert_frame(frame, "rgb24", size))
-        return self.orientation.rotate_upright(self.colours.convert(_convert_frame(frame, DEEP_FORMAT, size)))
+        pixel_format = "rgb24" if self.colours is None else DEEP_FORMAT
+        levels = _convert_frame(frame, pixel_format, self._square_size(frame), self.matrix)
+        return self.orientation.rotate_upright(levels if self.colours is None else self.colours.convert(levels))
 
     def extract_luma(self, frame: Any) -> NDArray[np.uint8]:
         """Convert a frame to its upright luma (H, W), with the transfer curve of the video."""
@@ -99,10 +105,12 @@ def read_layout(frame: Any, aspect: Fraction) -> FrameLayout:
         The layout of all frames.
     """
     is_oblong = abs(aspect - 1) > LEAST_OBLONG_SHARE and ASPECT_RANGE[0] <= aspect <= ASPECT_RANGE[1]
-    conversion = None
+    is_hd, conversion = frame.width >= HD_SIZE[0] or frame.height >= HD_SIZE[1], None
+    matrix = Colorspace.ITU709 if is_hd and frame.colorspace == UNSPECIFIED_MATRIX else None
     if colours := find_video_colours(frame):
-        conversion = expose_conversion(colours, _convert_frame(frame, DEEP_FORMAT, (frame.width, frame.height)))
-    return FrameLayout(_read_orientation(frame), aspect if is_oblong else Fraction(1), conversion)
+        levels = _convert_frame(frame, DEEP_FORMAT, (frame.width, frame.height), matrix)
+        conversion = expose_conversion(colours, levels)
+    return FrameLayout(_read_orientation(frame), aspect if is_oblong else Fraction(1), conversion, matrix)
 
 
 def _read_orientation(frame: Any) -> FrameOrientation:
@@ -115,12 +123,13 @@ def _read_orientation(frame: Any) -> FrameOrientation:
     return FrameOrientation()
 
 
-def _convert_frame(frame: Any, pixel_format: str, size: tuple[int, int]) -> Any:
+def _convert_frame(frame: Any, pixel_format: str, size: tuple[int, int], matrix: Colorspace | None = None) -> Any:
     """Convert a frame to an array of its own; `VideoFrame.reformat` would leave a converter in every kept frame."""
     is_resized = size != (frame.width, frame.height)
     converted = VideoReformatter().reformat(
-        frame, *size, format=pixel_format, interpolation=Interpolation.BICUBIC if is_resized else None, threads=1
-    )
+        frame, *size, format=pixel_format, src_colorspace=matrix,
+        interpolation=Interpolation.BICUBIC if is_resized else None, threads=1,
+    )  # fmt: skip
     pixels = np.asarray(converted.to_ndarray())
     return pixels.copy() if converted is frame else pixels
 

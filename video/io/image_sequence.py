@@ -107,7 +107,6 @@ class ImageSequence:
     average_rate: Fraction = SEQUENCE_FPS
     time_base: Fraction = 1 / SEQUENCE_FPS
     sample_aspect_ratio: Fraction | None = None
-    metadata: dict[str, str] = field(default_factory=dict)
 
     @property
     def duration(self) -> int:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from models.core.errors import OptionError
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
+from pipeline.io.row_grid import build_row_grid
+from pipeline.io.text_table import read_text
 
 _HEADINGS = ("scorer", "individuals", "bodyparts", "coords")
 
@@ -23,11 +25,13 @@ def read(path: Path) -> PointTracks:
     """Read predicted or labelled points; a body is a bodypart, of several individuals `individual/bodypart`."""
     if path.suffix.lower() in (".h5", ".hdf5"):
         raise OptionError(f"{path} is HDF5, which is not read; export it from DeepLabCut as CSV")
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row]
+    rows = [row for row in csv.reader(read_text(path).splitlines()) if row]
     header = {row[0]: row for row in rows[: len(_HEADINGS)] if row[0] in _HEADINGS}
     body = rows[len(header) :]
     individuals, parts, coords = header.get("individuals"), header["bodyparts"], header["coords"]
+    for k, row in enumerate(body):
+        if len(row) != len(coords):
+            raise MalformedTracks(f"row {k + 1} has {len(row)} values for {len(coords)} columns")
     first = next(k for k, name in enumerate(coords) if name == "x")
     frame = np.array([_find_frame(row[:first], k) for k, row in enumerate(body)], np.int64)
     names = [f"{individuals[k]}/{parts[k]}" if individuals else parts[k] for k in range(len(coords))]
@@ -54,10 +58,8 @@ def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
     """Write one row per frame, empty where a body was not seen."""
     places, names = tracks.locate_px(), tracks.ids
     score = tracks.columns.get("score", np.ones(len(places)))
-    frames, row = np.unique(tracks.columns["frame"], return_inverse=True)
-    table = np.full((len(frames), len(names), 3), np.nan)
-    body = np.array([names.index(name) for name in tracks.columns["id"].tolist()])
-    table[row[::-1], body[::-1]] = np.concatenate([places, score[:, None]], axis=1)[::-1]
+    grid = build_row_grid(tracks.columns["frame"], tracks.columns["id"])
+    frames, table = tracks.columns["frame"][grid.first], grid.scatter(np.column_stack([places, score]))
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["scorer", *[f"trueroll-{provenance['version']}"] * 3 * len(names)])

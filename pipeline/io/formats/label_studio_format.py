@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.io.formats.track_format import (
+    MalformedTracks,
     PointTracks,
     Provenance,
     TrackFormat,
@@ -38,13 +39,15 @@ def read(path: Path) -> PointTracks:
                     continue
                 size = _find_size(region, data) or size
                 if size is None:
-                    raise ValueError("it states no width and height of the image; add them to `data` of each task")
+                    raise MalformedTracks("it states no width and height of the image; add them to `data` of each task")
                 value = region["value"]
                 name = str((region.get("meta", {}).get("text") or [region["id"]])[0])
                 kind = str((value.get("labels") or ["ball"])[0])
                 for key in value["sequence"]:
                     rows.append((shot, int(key["frame"]) - 1, name, kind, float(key.get("time", np.nan))))
                     boxes.append([key[one] / 100 * size[k % 2] for k, one in enumerate(_BOX)])
+    if not rows:
+        raise MalformedTracks("it has no positions")
     shots, frames, names, kinds, times = zip(*rows, strict=True)
     columns = {
         "shot": np.array(shots), "frame": np.array(frames, np.int64), "id": np.array(names), "kind": np.array(kinds),

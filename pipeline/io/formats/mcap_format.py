@@ -13,7 +13,7 @@ import pyarrow as pa
 from models.core.errors import OptionError
 from pipeline.extras import name_remedy
 from pipeline.io.formats.text_format import describe_scene, interpret_table, list_columns
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
 from pipeline.io.text_table import name_columns
 
 _TOPIC, _SCHEMA, _METADATA = "/tracks", "trueroll.TrackRow", "trueroll"
@@ -48,7 +48,7 @@ def read(path: Path) -> PointTracks:
             if record.name == _METADATA:
                 scene = json.loads(record.metadata["scene"])
     if not rows:
-        raise ValueError("it has no messages in JSON; convert the recording to JSON messages first")
+        raise MalformedTracks("it has no messages in JSON; convert the recording to JSON messages first")
     names = dict.fromkeys(name for row in rows for name in row)
     columns = {name: pa.array([row.get(name) for row in rows]) for name in names}
     if not scene:

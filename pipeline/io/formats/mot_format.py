@@ -9,12 +9,14 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from pipeline.io.formats.track_format import (
+    MalformedTracks,
     PointTracks,
     Provenance,
     TrackFormat,
     boxes_to_columns,
     number_unnamed,
 )
+from pipeline.io.text_table import read_text
 
 _ROW = re.compile(rb"\s*-?[\d.]+([,\s]+-?[\d.eE+-]+){5,9}\s*")
 _NO_IDENTITY = -1
@@ -31,11 +33,13 @@ def recognises(path: Path, head: bytes) -> bool:
 def read(path: Path) -> PointTracks:
     """Read a gt.txt, det.txt or a result of a tracker."""
     rows: list[list[float]] = []
-    for line in path.read_text(encoding="utf-8-sig").splitlines():
+    for line in read_text(path).splitlines():
         if line.strip():
             rows.append([float(cell) for cell in re.split(r"[,\s]+", line.strip(" \t,"))][:7])
             if len(rows[-1]) < 6:
-                raise ValueError(f"line {len(rows)} has {len(rows[-1])} values; a row has frame, id and a box at least")
+                raise MalformedTracks(
+                    f"line {len(rows)} has {len(rows[-1])} values; a row has frame, id and a box at least"
+                )
     table: FloatArray = np.array([row + [1.0] * (7 - len(row)) for row in rows])
     frame = table[:, 0].astype(np.int64) - 1
     is_named = table[:, 1] != _NO_IDENTITY

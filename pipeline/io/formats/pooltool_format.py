@@ -14,7 +14,14 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat, read_document, write_document
+from pipeline.io.formats.track_format import (
+    MalformedTracks,
+    PointTracks,
+    Provenance,
+    TrackFormat,
+    read_document,
+    write_document,
+)
 from pipeline.io.run_folder import parse_table
 
 _ROLLING, _STATIONARY, _POCKETED = 3, 0, 4
@@ -76,7 +83,7 @@ def _decode_array(value: dict[Any, Any]) -> Any:
     if "nd" not in plain or "data" not in plain:
         return value
     if plain.get("kind") in (b"O", "O"):
-        raise ValueError("it holds Python objects, which are not loaded")
+        raise MalformedTracks("it holds Python objects, which are not loaded")
     array = np.frombuffer(plain["data"], np.dtype(plain["type"]))
     return array.reshape(plain["shape"]) if plain["nd"] else array[0]
 

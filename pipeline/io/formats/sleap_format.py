@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat, number_unnamed
+from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat, number_unnamed
+from pipeline.io.text_table import read_text
 
 _NODE = "centre"
 """Name of the only node of a body."""
@@ -21,8 +22,9 @@ def recognises(path: Path, head: bytes) -> bool:
 
 def read(path: Path) -> PointTracks:
     """Read an analysis CSV; a body is a track, of several nodes `track/node`."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
+    rows = list(csv.DictReader(read_text(path).splitlines()))
+    if torn := next((k for k, row in enumerate(rows) if None in row or None in row.values()), None):
+        raise MalformedTracks(f"row {torn + 1} has not as many values as its header has names")
     nodes = [name[:-2] for name in rows[0] if name.endswith(".x")]
     cells = [(row, node) for row in rows for node in nodes if row[f"{node}.x"] and row[f"{node}.y"]]
     frame = np.array([int(float(row["frame_idx"])) for row, _ in cells], np.int64)

@@ -17,6 +17,11 @@ from models.core.typing import FloatArray
 from pipeline.io.strict_json import read_json
 from pipeline.io.text_table import Columns
 
+
+class MalformedTracks(ValueError):
+    """A file does not hold what its format demands; the message is half a sentence on the file."""
+
+
 PIXEL_CORNER = 0.5
 """px from the corner of the image, where formats of boxes count from, to the centre of its first pixel, where we do."""
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from models.core.typing import FloatArray
-from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
 
 _MEDIA, _TRACKER = "org.opensourcephysics.media.core.", "org.opensourcephysics.cabrillo.tracker."
 _POINT, _AXES = f"{_TRACKER}PointMass$FrameData", f"{_MEDIA}ImageCoordSystem$FrameData"
@@ -65,7 +65,7 @@ def _read_xml(path: Path) -> bytes:
     with zipfile.ZipFile(path) as archive:
         projects = [name for name in archive.namelist() if name.lower().endswith(".trk")]
         if not projects:
-            raise ValueError("it holds no .trk file")
+            raise MalformedTracks("it holds no .trk file")
         return archive.read(projects[0])
 
 

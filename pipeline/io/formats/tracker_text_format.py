@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.io.formats.track_format import PointTracks, Provenance, TrackFormat
+from pipeline.io.row_grid import build_row_grid
+from pipeline.io.text_table import read_text
 
 _MULTIPLE = "#multi:"
 """First line of an export of several tracks."""
@@ -22,8 +24,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 def read(path: Path) -> PointTracks:
     """Read one track or several; positions are in m, y up, or in px where only those were exported."""
-    text = path.read_text(encoding="utf-8-sig")
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
     delimiter = re.sub(r"[\"']", "", lines[1]).strip()[1]
     names, header = ([cell.strip("\"' ") for cell in line.split(delimiter)] for line in lines[:2])
     owners: list[str] = []
@@ -60,10 +61,8 @@ def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
     """Write a table separated by tabs, in m where those are known, else in px."""
     is_px = "x" not in tracks.columns and not tracks.px_per_m
     places, times, names = tracks.locate_px() if is_px else tracks.locate_metres(), tracks.list_times(), tracks.ids
-    t, row = np.unique(times, return_inverse=True)
-    table = np.full((len(t), len(names), 2), np.nan)
-    body = np.array([names.index(name) for name in tracks.columns["id"].tolist()])
-    table[row[::-1], body[::-1]] = places[::-1]
+    grid = build_row_grid(times, tracks.columns["id"])
+    t, table = times[grid.first], grid.scatter(places)
     axes = "pixelx\tpixely" if is_px else "x\ty"
     lines = [_MULTIPLE] if len(names) > 1 else []
     lines += ["\t" + "\t\t".join(names), "\t".join(["t", *[axes] * len(names)])]

@@ -382,10 +382,11 @@ def format_gap_closure(report: DiagnosisReport) -> str:
             f"The rms error of the simulator {span} is {before} (attainable: {floor}); no effect that trueroll knows"
             " reduces it."
         )
-    if not closing.floor < closing.before:
-        return f"The rms error of the simulator {span} is {before}, which is noise."
-    if not closing.resolved:
-        return f"The rms error of the simulator {span} is {before}, of which {floor} is noise."
+    if not closing.resolved or not closing.floor < closing.before:
+        share = f"of which {floor}" if closing.floor < closing.before else "which"
+        # fitting shots found what is missing, and the user shall know that nothing else confirms it
+        doubt = "" if report.verdict == "none" else "; so few hold-out shots do not show a gap beyond it"
+        return f"The rms error of the simulator {span} is {before}, {share} is noise{doubt}."
     change = "adding them" if len(report.effects) > 1 else "adding it"
     change = "the most similar effect" if report.verdict == "unknown" else change
     return (

@@ -84,6 +84,7 @@ RECOGNISED: list[tuple[str, Callable[[Rows], Rows], str]] = [
     ("centimetres", change(x=lambda x: 100 * x, z=lambda z: 100 * z), "98.* m/s2 .* in centimetres"),
     ("millimetres", change(x=lambda x: 1e3 * x, z=lambda z: 1e3 * z), "in millimetres"),
     ("feet", change(x=lambda x: x / 0.3048, z=lambda z: z / 0.3048), "in feet"),
+    ("kilometres", change(x=lambda x: x / 1e3, z=lambda z: z / 1e3), "in kilometres"),
     ("z down", change(z=lambda z: 3 - z), "fall towards larger z"),
     ("z down in mm", change(x=lambda x: 1e3 * x, z=lambda z: -1e3 * z), "in millimetres"),
     ("milliseconds", change(t=lambda t: 1e3 * t), "t is in ms"),
@@ -169,7 +170,7 @@ def test_a_pendulum_is_read_rightly_whatever_its_angles(
 ) -> None:
     rows = swing(amplitude)
     plain = read_track_folders([write(tmp_path / "plain", rows, PENDULUM)])
-    assert plain.notes == ()
+    assert ["radians are assumed" in note for note in plain.notes] == [True] * (amplitude < 1)
     read = read_track_folders([write(tmp_path / "odd", change(theta1=spoil)(rows), PENDULUM)])
     assert any(words in note for note in read.notes), read.notes
     for one, other in zip(plain.recordings, read.recordings, strict=True):

@@ -132,13 +132,11 @@ def off(place: Path, x: float, y: float = 1.0, rows: int = 20) -> Path:
     return source
 
 
-@pytest.mark.parametrize(("times", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+@pytest.mark.parametrize(("times", "unit", "short"), [(100, "centimetres", "cm"), (1000, "millimetres", "mm")])
 def test_positions_in_another_unit_are_recognised_and_refused_where_metres_are_stated(
-    tmp_path: Path, times: float, unit: str
+    tmp_path: Path, times: float, unit: str, short: str
 ) -> None:
-    pattern = (
-        f"x goes from {times:.3g} .*length of 2.54 m, so that x lies between 0 and 2.54.*{unit}, divide.* by {times}"
-    )
+    pattern = f'x goes from {times:.3g} .*length of 2.54 m, so that x lies .*{unit}, write "units": "{short}" into'
     source = off(tmp_path / "a", times, times, rows=0)
     (read,) = read_track_folders([source]).recordings
     assert np.allclose(read.positions[[0, -1], 0], [[1.0, 0.5], [1.95, 0.88]])
@@ -167,7 +165,7 @@ def test_a_ball_that_flies_off_is_a_note_and_one_that_is_shifted_none(tmp_path: 
 
 def test_where_no_table_is_named_any_place_may_be(tmp_path: Path) -> None:
     source = off(tmp_path / "a", 20.0, 20.0, rows=0)
-    (source / "scene.json").write_text(json.dumps({"scene": "slide"}))
+    (source / "scene.json").write_text(json.dumps({"scene": "slide", "units": "m"}))
     assert read_track_folders([source]).notes == ()
 
 

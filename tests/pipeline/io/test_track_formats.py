@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import zipfile
 from pathlib import Path
 
@@ -137,6 +138,30 @@ def test_a_malformed_file_is_refused_in_one_sentence(tmp_path: Path, ending: str
             assert len(read.columns["id"]) > 0
     assert all("\n" not in sentence and str(tmp_path) in sentence for sentence in sentences)
     assert len(sentences) >= 6
+    words_of_parsers = "could not|[Ee]xpect(ing|ed )[^;]*:|token|magic|thrift|unpack"
+    assert not [one for one in sentences if re.search(words_of_parsers, one)]
+
+
+@pytest.mark.parametrize("ending", [".tracker.txt", ".mot.txt", ".dlc.csv", ".sleap.csv", ".coco.json", ""])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_text_of_other_programs_is_read_in_any_encoding(tmp_path: Path, ending: str, encoding: str) -> None:
+    target = export(tmp_path, ending)
+    file = target / "tracks.csv" if target.is_dir() else target
+    plain = read_tracks(target)[0]
+    file.write_bytes(file.read_text().encode(encoding))
+    assert read_tracks(target)[0].columns["frame"].tolist() == plain.columns["frame"].tolist()
+
+
+@pytest.mark.parametrize(("name", "text", "words"), [
+    ("a.dlc.csv", "scorer,s,s\nbodyparts,a,a\ncoords,x,y\n0,1,5,2,5\n", "row 1 has 5 values for 3 columns"),
+    ("a.sleap.csv", "track,frame_idx,a.x,a.y\nt,0,1,2\nt,1,1\n", "row 2 has not as many values"),
+    ("a.labelstudio.json", '[{"annotations": [{"result": []}]}]', "it has no positions"),
+    ("a.coco.json", '{"images": [{"id": 1}], "annotations": [{"image_id": 1}]}', "it lacks 'bbox'"),
+])  # fmt: skip
+def test_a_row_or_part_that_is_missing_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(OptionError, match=words):
+        read_tracks(tmp_path / name)
 
 
 def test_a_format_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

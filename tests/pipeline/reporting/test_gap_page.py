@@ -289,6 +289,10 @@ def test_what_comes_nearest_is_not_called_added_and_noise_is_no_larger_than_the_
     assert format_gap_closure(replace(report("none"), gap=replace(gap, closure=noise))).endswith(
         "1.62 mm, which is noise."
     )
+    small = replace(nearest, before=0.846, after=0.592, floor=0.592, closed=float("nan"), resolved=False)
+    for verdict in ("effects", "unknown"):
+        unseen = replace(report(verdict), gap=replace(gap, closure=replace(small, after=0.6)))
+        assert "592 mm is noise; so few hold-out shots do not show a gap beyond it." in format_gap_closure(unseen)
 
 
 REST = Unexplained(0.004, 0.0022, 4.5, (at("swing", 1.0, "speed"),), "", None, None)

@@ -272,6 +272,71 @@ def test_a_camera_that_drops_frames_is_no_slow_motion(tmp_path: Path) -> None:
     assert float(open_clip(kept).fps) == 30
 
 
+def test_slow_motion_of_sony_runs_at_the_rate_at_which_it_was_filmed(tmp_path: Path) -> None:
+    """XAVC states it in an XML of its own box, before or after the samples."""
+    plain = write_plain_video(tmp_path / "a.mp4", draw_moving_disc(COUNT))
+    xml = b'<NonRealTimeMeta><VideoFrame videoCodec="AVC" captureFps="119.88p" formatFps="29.97p"/></NonRealTimeMeta>'
+    box = (len(xml) + 20).to_bytes(4, "big") + b"meta" + bytes(4) + (len(xml) + 8).to_bytes(4, "big") + b"xml " + xml
+    (tmp_path / "b.mp4").write_bytes(plain.read_bytes() + box)
+    clip = open_clip(tmp_path / "b.mp4")
+    assert float(clip.fps) == pytest.approx(119.88, rel=1e-4)
+    np.testing.assert_allclose(np.diff(sample_clip(clip.path).times), 1 / 119.88, atol=1e-5)
+    (tmp_path / "c.mp4").write_bytes(plain.read_bytes() + box.replace(b"119.88p", b"30.000p"))
+    assert float(open_clip(tmp_path / "c.mp4").fps) == 30
+
+
+@pytest.mark.parametrize(("size", "colourspace", "is_hd"), [
+    ((1280, 720), None, True), ((720, 1280), None, True), ((640, 360), None, False), ((640, 360), 1, True),
+    ((1280, 720), 5, False),
+])  # fmt: skip
+def test_untagged_high_definition_has_the_colours_of_its_standard(
+    tmp_path: Path, size: tuple[int, int], colourspace: int | None, is_hd: bool
+) -> None:
+    """In BT.601, as FFmpeg decodes all of it, a green cloth is off by 14 levels."""
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt, stream.options = (
+            *size,
+            "yuv420p",
+            {"qp": "2", "preset": "ultrafast"},
+        )
+        if colourspace is not None:
+            stream.codec_context.colorspace = colourspace
+        for k in range(6):
+            image = np.full((size[1], size[0], 3), (20, 130, 70), np.uint8)
+            image[20:60, 20 * k : 20 * k + 40] = 255
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame = frame.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709 if is_hd else Colorspace.ITU601)
+            frame.pts, frame.time_base = k, Fraction(1, 30)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    (_, rgb), *_ = read_frames(open_clip(path), indices=[4])
+    assert np.abs(rgb[-20, -20].astype(int) - [20, 130, 70]).max() <= 2
+
+
+def test_frames_that_the_decoder_omits_are_said_to_be_lost(tmp_path: Path) -> None:
+    """A frame of HEVC whose reference is missing never comes, and no error tells."""
+    whole, cut = tmp_path / "whole.mp4", tmp_path / "cut.mp4"
+    with av.open(str(whole), "w") as container:
+        stream = container.add_stream("libx265", rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.options = {"x265-params": "keyint=20:min-keyint=20:scenecut=0:bframes=0:log-level=none:pools=1"}
+        for k, image in enumerate(draw_moving_disc(COUNT)):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = k, Fraction(1, 30)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    with av.open(str(whole)) as source, av.open(str(cut), "w") as out:
+        copy = out.add_stream_from_template(source.streams.video[0])
+        for k, packet in enumerate(source.demux(video=0)):
+            if packet.dts is not None and k != 10:
+                packet.stream = copy
+                out.mux(packet)
+    assert open_clip(whole).missing_parts == ()
+    assert any("frames from 0.37 to 0.63 s cannot be decoded" in note for note in open_clip(cut).missing_parts)
+
+
 def test_frames_hidden_by_an_edit_list_are_no_frames(tmp_path: Path) -> None:
     whole = write_plain_video(tmp_path / "whole.mp4", draw_moving_disc(COUNT), encoder={"bf": "0"})
     cut = tmp_path / "cut.mp4"
