@@ -16,7 +16,7 @@ from diagnosis.selection.study import run_study
 from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
 from diagnosis.verdicts.verdict import DiagnosisReport, ShotUse
 from models.core.recording import Recording
-from models.core.typing import BoolArray, FloatArray, IntArray
+from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 
@@ -146,53 +146,68 @@ def undo_identity_switches(recording: Recording) -> tuple[Recording, tuple[Ident
         The corrected recording, or the same object where there was no switch; and the switches.
     """
     t, positions, sigma, switches = recording.t, recording.positions.copy(), recording.sigma.copy(), []
+    rows = _find_observed_rows(positions)
     for row in range(1, len(t)):
-        jumped = [body for body in range(len(recording.bodies)) if _has_jump(t, positions, sigma, row, body, body)]
+        jumped = [
+            body for body in range(len(recording.bodies)) if _has_jump(t, positions, sigma, rows, row, body, body)
+        ]
         if not recording.is_observed[row, jumped].any():
             continue
-        identities = _match_identities(t, positions, sigma, row, jumped)
+        identities = _match_identities(t, positions, sigma, rows, row, jumped)
         if identities is not None:
             positions[row:, identities], sigma[row:, identities] = positions[row:, jumped], sigma[row:, jumped]
+            rows = _find_observed_rows(positions)
             switches.append(
                 IdentitySwitch(recording.shot, float(t[row]), tuple(recording.bodies[body] for body in jumped))
             )
     return (replace(recording, positions=positions, sigma=sigma), tuple(switches)) if switches else (recording, ())
 
 
+def _find_observed_rows(positions: FloatArray) -> list[IntArray]:
+    """Find the rows in which each body was observed."""
+    return [np.flatnonzero(is_observed) for is_observed in np.asarray(np.isfinite(positions).all(axis=2)).T]
+
+
 def _match_identities(
-    t: FloatArray, positions: FloatArray, sigma: FloatArray, row: int, jumped: list[int]
+    t: FloatArray, positions: FloatArray, sigma: FloatArray, rows: list[IntArray], row: int, jumped: list[int]
 ) -> list[int] | None:
     """Match each body that jumped to its identity before, by the shortest distances.
 
     None where a matched body would still jump, or is itself.
     """
-    before = np.array([positions[_find_adjacent_rows(positions, row, body, body)[0][-1], body] for body in jumped])
-    after = np.array([positions[_find_adjacent_rows(positions, row, body, body)[1][0], body] for body in jumped])
+    before = np.array([positions[_find_adjacent_rows(rows, row, body, body)[0][-1], body] for body in jumped])
+    after = np.array([positions[_find_adjacent_rows(rows, row, body, body)[1][0], body] for body in jumped])
     distances = np.linalg.norm(after[:, None] - before[None], axis=2)
     chosen = [jumped[k] for k in linear_sum_assignment(distances)[1]]
     for old, new in zip(jumped, chosen, strict=True):
-        if old == new or _has_jump(t, positions, sigma, row, new, old):
+        if old == new or _has_jump(t, positions, sigma, rows, row, new, old):
             return None
     return chosen or None
 
 
-def _has_jump(t: FloatArray, positions: FloatArray, sigma: FloatArray, row: int, before: int, after: int) -> bool:
+def _has_jump(
+    t: FloatArray, positions: FloatArray, sigma: FloatArray, rows: list[IntArray], row: int, before: int, after: int
+) -> bool:
     """Return whether the step to `row` of a body named `before` and then `after` exceeds the speed on either side."""
-    first, later = _find_adjacent_rows(positions, row, before, after)
+    first, later = _find_adjacent_rows(rows, row, before, after)
     if min(len(first), len(later)) < _MIN_SIDE_ROWS:
         return False
     one, other = positions[first, before], positions[later, after]
     step, time = float(np.linalg.norm(other[0] - one[-1])), float(t[later[0]] - t[first[-1]])
+    excess = step - _JUMP_SIGMAS * float(np.median(sigma[later, after]))
+    if excess <= 0:
+        return False
     fastest = max(_typical_speed(t[first], one), _typical_speed(t[later], other))
-    return bool(step > _JUMP_SPEED_RATIO * fastest * time + _JUMP_SIGMAS * float(np.median(sigma[later, after])))
+    return excess > _JUMP_SPEED_RATIO * fastest * time
 
 
-def _find_adjacent_rows(positions: FloatArray, row: int, before: int, after: int) -> tuple[IntArray, IntArray]:
+def _find_adjacent_rows(rows: list[IntArray], row: int, before: int, after: int) -> tuple[IntArray, IntArray]:
     """Find the last rows before `row`, and the first from `row` on, in which a body was observed."""
-    is_observed: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
-    return np.flatnonzero(is_observed[:row, before])[-_SIDE_STEPS - 1 :], row + np.flatnonzero(
-        is_observed[row:, after]
-    )[: _SIDE_STEPS + 1]
+    first, later = rows[before], rows[after]
+    return (
+        first[: np.searchsorted(first, row)][-_SIDE_STEPS - 1 :],
+        later[np.searchsorted(later, row) :][: _SIDE_STEPS + 1],
+    )
 
 
 def _typical_speed(t: FloatArray, positions: FloatArray) -> float:

@@ -225,37 +225,35 @@ def _smallest_sigma(recording: Recording) -> float:
 def _find_outliers(recording: Recording) -> BoolArray:
     """Return a mask (T, N) of samples far from the polynomials through their neighbours, on each side and on both."""
     bad = np.zeros(recording.is_observed.shape, bool)
+    side = np.arange(1, _SIDE_SAMPLES + 1)
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.is_observed[:, body])
         longest = (2 * _SIDE_SAMPLES + 0.5) * float(np.diff(recording.t[rows]).min(initial=np.inf))
-        for k in range(len(rows)):
-            supports = [
-                _select_neighbours(rows, k, part) for part in ((-3, 4), (-_SIDE_SAMPLES, 0), (1, _SIDE_SAMPLES + 1))
-            ]
-            fits = [(near, order) for near, order in zip(supports, (3, 2, 2), strict=True) if near.size]
-            is_near = [
-                recording.frame[near[-1]] - recording.frame[near[0]] <= 2 * _SIDE_SAMPLES
-                or recording.t[near[-1]] - recording.t[near[0]] <= longest
-                for near, _ in fits
-            ]
-            if len(fits) >= 2 and all(is_near):
-                bad[rows[k], body] = all(_is_off_polynomial(recording, body, int(rows[k]), *one) for one in fits)
+        is_off, supports = np.ones(len(rows), bool), np.zeros(len(rows), np.int64)
+        for offsets, order in ((np.array([-3, -2, -1, 1, 2, 3]), 3), (-side[::-1], 2), (side, 2)):
+            inner = np.arange(max(-offsets[0], 0), len(rows) - max(offsets[-1], 0))
+            supports[inner] += 1
+            is_off[inner] &= _is_off_polynomial(
+                recording, body, rows[inner], rows[inner[:, None] + offsets], order, longest
+            )
+        bad[rows, body] = is_off & (supports >= 2)
         if bad[:, body].sum() > _MAX_OUTLIER_SHARE * len(rows):
             bad[:, body] = False
     return bad
 
 
-def _select_neighbours(rows: IntArray, k: int, part: tuple[int, int]) -> IntArray:
-    """Select the rows in a range around number k, without that one; empty where there are too few."""
-    first, last = k + part[0], k + part[1]
-    if first < 0 or last > len(rows):
-        return np.empty(0, np.int64)
-    return np.delete(rows[first:last], -part[0]) if part[0] <= 0 < part[1] else rows[first:last]
+def _is_off_polynomial(
+    recording: Recording, body: int, rows: IntArray, near: IntArray, order: int, longest: float
+) -> BoolArray:
+    """Return which samples (M,) are far from a polynomial through other rows (M, K), at a kink on one side at most.
 
-
-def _is_off_polynomial(recording: Recording, body: int, row: int, near: IntArray, order: int) -> bool:
-    """Return whether a sample is far from a polynomial through other rows; at a kink it is so on one side at most."""
-    span = recording.t[near[-1]] - recording.t[near[0]]
-    weights = np.linalg.pinv(np.vander((recording.t[near] - recording.t[row]) / span, order + 1))[-1]
-    off = np.abs(recording.positions[row, body] - weights @ recording.positions[near, body]).max()
-    return bool(off > _OUTLIER_SIGMAS * recording.sigma[row, body] * np.sqrt(1 + weights @ weights))
+    Rows that are more than `longest` (s) and two sides of frames apart say nothing of a sample.
+    """
+    frame, t = recording.frame[near], recording.t[near]
+    span = t[:, -1] - t[:, 0]
+    powers = ((t - recording.t[rows, None]) / span[:, None])[:, :, None] ** np.arange(order, -1, -1)
+    weights = np.linalg.pinv(powers)[:, -1]
+    off = np.abs(recording.positions[rows, body] - np.einsum("mk,mkd->md", weights, recording.positions[near, body]))
+    limit = _OUTLIER_SIGMAS * recording.sigma[rows, body] * np.sqrt(1 + np.square(weights).sum(axis=1))
+    is_near = (frame[:, -1] - frame[:, 0] <= 2 * _SIDE_SAMPLES) | (span <= longest)
+    return np.asarray((off.max(axis=1) > limit) & is_near)

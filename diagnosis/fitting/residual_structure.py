@@ -78,15 +78,16 @@ def find_structure(residuals: FitResiduals) -> ResidualStructure:
     """
     named, sums, drawn = [], [], []
     groups = list(iterate_groups(residuals))
-    for block in groups:
-        for direction, unit in _iterate_directions(residuals):
-            weight = unit[block.mask]
-            chance = np.tensordot(weight, residuals.noise_draws[block.mask], axes=2)
-            if chance.std() < _MIN_REMAINING_SHARE * np.linalg.norm(weight):
-                continue
-            named.append((block, direction))
-            sums.append(float((weight * residuals.values[block.mask]).sum()))
-            drawn.append(chance)
+    masks = np.array([block.mask for block in groups], dtype=np.float64)
+    for direction, unit in _iterate_directions(residuals):
+        sizes = np.sqrt(masks @ np.square(unit).sum(axis=1))
+        chances = masks @ np.einsum("kd,kdn->kn", unit, residuals.noise_draws)
+        measured = masks @ (unit * residuals.values).sum(axis=1)
+        for block, size, chance, value in zip(groups, sizes, chances, measured, strict=True):
+            if chance.std() >= _MIN_REMAINING_SHARE * size:
+                named.append((block, direction))
+                sums.append(float(value))
+                drawn.append(chance)
     for block, energy, chance in _sum_slow_waves(residuals, groups):
         named.append((block, "waves"))
         sums.append(energy)

@@ -216,6 +216,23 @@ def invert_semidefinite(matrix: FloatArray) -> FloatArray:
     return np.asarray(half @ half.T)
 
 
+def count_determined(jacobian: FloatArray) -> int:
+    """Count the directions of parameters that residuals determine.
+
+    Args:
+        jacobian: (R, P) derivatives of the residuals.
+
+    Returns:
+        The rank, by the eigenvalues of the normal equations scaled to a unit diagonal: far cheaper than singular
+        values where there are many more residuals than parameters.
+    """
+    normal = jacobian.T @ jacobian
+    known = np.diag(normal) > MIN_INFORMATION
+    scale = 1 / np.sqrt(np.diag(normal)[known])
+    sizes = np.linalg.eigvalsh(normal[np.ix_(known, known)] * scale * scale[:, None])
+    return int((sizes > RIDGE).sum())
+
+
 def solve_normal_equations(equations: NormalEquations, damping: float) -> FloatArray:
     """Solve dense damped normal equations.
 

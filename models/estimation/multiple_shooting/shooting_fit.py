@@ -10,6 +10,7 @@ bounded by Huber's loss.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ from models.estimation.multiple_shooting.shooting_problem import (
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
-from models.numerics.least_squares import Minimum, SearchOptions, minimize_cost, solve_damped
+from models.numerics.least_squares import Minimum, SearchOptions, count_determined, minimize_cost, solve_damped
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.effect import Prior
 
@@ -91,35 +92,115 @@ class ShootingOptions:
     another one that explains it better."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class ShootingFit:
-    """The best-fitting start states and shared parameters, with their uncertainty."""
+    """The best-fitting start states and shared parameters.
+
+    Uncertainties and the evidence need the derivatives at the best fit. Most fits of a search are compared by their
+    cost alone, so that each of these is computed when it is first asked for.
+    """
 
     starts: tuple[FloatArray, ...]
     """(S,) start state of each window."""
     shared: FloatArray
     """(P,)"""
-    covariance: FloatArray
-    """(P, P) of the shared parameters in their own units, inflated by the lack of fit."""
-    prior_only: NDArray[np.bool_]
-    """(P,) True where the data did not determine a parameter: its value and error are mostly the prior's."""
     cost: float
     """Robust chi2 of the observations and chi2 of all pseudo-observations."""
-    chi2_per_dof: float
-    """Robust, of the observations alone."""
-    log_evidence: float
-    """Log of the marginal likelihood (Laplace approximation). It uses the nominal errors, so that only evidences of
-    the same data compare."""
-    inflation: float
-    """>= 1: factor on variances for residuals that are larger than their nominal errors or correlated in time."""
-    start_covariances: tuple[FloatArray, ...]
-    """(S, S) covariance of each start state, shared parameters marginalized."""
     converged: bool
+    problem: ShootingProblem
+    point: Iterate
+    """The best fit, about which the uncertainties hold."""
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(P, P) of the shared parameters in their own units, inflated by the lack of fit."""
+        slope = value_derivatives(self.problem.model.unknowns, self.point.shared)
+        return self._posterior * slope * slope[:, None]
 
     @property
     def sigma(self) -> FloatArray:
         """(P,) standard deviations of the shared parameters."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def prior_only(self) -> NDArray[np.bool_]:
+        """(P,) True where the data did not determine a parameter: its value and error are mostly the prior's."""
+        scale = prior_terms(self.problem.model.unknowns, self.point.shared)[0]
+        return np.asarray(np.sqrt(np.diag(self._posterior)) > PRIOR_DOMINATED / scale)
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """Robust, of the observations alone."""
+        return self._lack_of_fit[0]
+
+    @property
+    def inflation(self) -> float:
+        """>= 1: factor on variances for residuals that are larger than their nominal errors or correlated in time."""
+        return self._lack_of_fit[1]
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Log of the marginal likelihood (Laplace approximation).
+
+        It uses the nominal errors, so that only evidences of the same data compare. It is the height of the maximum
+        times its width, divided by the widths of the priors; a state without a prior counts with a width of 1 in its
+        unit.
+        """
+        prior = prior_terms(self.problem.model.unknowns, self.point.shared)[1]
+        width = -np.linalg.slogdet(np.diag(prior) + self._data_information)[1]
+        width -= sum(log_determinant(block.states) for block in self._linearized[1])
+        log_width = float(np.log(prior).sum())
+        for window in self.problem.windows:
+            for sigma in (window.sigma, np.empty(0) if window.link_sigma is None else window.link_sigma):
+                log_width -= 2 * float(np.log(sigma[np.isfinite(sigma)]).sum())
+        return 0.5 * float(log_width + width - self.point.cost)
+
+    @cached_property
+    def start_covariances(self) -> tuple[FloatArray, ...]:
+        """(S, S) covariance of each start state: of its chain, plus the errors of the shared parameters."""
+        covariances: list[FloatArray] = [np.empty((0, 0))] * len(self.problem.windows)
+        for numbers, block in zip(self.problem.chains, self._linearized[1], strict=True):
+            inner = solve_damped(block.states, np.eye(len(block.gradient)), 0.0) * self.inflation
+            response = solve_damped(block.states, block.coupling, 0.0)
+            whole, offset = inner + response @ self._posterior @ response.T, 0
+            for k in numbers:
+                here = slice(offset, offset + len(self.point.starts[k]))
+                covariances[k] = whole[here, here]
+                offset += len(self.point.starts[k])
+        return tuple(covariances)
+
+    @cached_property
+    def _linearized(self) -> tuple[Iterate, list[ChainBlock]]:
+        """The fit with all Jacobians, and the normal equations of every chain."""
+        return linearize_chains(self.problem, self.point)
+
+    @cached_property
+    def _data_information(self) -> FloatArray:
+        """(P, P) information of the data on the search coordinates, start states marginalized."""
+        size = len(self.point.shared)
+        return sum((block.schur_complement() for block in self._linearized[1]), np.zeros((size, size)))
+
+    @cached_property
+    def _posterior(self) -> FloatArray:
+        """(P, P) covariance of the search coordinates, inflated by the lack of fit."""
+        prior = prior_terms(self.problem.model.unknowns, self.point.shared)[1]
+        information = self._data_information / self.inflation + np.diag(prior)
+        return solve_damped(information, np.eye(len(prior)), 0.0)
+
+    @cached_property
+    def _lack_of_fit(self) -> tuple[float, float]:
+        """Robust chi2 per degree of freedom, and the variance inflation that the residuals require."""
+        series, free = [], 0
+        for k, window in enumerate(self.problem.windows):
+            prediction = require_linearized(self._linearized[0], k)
+            bounded = prediction.residual * np.sqrt(evaluate_huber_loss(prediction.residual)[0])[:, None]
+            series += [bounded[window.body == body] for body in np.unique(window.body)]
+            free += count_determined(prediction.start_jacobian.reshape(-1, len(window.start)))
+        count = sum(one.size for one in series)
+        if count <= free:
+            return float("nan"), 1.0
+        chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
+        return chi2, max(1.0, chi2 * correlation_factor(series))
 
 
 def fit_windows(
@@ -152,7 +233,7 @@ def fit_windows(
         parts = map_chains(problem, _fit_best_guess_task, point, chains, options, more)
         point = replace_chains(problem, point, dict(zip(chains, parts, strict=True)))
     point, converged = _minimize_cost(problem, point, options)
-    return _summarize_fit(problem, point, converged)
+    return ShootingFit(point.starts, point.shared, point.cost, converged, problem, point)
 
 
 def summarize_parameters(unknowns: tuple[Prior, ...], fitted: ShootingFit) -> tuple[Parameter, ...]:
@@ -417,77 +498,3 @@ def _step_states(problem: ShootingProblem, now: Iterate, chain: int, step: Float
         starts[k] = starts[k] + step[offset : offset + size]
         offset += size
     return _simulate_guess(problem, now, chain, tuple(starts))
-
-
-def _summarize_fit(problem: ShootingProblem, point: Iterate, converged: bool) -> ShootingFit:
-    """Compute the covariances, evidence and lack of fit at the end of a search."""
-    unknowns = problem.model.unknowns
-    point, blocks = linearize_chains(problem, point)
-    chi2, inflation = _lack_of_fit(problem, point)
-    scale, prior_information, _ = prior_terms(unknowns, point.shared)
-    data = sum((block.schur_complement() for block in blocks), np.zeros((len(scale), len(scale))))
-    posterior = solve_damped(data / inflation + np.diag(prior_information), np.eye(len(scale)), 0.0)
-    slope = value_derivatives(unknowns, point.shared)
-    prior_only = np.sqrt(np.diag(posterior)) > PRIOR_DOMINATED / scale
-    return ShootingFit(
-        starts=point.starts,
-        shared=point.shared,
-        covariance=posterior * slope * slope[:, None],
-        prior_only=prior_only,
-        cost=point.cost,
-        chi2_per_dof=chi2,
-        log_evidence=_log_evidence(problem, point, blocks, np.diag(prior_information)),
-        inflation=inflation,
-        start_covariances=_start_covariances(problem, point, blocks, posterior, inflation),
-        converged=converged,
-    )
-
-
-def _log_evidence(problem: ShootingProblem, point: Iterate, blocks: list[ChainBlock], prior: FloatArray) -> float:
-    """Compute the Laplace approximation of the log evidence.
-
-    It is the height of the maximum times its width, divided by the widths of the priors; a state without a prior counts
-    with a width of 1 in its unit.
-    """
-    information = prior + sum(block.schur_complement() for block in blocks)
-    width = -np.linalg.slogdet(information)[1] - sum(log_determinant(block.states) for block in blocks)
-    log_width = float(np.log(np.diag(prior)).sum())
-    for window in problem.windows:
-        for sigma in (window.sigma, np.empty(0) if window.link_sigma is None else window.link_sigma):
-            log_width -= 2 * float(np.log(sigma[np.isfinite(sigma)]).sum())
-    return 0.5 * float(log_width + width - point.cost)
-
-
-def _lack_of_fit(problem: ShootingProblem, point: Iterate) -> tuple[float, float]:
-    """Compute the robust chi2 per degree of freedom, and the variance inflation that the residuals require."""
-    series, free = [], 0
-    for k, window in enumerate(problem.windows):
-        prediction = require_linearized(point, k)
-        bounded = prediction.residual * np.sqrt(evaluate_huber_loss(prediction.residual)[0])[:, None]
-        series += [bounded[window.body == body] for body in np.unique(window.body)]
-        free += (
-            int(np.linalg.matrix_rank(prediction.start_jacobian.reshape(-1, len(window.start))))
-            if len(prediction.residual)
-            else 0
-        )
-    count = sum(one.size for one in series)
-    if count <= free:
-        return float("nan"), 1.0
-    chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
-    return chi2, max(1.0, chi2 * correlation_factor(series))
-
-
-def _start_covariances(
-    problem: ShootingProblem, point: Iterate, blocks: list[ChainBlock], shared: FloatArray, inflation: float
-) -> tuple[FloatArray, ...]:
-    """Compute the covariance (S, S) of each start state: of its chain, plus the errors of the shared parameters."""
-    covariances: list[FloatArray] = [np.empty((0, 0))] * len(problem.windows)
-    for numbers, block in zip(problem.chains, blocks, strict=True):
-        inner = solve_damped(block.states, np.eye(len(block.gradient)), 0.0) * inflation
-        response = solve_damped(block.states, block.coupling, 0.0)
-        whole, offset = inner + response @ shared @ response.T, 0
-        for k in numbers:
-            here = slice(offset, offset + len(point.starts[k]))
-            covariances[k] = whole[here, here]
-            offset += len(point.starts[k])
-    return tuple(covariances)

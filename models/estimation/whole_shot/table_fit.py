@@ -238,7 +238,7 @@ def _sample_rivals(model: ShotWindows, laws: ContactModels, best: ShootingFit) -
             if any(all(map(np.array_equal, starts, other)) for other in earlier):
                 continue  # without side spin, every share of it is the same
             earlier.append(starts)
-            fitted = _continue_from(own, model.unknowns, replace(best, starts=starts), _RIVAL_OPTIONS)
+            fitted = _continue_from(own, model.unknowns, starts, best.shared, _RIVAL_OPTIONS)
             if not any(rival == other and _is_same_mode(fitted, fit, model) for other, _, fit in modes):
                 modes.append((rival, own, fitted))
     rng, widening = np.random.default_rng(_DEFAULT_SEED), float(np.sqrt(best.inflation))
@@ -331,16 +331,20 @@ def _continue_fit(
 ) -> ShootingFit:
     """Fit one pair of contact models from the states and parameters of the best fit of others."""
     laws, neighbour = min(others, key=lambda one: one[1].cost)
-    return _continue_from(model, table_priors(laws), neighbour, options)
+    return _continue_from(model, table_priors(laws), neighbour.starts, neighbour.shared, options)
 
 
 def _continue_from(
-    model: ShotWindows, priors: tuple[Prior, ...], neighbour: ShootingFit, options: ShootingOptions
+    model: ShotWindows,
+    priors: tuple[Prior, ...],
+    starts: tuple[FloatArray, ...],
+    values: FloatArray,
+    options: ShootingOptions,
 ) -> ShootingFit:
-    """Fit contact models from the states of a fit, and from its parameters, which have these priors."""
-    neighbour_values = {prior.name: value for prior, value in zip(priors, neighbour.shared, strict=True)}
+    """Fit contact models from start states and from values (P,) of parameters that have these priors."""
+    neighbour_values = {prior.name: value for prior, value in zip(priors, values, strict=True)}
     shared = np.array([neighbour_values.get(prior.name, prior.value) for prior in model.unknowns])
-    return fit_windows(model, shared, options, neighbour.starts)
+    return fit_windows(model, shared, options, starts)
 
 
 def fit_from_single_shots(model: ShotWindows, options: ShootingOptions, rng: np.random.Generator) -> ShootingFit:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 from support.pucks import Filming, Pucks, film
@@ -21,6 +23,7 @@ from diagnosis.selection.effect_selection import effect_p_value, fit_without_eff
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.unknown_effects import estimate_explained_share
 from models.core.recording import Recording
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit
 from models.estimation.multiple_shooting.shooting_windows import simulate_window
 
 PLAIN = {"friction.mu": 0.02}
@@ -92,7 +95,7 @@ def test_what_shots_contradict_each_other_about_is_not_explained() -> None:
     for steeper in (0.0, 0.3):
         problem, alone = fit_plain({**PLAIN, "slope.slope_x": 2.0}, {**PLAIN, "slope.slope_x": 2.0 + steeper})
         slope_fit = fit_effects(problem, alone.segments, ("slope",))
-        louder = replace(slope_fit, shooting=replace(slope_fit.shooting, chi2_per_dof=1.0))
+        louder = replace(slope_fit, shooting=cast(ShootingFit, SimpleNamespace(cost=slope_fit.cost, chi2_per_dof=1.0)))
         shares.append(
             estimate_explained_share(alone, louder, linearize_fit(problem, slope_fit).shot_information, None)[0]
         )

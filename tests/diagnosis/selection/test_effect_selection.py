@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -98,10 +100,11 @@ def test_another_law_needs_no_strength_of_what_it_leaves_open(p_value: float, is
         free = problem.mask((*problem.scene.simulator_effects, *names))
         shared = np.where(free, problem.natural, problem.neutral(problem.simulator_forms))
         count = int(free.sum())
-        shooting = ShootingFit(
-            (np.zeros(7),), shared[free], np.eye(count), np.zeros(count, bool), cost, 1.0, -cost, 1.0, (), True
-        )
-        return EffectFit(segments, names, problem.simulator_forms, free, shared, shooting)
+        shooting = SimpleNamespace(
+            starts=(np.zeros(7),), shared=shared[free], covariance=np.eye(count), sigma=np.ones(count), cost=cost,
+            inflation=1.0,
+        )  # fmt: skip
+        return EffectFit(segments, names, problem.simulator_forms, free, shared, cast(ShootingFit, shooting))
 
     base, law = claimed(0.0), claimed(0.0, "cushion_friction", "cushion_cloth")
     choices = len(EffectSearch(problem, Hypothesis(frozenset(), base), simulator_fit=base).choices)
