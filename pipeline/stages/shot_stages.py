@@ -39,6 +39,11 @@ class ClipShot:
         return self.motion_s > 0
 
     @property
+    def frame_count(self) -> int:
+        """Number of its frames."""
+        return self.stop - self.first
+
+    @property
     def begins(self) -> float:
         """Time of its first frame in the recording, s."""
         return float(self.whole.t[self.first])
@@ -67,11 +72,12 @@ def find_single_span(clip: Clip) -> bool:
         clip: The clip.
 
     Returns:
-        False where it has a cut or a fade, or is long enough for several shots.
+        False where it has a cut or a fade, balls may jump, or it is long enough for several shots.
     """
     from video.calibration.shot_segmentation import LONG_RECORDING_S  # slow to import
 
-    return clip.views.tolist() == [[0, clip.frame_count]] and float(clip.t[-1]) < LONG_RECORDING_S
+    is_one_view = clip.views.tolist() == [[0, clip.frame_count]] and not len(clip.jumps)
+    return is_one_view and float(clip.t[-1]) < LONG_RECORDING_S
 
 
 def shots_stage() -> Stage:

@@ -1,7 +1,8 @@
 """Segmentation of a recording into shots: still balls, a strike, motion, and rest again.
 
-The views between cuts and fades are segmented one by one. A view without a table contains no shot, and a replay of an
-earlier shot is none: its frames show the same balls at the same places, in the same order.
+The views between cuts and fades are segmented one by one. A view is divided where balls jump: a fixed camera was cut to
+itself. A view without a table contains no shot, and a replay of an earlier shot is none: its frames show the same balls
+at the same places, in the same order.
 """
 
 from __future__ import annotations
@@ -64,6 +65,8 @@ class ShotIntervals:
     """(S,) s in which things as small as balls move."""
     replays: NDArray[np.int64]
     """(R, 3) first frame of each replay, the frame after its last one, and the number of the shot that it repeats."""
+    views: NDArray[np.int64]
+    """(V, 2) first frame of each view, and the frame after its last one; balls that jump divide views too."""
     views_without_table: int = 0
     """Number of views in which no table was found."""
 
@@ -81,6 +84,8 @@ class _View:
 
     first: int
     stop: int
+    cloth: ByteArray | None = None
+    """(h, w) mask of the cloth in the reduced frame; None where there is none."""
     has_table: bool = False
     change: list[float] = field(default_factory=list)
     """Grey levels of change on the cloth of each frame; NaN where there is no cloth."""
@@ -103,13 +108,15 @@ def segment_shots(clip: Clip, progress: Progress = ignore_progress) -> ShotInter
     shots: list[tuple[int, int, float]] = []
     replays: list[tuple[int, int, int]] = []
     recent: deque[tuple[int, list[ByteArray]]] = deque(maxlen=REPLAY_SHOTS)
-    without_table = 0
+    views, without_table = list[tuple[int, int]](), 0
     for view in _scan_views(clip, progress):
         without_table += not view.has_table
-        for first, stop in _find_intervals(clip, view) if view.has_table else ():
+        parts = _split_at_jumps(clip, view)
+        views += parts
+        for begin, first, stop in _find_intervals(clip, view, parts) if view.has_table else ():
             shown = _thin_out([image for frame, image in view.moving if first <= frame < stop])
             repeated = [number for number, earlier in recent if is_replay(shown, earlier)]
-            begins_so = bool(replays) and replays[-1][0] >= view.first and (not shots or shots[-1][0] < view.first)
+            begins_so = bool(replays) and replays[-1][0] >= begin and (not shots or shots[-1][0] < begin)
             if not repeated and begins_so:  # a view that begins with a replay is one
                 repeated = [replays[-1][2]]
             if repeated:
@@ -120,7 +127,7 @@ def segment_shots(clip: Clip, progress: Progress = ignore_progress) -> ShotInter
     spans = np.array([shot[:2] for shot in shots], np.int64).reshape(-1, 2)
     return ShotIntervals(
         spans[:, 0], spans[:, 1], np.array([shot[2] for shot in shots]),
-        np.array(replays, np.int64).reshape(-1, 3), without_table,
+        np.array(replays, np.int64).reshape(-1, 3), np.array(views, np.int64), without_table,
     )  # fmt: skip
 
 
@@ -135,12 +142,12 @@ def list_shot_spans(clip: Clip, intervals: ShotIntervals) -> list[tuple[int, int
         First frame, frame after the last one, and s of motion of each shot; without any, the longest view. Empty where
         the recording is one shot as a whole.
     """
-    is_one_view = len(clip.views) == 1 and clip.frame_count == np.ptp(clip.views)
+    is_one_view = len(intervals.views) == 1 and clip.frame_count == np.ptp(intervals.views)
     if len(intervals) < 2 and not len(intervals.replays) and is_one_view:
         return []
     columns = intervals.first_frames, intervals.stop_frames, intervals.motion_s
     spans = list(zip(*(column.tolist() for column in columns), strict=True))
-    longest = max(clip.views.tolist(), key=lambda view: view[1] - view[0])
+    longest = max(intervals.views.tolist(), key=lambda view: view[1] - view[0])
     return spans or [(longest[0], longest[1], 0.0)]
 
 
@@ -149,13 +156,30 @@ def rank_span(begins: float, ends: float, motion_s: float) -> tuple[bool, float]
     return motion_s <= 0, -round(ends - begins, 1)
 
 
-def _find_intervals(clip: Clip, view: _View) -> list[tuple[int, int]]:
-    """Find the shots of a view; a short view with one of them is the shot as a whole."""
+def _split_at_jumps(clip: Clip, view: _View) -> list[tuple[int, int]]:
+    """Split the frames of a view where a ball vanishes from the cloth and another one appears there."""
+    borders = [view.first]
+    for frame in np.unique(clip.jumps[:, 0]).astype(int).tolist():
+        if view.cloth is None or not view.first < frame < view.stop:
+            continue
+        _, x, y, sign = clip.jumps[clip.jumps[:, 0] == frame].T
+        height, width = view.cloth.shape
+        is_on_cloth = view.cloth[(y * height).astype(int), (x * width).astype(int)] > 0
+        if {-1.0, 1.0} <= set(sign[is_on_cloth]):
+            borders.append(frame)
+    return list(pairwise([*borders, view.stop]))
+
+
+def _find_intervals(clip: Clip, view: _View, parts: list[tuple[int, int]]) -> Iterator[tuple[int, int, int]]:
+    """Yield the part of a view and each shot in it; a short part with one of them is the shot as a whole."""
     change = np.full(clip.frame_count, np.nan)
     change[view.first : view.stop] = view.change
-    intervals = find_motion_intervals(clip.t, change, view.first, view.stop)
-    is_short = clip.t[view.stop - 1] - clip.t[view.first] < LONG_RECORDING_S
-    return [(view.first, view.stop)] if is_short and len(intervals) == 1 else intervals
+    for begin, end in parts:
+        change[begin : np.searchsorted(clip.t, clip.t[begin] + COMPARISON_GAP_S)] = np.nan  # compared across a cut
+        intervals = find_motion_intervals(clip.t, change, begin, end)
+        is_short = clip.t[end - 1] - clip.t[begin] < LONG_RECORDING_S
+        for first, stop in [(begin, end)] if is_short and len(intervals) == 1 else intervals:
+            yield begin, first, stop
 
 
 def _measure_motion(clip: Clip, view: _View, first: int, stop: int) -> float:
@@ -240,25 +264,24 @@ def _scan_views(clip: Clip, progress: Progress) -> Iterator[_View]:
 def _scan_view(clip: Clip, view: _View, images: Iterator[tuple[int, ByteArray]]) -> None:
     """Measure the changes on the cloth of a view, and search its table."""
     recent = deque[tuple[float, ByteArray]]()
-    mask: ByteArray | None = None
     tries, next_try = TABLE_TRIES, -np.inf
     for frame, image in images:
         t, small = float(clip.t[frame]), _downscale_frame(image)
         if not view.has_table and tries and t >= next_try:
             tries, next_try = tries - 1, t + TABLE_TRY_S
-            mask = _cloth_mask(small) if mask is None else mask
-            view.has_table = mask is not None and _has_table(image)
+            view.cloth = _cloth_mask(small) if view.cloth is None else view.cloth
+            view.has_table = view.cloth is not None and _has_table(image)
         grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.uint8)
         while len(recent) > 1 and t - recent[1][0] >= COMPARISON_GAP_S:
             recent.popleft()
         change, share = np.nan, 0.0
-        if mask is not None and recent:
-            difference = cv2.absdiff(recent[0][1], grey)[mask > 0]
+        if view.cloth is not None and recent:
+            difference = cv2.absdiff(recent[0][1], grey)[view.cloth > 0]
             change, share = _nth_largest_change(difference), float(np.mean(difference > MIN_MOTION_CHANGE))
         view.change.append(change)
         view.share.append(share)
-        if mask is not None and change > MIN_MOTION_CHANGE:
-            half = cv2.resize(cv2.bitwise_and(grey, mask), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        if view.cloth is not None and change > MIN_MOTION_CHANGE:
+            half = cv2.resize(cv2.bitwise_and(grey, view.cloth), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
             view.moving.append((frame, half.astype(np.uint8, copy=False)))
         recent.append((t, grey))
 

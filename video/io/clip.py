@@ -95,6 +95,9 @@ class Clip:
     """(V, 2) first frame of each stretch without a cut or a fade, and the frame after its last one."""
     sway: FloatArray = field(default_factory=lambda: np.empty(0))
     """(T,) shares of the width by which the image seems to move as a whole within `FADE_GAP_S`; empty if unknown."""
+    jumps: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    """(J, 4) frame at which a thing as small as a ball appears (1) or goes (-1), as where a fixed camera is cut to
+    itself, its place in shares of width and height of the upright image, and this sign."""
 
     def __post_init__(self) -> None:
         if self.t.shape != self.is_duplicate.shape or self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
@@ -171,7 +174,7 @@ class Clip:
         unobserved = tuple(frame for frame in self.unobserved_frames if first <= frame < stop)
         return replace(
             self, t=self.t[first:stop], is_duplicate=is_duplicate, first_frame=first, is_whole_file=False, memory=None,
-            views=np.array([[first, stop]], np.int64), sway=self.sway[first:stop],
+            views=np.array([[first, stop]], np.int64), sway=self.sway[first:stop], jumps=np.empty((0, 4)),
             unobserved_frames=unobserved,
         )  # fmt: skip
 
@@ -235,11 +238,13 @@ def open_clip(
             f"its frames were mixed of those of a camera at {float(nominal * blending.ratio):.4g} fps; "
             f"{np.count_nonzero(blending.is_mixed)} of {len(t)} that show two moments are not observed"
         )
+    jumps = scan.views.jumps
+    jumps[:, 1:3] = scan.layout.orientation.rotate_places(jumps[:, 1:3])
     clip = Clip(
         path, compute_clip_digest(path), *scan.size, nominal, t, is_duplicate, scan.has_audio and rate in (0, 1),
         (*notes, *_describe_layout(scan)), memory=memory, unobserved_frames=tuple(unobserved.tolist()),
         pixel_aspect=scan.aspect, stored_scale=scan.layout.stored_scale, clock_rate=rate,
-        views=scan.views.find_views(t), sway=scan.views.measure_sway(t),
+        views=scan.views.find_views(t), sway=scan.views.measure_sway(t), jumps=jumps,
     )  # fmt: skip
     _check_times(path, t, nominal)
     return clip

@@ -12,7 +12,7 @@ import numpy as np
 from av.video.reformatter import Colorspace, Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
-from models.core.typing import ImageArray
+from models.core.typing import FloatArray, ImageArray
 from video.io.colour_conversion import ColourConversion, expose_conversion, find_video_colours
 
 LEAST_OBLONG_SHARE = 0.01
@@ -45,6 +45,11 @@ class FrameOrientation:
         rotated = image.swapaxes(0, 1) if self.swap else image
         rotated = rotated[:, ::-1] if self.mirror_x else rotated
         return np.ascontiguousarray(rotated[::-1] if self.mirror_y else rotated)
+
+    def rotate_places(self, places: FloatArray) -> FloatArray:
+        """Rotate places (K, 2), in shares of width and height of a stored image, upright."""
+        rotated = places[:, ::-1] if self.swap else places
+        return np.where([self.mirror_x, self.mirror_y], 1 - rotated, rotated)
 
 
 @dataclass(frozen=True, slots=True)

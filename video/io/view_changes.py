@@ -1,11 +1,15 @@
 """Views of a recording: stretches of frames without a cut or a fade, and how far the image as a whole moves.
 
 A pass through a file keeps an image of 18 x 32 blocks of each frame. A cut changes more blocks in one frame than
-moving people and balls do in several; a fade changes all blocks over some frames, where these change few.
+moving people and balls do in several; a fade changes all blocks over some frames, where these change few. A cut from a
+fixed camera to itself changes only the places of balls: things that lay still are gone, and others lie still elsewhere,
+though nothing moved there.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 
 import cv2
@@ -30,17 +34,41 @@ MIN_FADE_RANGE = 12.0
 """Grey levels by which a fade changes the median block altogether; less is a camera that adapts its exposure."""
 MIN_VIEW_FRAMES = 12
 """Frames: shorter stretches are no view."""
+MIN_JUMP_CHANGE = 16
+"""Grey levels of a pixel of the thumbnail that a ball leaves or takes; coding changes still pixels by up to 10."""
+JUMP_AREA = (4, 500)
+"""Pixels of a thing that jumps: the smallest ball covers four, one of a close view 25 x 25 / 1.3."""
+MAX_JUMP_ASPECT, MIN_JUMP_FILL = 2.0, 0.4
+"""Longer side over the shorter, and filled share of the box: a disk fills 0.79, a line of light or a letter less."""
+JUMP_CLEARANCE = 4.0
+"""Diameters around a thing within which nothing moves before or after: a ball that is struck, or stops where it hits
+another one, leaves or takes its place in one frame too, but rolls on, or comes, from within less than this."""
 
 
 class ViewMeter:
-    """Collects a small image of every frame."""
+    """Collects a small image of every frame, and the things that lie elsewhere from one frame to the next."""
 
     def __init__(self) -> None:
         self._small: list[ByteArray] = []
+        self._recent: deque[ByteArray] = deque(maxlen=2 * NEARBY_FRAMES)
+        self._jumps: list[tuple[float, float, float, float]] = []
 
     def add_frame(self, thumbnail: ByteArray) -> None:
         """Add the thumbnail (h, w) of the next frame."""
         self._small.append(cv2.resize(thumbnail, BLOCKS, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False))
+        self._recent.append(thumbnail)
+        if len(self._recent) == 2 * NEARBY_FRAMES:
+            frame, recent = len(self._small) - NEARBY_FRAMES, list(self._recent)
+            found = find_jumps(recent[:NEARBY_FRAMES], recent[NEARBY_FRAMES:])
+            self._jumps += [(frame, *jump) for jump in found]
+
+    @property
+    def jumps(self) -> FloatArray:
+        """(J, 4) frame, place in shares of width and height, and 1 for a thing that appears, -1 for one that goes.
+
+        Only frames are listed in which some things appear and others go.
+        """
+        return np.array(self._jumps, np.float64).reshape(-1, 4)
 
     def find_views(self, t: FloatArray) -> NDArray[np.int64]:
         """Find the views.
@@ -108,3 +136,52 @@ class ViewMeter:
         difference = cv2.absdiff(self._small[one], self._small[other]).ravel()
         middle = difference.size // 2
         return float(np.partition(difference, middle)[middle])
+
+
+def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[tuple[float, float, float]]:
+    """Find things of the size of balls that lie still in the frames before, and others that do in those after.
+
+    Args:
+        before: thumbnails (h, w) of the frames up to one moment.
+        after: those from then on.
+
+    Returns:
+        Centre in shares of width and height, and 1 for a thing that appears, -1 for one that goes; empty without both.
+    """
+    stepped = _differ(before[-1], after[0])
+    if cv2.countNonZero(stepped) < 2 * JUMP_AREA[0]:
+        return []
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(stepped)
+    x, y, width, height, area = stats.T
+    longer, shorter = np.maximum(width, height), np.minimum(width, height)
+    is_round = (longer <= MAX_JUMP_ASPECT * shorter) & (area >= MIN_JUMP_FILL * width * height)
+    is_round &= (area >= JUMP_AREA[0]) & (area <= JUMP_AREA[1])
+    is_round[0] = False  # the background
+    if np.count_nonzero(is_round) < 2:
+        return []
+    still = np.full_like(stepped, 255)
+    for image in before[:-1]:
+        still[_differ(image, before[-1]) > 0] = 0
+    for image in after[1:]:
+        still[_differ(image, after[0]) > 0] = 0
+    clearance = cv2.distanceTransform(still, cv2.DIST_L2, 3)
+    things = []
+    for k in range(1, count):
+        centre = centres[k].round().astype(int)
+        if is_round[k] and clearance[centre[1], centre[0]] >= JUMP_CLEARANCE * longer[k]:
+            box = slice(max(y[k] - 2, 0), y[k] + height[k] + 2), slice(max(x[k] - 2, 0), x[k] + width[k] + 2)
+            contrasts = [_measure_contrast(image[box], labels[box] == k) for image in (before[-1], after[0])]
+            share = (centres[k] + 0.5) / stepped.shape[::-1]
+            things.append((float(share[0]), float(share[1]), float(np.sign(contrasts[1] - contrasts[0]))))
+    return things if {sign for _, _, sign in things} >= {-1.0, 1.0} else []
+
+
+def _differ(one: ByteArray, other: ByteArray) -> ByteArray:
+    """Mark (h, w) with 255 the pixels that differ clearly."""
+    changed = cv2.threshold(cv2.absdiff(one, other), MIN_JUMP_CHANGE, 255, cv2.THRESH_BINARY)[1]
+    return np.asarray(changed, np.uint8)
+
+
+def _measure_contrast(image: ByteArray, thing: BoolArray) -> float:
+    """Measure by how many grey levels a thing differs from what surrounds it."""
+    return abs(float(np.median(image[thing])) - float(np.median(image[~thing])))

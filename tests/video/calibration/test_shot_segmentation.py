@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.stages.shot_stages import find_single_span
 from video.calibration import shot_segmentation
-from video.calibration.shot_segmentation import MARGIN_S, find_motion_intervals, segment_shots
+from video.calibration.shot_segmentation import MARGIN_S, find_motion_intervals, list_shot_spans, segment_shots
 from video.io.clip import Clip, open_clip, read_frames
 
 RATE = 25
 HEIGHT, WIDTH = 180, 320
 
 
-def draw_table_frame(colour: tuple[int, int, int], ball: float | None) -> NDArray[np.uint8]:
+def draw_table_frame(colour: tuple[int, int, int], ball: float | None, row: int = 90) -> NDArray[np.uint8]:
     """Draw a cloth with wooden rails and a ball at a share of its length; None draws only a wall."""
     image = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
     if ball is None:
@@ -27,7 +28,7 @@ def draw_table_frame(colour: tuple[int, int, int], ball: float | None) -> NDArra
     image[20:160, 20:300] = (90, 60, 40)
     image[30:150, 30:290] = colour
     x = round(40 + 240 * ball)
-    image[84:96, x - 6 : x + 6] = 240
+    image[row - 6 : row + 6, x - 6 : x + 6] = 240
     return image
 
 
@@ -79,6 +80,27 @@ def test_a_recording_is_segmented_into_its_shots_and_views(recording: Clip, monk
     assert shots.stop_frames[:2] == pytest.approx(begins[:2] + MOVING + margin, abs=6)
     assert shots.stop_frames[2] == recording.frame_count, "a short view with one shot is the shot"
     assert np.all(shots.first_frames[1:] >= shots.stop_frames[:-1])
+
+
+def test_a_fixed_camera_that_is_cut_to_itself_shows_two_shots_to_the_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shot_segmentation, "locate_table", lambda image: None)
+    ran, still = list(np.linspace(0, 0.8, MOVING)), STILL // 4
+    first = [draw_table_frame(GREEN, at, 60) for at in [0.0] * still + ran + [0.8] * still]
+    second = [draw_table_frame(GREEN, 0.9 - at, 120) for at in [0.0] * still + ran + [0.8] * still]
+    for k, image in enumerate(first + second):  # a scoreboard beside the table, which changes while balls roll
+        image[4:12, 100 + 12 * (k > 25) : 108 + 12 * (k > 25)] = 250
+    clip = open_clip(write_video(tmp_path / "a.mp4", first + second))
+    assert clip.views.tolist() == [[0, len(first + second)]]
+    shots = segment_shots(clip)
+    spans = list(zip(shots.first_frames.tolist(), shots.stop_frames.tolist(), strict=True))
+    assert spans == [(0, len(first)), (len(first), len(first + second))]
+    assert shots.views.tolist() == [list(span) for span in spans]
+    assert not find_single_span(clip)
+    whole = open_clip(write_video(tmp_path / "b.mp4", first))
+    assert len(whole.jumps), "digits that change may be balls until the cloth is known"
+    assert list_shot_spans(whole, segment_shots(whole)) == []
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "matroska", "avi"])

@@ -7,7 +7,7 @@ import pytest
 
 from models.core.typing import ByteArray
 from video.calibration.shot_segmentation import is_replay
-from video.io.view_changes import ViewMeter
+from video.io.view_changes import JUMP_CLEARANCE, ViewMeter
 
 RATE = 30
 HEIGHT, WIDTH = 180, 320
@@ -61,3 +61,58 @@ def test_a_slowed_repeat_is_a_replay_and_the_same_path_at_another_pace_with_anot
         image[20:28, 10 + 2 * k : 18 + 2 * k] = 250
     assert not is_replay(other, SHOT)
     assert not is_replay(SHOT[::-1], SHOT)
+
+
+BALL = 6
+"""px, diameter."""
+
+
+def draw_table(*balls: tuple[float, float], level: int = 220) -> ByteArray:
+    """Draw balls on an even cloth."""
+    image = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    rows, columns = np.indices(image.shape)
+    for x, y in balls:
+        image[np.hypot(columns - x, rows - y) <= BALL / 2] = level
+    return image
+
+
+def find_jumps(images: list[ByteArray]) -> list[tuple[int, int, int, int]]:
+    """Return frame, place (px) and sign of each jump."""
+    meter = ViewMeter()
+    for image in images:
+        meter.add_frame(image)
+    size = np.array([WIDTH, HEIGHT])
+    return [(int(k), *np.rint(place * size - 0.5).astype(int), int(sign)) for k, *place, sign in meter.jumps]
+
+
+def test_balls_that_lie_elsewhere_from_one_frame_to_the_next_jump() -> None:
+    before, after = ((60, 50), (200, 120), (250, 60)), ((120, 140), (200, 120), (90, 90))
+    images = [draw_table(*before)] * 20 + [draw_table(*after)] * 20
+    found = [(20, 60, 50, -1), (20, 90, 90, 1), (20, 120, 140, 1), (20, 250, 60, -1)]
+    assert sorted(find_jumps(images)) == found
+    assert find_views(images) == [[0, 40]], "a few balls are no new view by themselves"
+
+
+@pytest.mark.parametrize("speed", [0.5, 4.0, JUMP_CLEARANCE * BALL - 2 * BALL])
+@pytest.mark.parametrize("repeats", [1, 2, 5])
+def test_a_struck_ball_that_stops_where_it_hits_another_one_is_no_jump(speed: float, repeats: int) -> None:
+    """Both leave and take their places within a frame; frames are shown once, twice and five times."""
+    steps = round(100 / speed)
+    rolls = [draw_table((60 + speed * k, 50), (160 + 6, 50)) for k in range(steps)]
+    hits = [draw_table((160, 50), (166 + speed * k, 50)) for k in range(1, round(60 / speed))]
+    images = [rolls[0]] * 20 + [image for image in rolls + hits for _ in range(repeats)] + [hits[-1]] * 20
+    assert find_jumps(images) == []
+
+
+def test_letters_lines_of_light_and_a_hand_that_moves_balls_are_no_jump() -> None:
+    still = [draw_table((60, 50), (200, 120))] * 20
+    lit = [image.copy() for image in still]
+    for image in lit:
+        image[100, 50:150] = 250
+        image[150:156, 80:160:8] = 250
+    assert find_jumps([*still, *lit]) == [], "things only appear"
+    moved = [draw_table((60, 50), (120, 60))] * 20
+    for k, image in enumerate(moved):
+        moved[k] = image.copy()
+        moved[k][40:150, 4 * k : 4 * k + 100] = 40
+    assert find_jumps([*still, *moved]) == []
