@@ -61,7 +61,7 @@ from video.io.frame_memory import FrameMemory
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
     "poster": ("poster.png",),
-    "report": ("report.html",),
+    "report": ("report.html", "summary.json"),
     "record": ("recording.rrd",),
     "render": ("slow.mp4",),
 }

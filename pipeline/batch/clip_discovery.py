@@ -12,6 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from models.core.errors import ClipError
 from pipeline.chain import STAGE_FILES
 from pipeline.io.run_folder import SOURCE_FILE
@@ -58,6 +60,8 @@ class VideoFacts(NamedTuple):
     pixels: int
     seconds: float
     """NaN where it states none."""
+    frames: float = 0.0
+    """0 where it states neither a length nor a rate."""
 
 
 def survey_folder(folder: Path, excluded: Path | None = None) -> FolderContent:
@@ -119,9 +123,17 @@ def _probe_video(path: Path, state: FileState) -> VideoFacts | None:
             if container.format.name in ANIMATION_FORMATS:
                 return None
             seconds = container.duration / 1e6 if container.duration else float("nan")  # FFmpeg's AV_TIME_BASE
-            return VideoFacts(stream.width * stream.height, seconds) if stream.width else None
+            rate = float(stream.guessed_rate or stream.average_rate or 0)
+            frames = float(np.nan_to_num(seconds * rate))
+            return VideoFacts(stream.width * stream.height, seconds, frames) if stream.width else None
     except (ClipError, OSError):
         return None
+
+
+def measure_film(clip: Path) -> VideoFacts:
+    """Read size and length of a clip from its header; zeros where it states none, as a folder of images."""
+    facts = _probe_video(clip, read_file_state(clip)) if clip.is_file() else None
+    return facts or VideoFacts(0, 0.0)
 
 
 def _find_original(path: Path, videos: Mapping[Path, VideoFacts | None]) -> Path | None:

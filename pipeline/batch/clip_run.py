@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -9,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from models.numerics.first_compilation import measure_compilation
-from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result
+from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
+from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.long_clip import run_shots
 from pipeline.chain import FinishedRun, run_clip
 from pipeline.engine.atomic_write import remove_leftovers
@@ -18,8 +20,10 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.recording_shots import find_recording_shots
 from pipeline.reporting.text.text_formatting import format_error
+from pipeline.run_options import RunOptions
 from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.stages.read_stage import open_frame_memory
+from pipeline.stages.shot_stages import ClipShot
 
 SNAPSHOT = SourceSnapshot()
 """The project's code that this process runs; a later edit counts for the next process."""
@@ -29,8 +33,12 @@ TRUST_LEVELS = ("green", "amber", "red")
 class ShotWatcher(RunWatcher, Protocol):
     """A watcher that also follows the shots of a long recording."""
 
-    def start_shot(self, number: int, count: int) -> None:
-        """Note that shot `number` of `count` begins."""
+    def start_shot(self, number: int, count: int, done: float) -> None:
+        """Note that shot `number` of `count` begins, and which share of all of them is done."""
+        ...
+
+    def write_note(self, sentence: str) -> None:
+        """Pass on a sentence for the user."""
         ...
 
 
@@ -79,6 +87,7 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
                     clip, folder, options, cache, counted, snapshot=SNAPSHOT, start_helpers=kernels.start, memory=memory
                 )
             return _summarize_runs(job, [run], "", counted.cached)
+    watcher.write_note(f"{job.name}: {_plan_shots(shots, folder, cache, options)}")
     ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)
     good = [one.run for one in ran if one.run is not None]
     bad = [one for one in ran if one.run is None]
@@ -86,6 +95,15 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
         return build_failed_result(job.name, f"none of {len(ran)} shots could be used; the first: {bad[0].sentence}")
     sentence = f"{len(bad)} of {len(ran)} shots could not be used; {bad[0].shot.name}: {bad[0].sentence}" if bad else ""
     return _summarize_runs(job, good, sentence, counted.cached, in_shots=True)
+
+
+def _plan_shots(shots: Sequence[ClipShot], folder: Path, cache: ResultCache, options: RunOptions) -> str:
+    """Say what the shots of a recording will take; raise OptionError if the disks do not hold it."""
+    whole, frames = shots[0].whole, sum(shot.frame_count for shot in shots)
+    films = [FilmLength(folder / shot.name, whole.width * whole.height, shot.frame_count) for shot in shots]
+    room = describe_room(estimate_bytes(films, options.render), folder, cache.root)
+    seconds = frames * float(whole.t[-1]) / whole.frame_count
+    return f"{len(shots)} shot{'s' * (len(shots) != 1)}, {format_duration(seconds)} in all; {room}"
 
 
 def _summarize_runs(

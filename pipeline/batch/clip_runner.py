@@ -2,7 +2,8 @@
 
     {"ready": true}                          the process has started
     {"stage": "detect", "share": 0.4}        progress of a stage
-    {"shot": [3, 17]}                        the third of seventeen shots of a long recording begins
+    {"shot": [3, 17], "done": 0.1}           the third of seventeen shots of a long recording begins, after a tenth
+    {"note": "..."}                          a sentence for the user
     {"row": "..."}                           the result of the clip
 
 It may be killed at any moment, by a limit or by a fault of a decoder, without harm to its parent. When its input ends,
@@ -54,9 +55,13 @@ class ProgressWriter:
     def finish_stage(self, stage: str, seconds: float, cached: bool) -> None:
         """Write nothing: the next stage reports itself."""
 
-    def start_shot(self, number: int, count: int) -> None:
-        """Report that a shot of a long recording begins."""
-        self.write_message(shot=[number, count])
+    def start_shot(self, number: int, count: int, done: float) -> None:
+        """Report that a shot of a long recording begins, and which share of all of them is done."""
+        self.write_message(shot=[number, count], done=round(done, 4))
+
+    def write_note(self, sentence: str) -> None:
+        """Report a sentence for the user."""
+        self.write_message(note=sentence)
 
     def _write_share(self, stage: str, share: float) -> None:
         if time.monotonic() >= self._next:

@@ -18,8 +18,8 @@ from pipeline.stages.shot_stages import ClipShot
 
 MERGED_TABLES = ("tracks.csv", "events.csv", "trajectory.csv")
 
-ShotListener = Callable[[int, int], None]
-"""Called with the number of the shot that begins, from 1, and the number of shots."""
+ShotListener = Callable[[int, int, float], None]
+"""Called with the number of the shot that begins, from 1, the number of shots, and the share of their frames before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +60,10 @@ def run_shots(
         The outcome of every shot.
     """
     require_writable_folder(folder)
-    ran = []
+    ran, done, frames = [], 0, sum(shot.frame_count for shot in shots)
     for shot in shots:
-        listener(shot.number + 1, len(shots))
+        listener(shot.number + 1, len(shots), done / frames)
+        done += shot.frame_count
         try:
             run = run_clip(clip, folder / shot.name, options, cache, watcher, snapshot=snapshot, shot=shot)
             ran.append(ShotOutcome(shot, run, ""))

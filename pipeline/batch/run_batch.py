@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import quote
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,9 +16,9 @@ import pyarrow.parquet as pq
 from pipeline.batch.batch_workers import ClipRunner, JobStream
 from pipeline.batch.clip_discovery import assign_folders
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
+from pipeline.batch.index_page import render_index_page
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.engine.result_cache import ResultCache
-from pipeline.reporting.pages.page_template import render_template
 from pipeline.reporting.text.text_formatting import escape_text
 
 SUMMARY_INTERVAL_S = 2.0
@@ -124,7 +122,7 @@ def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) 
     if whole:
         with replace_file(out / "summary.parquet") as fresh:
             pq.write_table(build_table(ordered), fresh)
-        write_text(out / "summary.html", render_summary_page(ordered, out))
+        write_text(out / "summary.html", render_index_page(ordered, out))
 
 
 def format_csv(rows: Sequence[ClipResult]) -> str:
@@ -142,38 +140,6 @@ def build_table(rows: Sequence[ClipResult]) -> pa.Table:
     kinds = {"str": pa.string(), "int": pa.int64(), "float": pa.float64(), "bool": pa.bool_()}
     schema = pa.schema([(field.name, kinds.get(str(field.type), pa.string())) for field in fields(ClipResult)])
     return pa.Table.from_pylist([{k: _clean_cell(v) for k, v in asdict(row).items()} for row in rows], schema=schema)
-
-
-def render_summary_page(rows: Sequence[ClipResult], out: Path) -> str:
-    """Render a page with a line, an image and links per clip."""
-    lines = [
-        {
-            **asdict(row),
-            "clip": escape_text(row.clip),
-            "sentence": escape_text(row.sentence),
-            **_find_page_links(row, out),
-        }
-        for row in rows
-    ]
-    done = sum(row.status == "done" for row in rows)
-    return render_template(
-        "summary.html",
-        name=escape_text(out.resolve().name),
-        rows=lines,
-        done=done,
-        seconds=sum(row.seconds for row in rows),
-    )
-
-
-def _find_page_links(row: ClipResult, out: Path) -> dict[str, str]:
-    """Return the paths of a clip's report and poster relative to `out`; empty if the clip failed."""
-    if row.status != "done":
-        return {"report": "", "poster": ""}
-    below = os.path.relpath(row.folder, out)
-    place = quote(os.fsencode(below))
-    shots = sorted(path.parent.name for path in Path(row.folder).glob("shot-*/report.html")) if row.in_shots else []
-    first = f"{shots[0]}/" if shots else ""
-    return {"report": f"{place}/{first}report.html", "poster": f"{place}/{first}poster.png"}
 
 
 def _clean_cell(value: object) -> object:

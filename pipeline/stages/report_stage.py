@@ -42,7 +42,7 @@ def report_stage(options: ReportOptions) -> Stage:
         options: Options of the stage.
 
     Returns:
-        The stage `report`, whose output is a folder with report.html.
+        The stage `report`, whose output is a folder with report.html and summary.json.
     """
     needs = ("read", *list_view_inputs(options.fit), "poster")
     return Stage("report", __name__, needs, None, _write_report, options)

@@ -34,7 +34,7 @@ HANG_S = 600
 """Time after which a process hangs, s."""
 FILES = {
     "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
-    "recording.rrd", "report.html", "poster.png", "source.json", "shot",
+    "recording.rrd", "report.html", "summary.json", "poster.png", "source.json", "shot",
 }  # fmt: skip
 
 

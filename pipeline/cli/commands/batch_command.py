@@ -19,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
+from pipeline.batch.clip_job import format_duration
 from pipeline.engine.atomic_write import remove_leftovers, require_writable_folder
 from pipeline.engine.process_setup import available_cores
 from pipeline.engine.result_cache import open_cache
@@ -99,6 +100,8 @@ def batch(
     store.remove_leftovers()
     work = Batch(folder, out, store, list_setting_values(options), ClipLimits(time_limit, memory_limit))
     work.assign_folders(clips)
+    if not as_json:
+        _print_disk_use(work, options)
     queue = clips if jobs == 1 and cluster is None else order_largest_first(clips)
     try:
         with (
@@ -160,6 +163,23 @@ def _print_left_out(content: FolderContent, folder: Path) -> None:
         cli.console.print(f"Left out: {escape_text(line)}", markup=False, soft_wrap=True)
 
 
+def _print_disk_use(work: Batch, options: RunOptions) -> None:
+    """Print what the batch will write, before it does; of long recordings no more is known than an upper limit."""
+    from pipeline.batch.clip_discovery import measure_film
+    from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
+    from video.calibration.shot_segmentation import LONG_RECORDING_S
+
+    films, has_recordings = list[FilmLength](), False
+    for clip, folder in work.folders.items():
+        facts = measure_film(clip)
+        is_long = facts.seconds > LONG_RECORDING_S
+        has_recordings |= is_long
+        films += [] if is_long else [FilmLength(folder, facts.pixels, facts.frames)]
+    text = describe_room(estimate_bytes(films, options.render), work.out, work.cache.root)
+    later = "; for recordings of several shots once these are known" if has_recordings else ""
+    cli.console.print(f"Disk: {escape_text(text)}{later}", markup=False, soft_wrap=True)
+
+
 def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
     """Diagnose the shots of each table and print the results."""
     from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
@@ -190,14 +210,35 @@ def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
 
     Clips run side by side, so their shares of the time are those of the sum over clips.
     """
-    from pipeline.batch.clip_job import format_duration
-
     total = sum(row.seconds for row in rows)
     compiling = seconds * sum(row.compiling for row in rows) / total if total else 0.0
     processing = f"Processing took {format_duration(seconds - compiling)}"
     if compiling < 1:
         return f"{processing}."
     return f"{processing}, and compiling numerical code about {format_duration(compiling)}: once on this machine."
+
+
+CACHED_S = 1.0
+"""s below which a clip or a shot came from the cache, so that it does not count for the time left."""
+
+
+class RemainingTime:
+    """An estimate of the time that is left, from how long the work took that did not come from the cache."""
+
+    def __init__(self, now: float) -> None:
+        self._at, self._share = now, 0.0
+        self._worked_s = self._worked_share = 0.0
+
+    def describe(self, share: float, now: float) -> str:
+        """Say how much time is left when a share of the work is done; empty while that is not known."""
+        seconds, done = now - self._at, share - self._share
+        self._at, self._share = now, share
+        if seconds >= CACHED_S:
+            self._worked_s, self._worked_share = self._worked_s + seconds, self._worked_share + done
+        if self._worked_share <= 0:
+            self._worked_s = 0.0  # the search for shots
+            return ""
+        return f"about {format_duration((1 - share) * self._worked_s / self._worked_share)} left"
 
 
 NAME_WIDTH = 32
@@ -218,6 +259,8 @@ class BatchDisplay:
         self._all = self._bars.add_task("clips", total=expected, note="")
         self._clips: dict[str, TaskID] = {}
         self._count = [0, 0]
+        self._remaining = RemainingTime(time.monotonic())
+        self._remaining_shots: dict[str, RemainingTime] = {}
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -230,13 +273,20 @@ class BatchDisplay:
 
     def show_progress(self, clip: str, message: dict[str, Any]) -> None:
         """Show the progress of a clip; see `clip_runner` for the messages."""
+        if "note" in message:
+            self._bars.console.print(escape_text(message["note"]), markup=False, soft_wrap=True)
         if self._bars.disable:
             return
         if clip not in self._clips:
             name = clip if len(clip) <= NAME_WIDTH else f"…{clip[1 - NAME_WIDTH :]}"
             self._clips[clip] = self._bars.add_task(f"  {escape(name)}", total=100, note="")
         if "shot" in message:
-            self._bars.update(self._clips[clip], note="shot {} of {}".format(*message["shot"]))
+            now = time.monotonic()
+            left = self._remaining_shots.setdefault(clip, RemainingTime(now)).describe(message["done"], now)
+            note = ", ".join(filter(None, ["shot {} of {}".format(*message["shot"]), left]))
+            self._bars.update(self._clips[clip], completed=round(100 * message["done"]), note=note)
+        elif "stage" in message and clip in self._remaining_shots:
+            pass  # the bar counts shots
         elif "stage" in message:
             self._bars.update(self._clips[clip], completed=round(100 * message["share"]), note=message["stage"])
 
@@ -246,5 +296,7 @@ class BatchDisplay:
         if task is not None:
             self._bars.remove_task(task)
         self._count[row.status == "failed"] += 1
-        note = f"{self._count[1]} failed" if self._count[1] else ""
+        failed = f"{self._count[1]} failed" if self._count[1] else ""
+        left = self._remaining.describe(sum(self._count) / expected, time.monotonic())
+        note = ", ".join(filter(None, [failed, left if sum(self._count) < expected else ""]))
         self._bars.update(self._all, completed=sum(self._count), total=expected, note=note)

@@ -93,9 +93,9 @@ def embed_image_file(path: Path) -> str:
         return build_jpeg_uri(np.asarray(image.convert("RGB")))
 
 
-def build_jpeg_uri(pixels: ImageArray) -> str:
-    """Encode an image (H, W, 3) as the data URI of a JPEG no larger than `MAX_IMAGE_PX`."""
+def build_jpeg_uri(pixels: ImageArray, longest: int = MAX_IMAGE_PX, quality: int = JPEG_QUALITY) -> str:
+    """Encode an image (H, W, 3) as the data URI of a JPEG whose sides are no longer than `longest` px."""
     image, buffer = Image.fromarray(pixels), io.BytesIO()
-    image.thumbnail((MAX_IMAGE_PX, MAX_IMAGE_PX))
-    image.save(buffer, format="JPEG", quality=JPEG_QUALITY)
+    image.thumbnail((longest, longest))
+    image.save(buffer, format="JPEG", quality=quality)
     return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

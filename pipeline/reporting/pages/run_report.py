@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -9,6 +10,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from models.core.ball_look import format_colour
 from models.core.fit_result import Fit
@@ -40,23 +42,26 @@ from pipeline.reporting.pages.page_template import (
     pack_plotly_source,
     render_template,
 )
-from pipeline.reporting.text.call_sentences import format_call, format_gap
+from pipeline.reporting.text.call_sentences import format_call, format_gap, name_topic
 from pipeline.reporting.text.check_list import CheckPlace, select_check_places
 from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
 from pipeline.reporting.text.number_sentences import list_number_rows
-from pipeline.reporting.text.shot_summary import summarize_shots
+from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
     format_parameter_name,
     format_textbook_range,
+    summarize_trust,
 )
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.io.clip import Clip, read_frames
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_place
 
+SUMMARY_FILE = "summary.json"
+"""What the page of a batch shows of a run, beside the report."""
 LEAD_IN_SECONDS = 0.15
 """s of the clip before an event, from which the video plays."""
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
@@ -97,7 +102,7 @@ def write_report(
     clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, files: ReportFiles, title: str, settings: Sequence[str],
     path: Path, errors: ForecastErrors | None = None,
 ) -> None:  # fmt: skip
-    """Write the page of a run.
+    """Write the page of a run, and beside it what the page of a batch shows of it.
 
     Args:
         clip: The clip.
@@ -117,12 +122,13 @@ def write_report(
     )
     is_guess = any(doubt.startswith(ALTERNATIVES_PREFIX) for doubt in scene.warnings)
     doubts = ["Lengths and speeds hold for the guessed table size (see above)."] if is_guess else []
+    summaries = summarize_shots(tracks, fit, scene.table, doubts, calls)
     shot_numbers = [(one.t, list_number_rows(one, fit.naming, scene.table.ball_radius)) for one in fit.shot_numbers]
     html = render_template(
         "report.html",
         name=title,
         trust=fit.trust,
-        summaries=summarize_shots(tracks, fit, scene.table, doubts, calls),
+        summaries=summaries,
         balls=list_ball_colours(tracks),
         stripes=any(look.is_striped for look in tracks.looks),
         poster=embed_image_file(files.poster),
@@ -159,6 +165,35 @@ def write_report(
         digest=clip.digest,
     )
     write_text(path, html)
+    summary = describe_run(clip, tracks, fit, calls, summaries) | {"thumbnail": _embed_thumbnail(files.poster)}
+    write_text(path.with_name(SUMMARY_FILE), json.dumps(summary, indent=1, allow_nan=False))
+
+
+def describe_run(
+    clip: Clip, tracks: Tracks, fit: Fit, calls: Sequence[CallAnswer], summaries: Sequence[ShotSummary]
+) -> dict[str, object]:
+    """Describe a run in a few numbers, words and calls, as JSON values."""
+    counts = {f"{kind}_count": fit.events.kind.count(kind) for kind in ("strike", "ball", "cushion", "pocket")}
+    words = [(name_topic(call, fit.naming), format_call(call, fit.naming)) for call in calls]
+    return {
+        "begins": round(float(clip.t[0]), 3), "ends": round(float(clip.t[-1]), 3),
+        "balls": [look.name for look in tracks.looks], **counts, "trust": summarize_trust(fit.trust),
+        "sentences": [" ".join(filter(None, (one.score, one.first, one.potted))) for one in summaries],
+        "calls": [
+            {"topic": topic, "question": one.question, "answer": one.verdict, "probability": one.probability}
+            for topic, one in words
+        ],
+    }  # fmt: skip
+
+
+THUMBNAIL_PX, THUMBNAIL_QUALITY = 320, 70
+"""Longest side, and JPEG quality: 8 to 15 kB."""
+
+
+def _embed_thumbnail(poster: Path) -> str:
+    """Encode a small poster as the data URI of a JPEG."""
+    with Image.open(poster) as image:
+        return build_jpeg_uri(np.asarray(image.convert("RGB")), THUMBNAIL_PX, THUMBNAIL_QUALITY)
 
 
 def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:

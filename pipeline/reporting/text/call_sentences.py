@@ -46,6 +46,11 @@ SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "fir
 """Facts of the rules that another question is about."""
 NO_CONTACT: tuple[QuestionKind, ...] = ("first", "no-contact")
 """Questions whose answer may be that no ball was touched."""
+TOPICS: dict[QuestionKind, str] = {
+    "contact": "touched", "first": "first ball", "cushion-first": "rail before a ball", "pocket": "potted",
+    "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
+}  # fmt: skip
+"""Questions in two words, of any balls; facts of the rules have their name in the rulebook."""
 UNCHANGED = "; the gap alone would allow a touch, but no ball changed its motion"
 """Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too."""
 CAROM_GAMES = {"1": "one-cushion", "3": "three-cushion"}
@@ -231,6 +236,11 @@ def format_sequence(call: CallAnswer, naming: Naming) -> str:
     """Format the contacts of a ball in order of time, as a sentence; empty where there are none."""
     contacts = [f"{naming.say(one.other)} at {format_time(one.t, one.t_sigma)}" for one in call.path]
     return f"In order, {naming.say(call.subject[0])} met {join_names(contacts)}." if contacts else ""
+
+
+def name_topic(call: CallAnswer, naming: Naming) -> str:
+    """Name what a call is about, whichever balls it is about, such as `first ball`."""
+    return TOPICS.get(call.kind) or name_rule(call, naming).partition(" (")[0]
 
 
 def name_rule(call: CallAnswer, naming: Naming) -> str:

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -33,10 +34,12 @@ from pipeline.batch import clip_discovery, clip_runner, supervision
 from pipeline.batch.clip_discovery import assign_folders, order_largest_first, survey_folder
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import hash_code, require_usable_answer, start_local_client
-from pipeline.batch.run_batch import format_csv, render_summary_page, write_summary
+from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
+from pipeline.batch.index_page import render_index_page
+from pipeline.batch.run_batch import format_csv, write_summary
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
-from pipeline.cli.commands.batch_command import BatchDisplay
+from pipeline.cli.commands.batch_command import BatchDisplay, RemainingTime
 from pipeline.engine.atomic_write import machine_id, remove_leftovers, replace_file
 from pipeline.engine.result_cache import CacheKey, CacheMissing, ResultCache
 from pipeline.run_options import RunOptions, list_setting_values
@@ -311,6 +314,7 @@ def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -
 DYING_CALLER = """
 import os, sys
 from pathlib import Path
+from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.dask_cluster import require_usable_workers
 from pipeline.engine.result_cache import ResultCache
 
@@ -352,12 +356,39 @@ def test_the_summary_is_ordered_escaped_and_equal_for_equal_results(tmp_path: Pa
     lines = list(csv.DictReader(text.splitlines()))
     assert [line["status"] for line in lines] == ["failed", "done"]
     page = (tmp_path / "summary.html").read_text(encoding="utf-8")
-    assert "<script" not in page
+    assert "<script>alert" not in page
     assert "&lt;script&gt;" in page
     assert "default-src 'none'" in page
     assert pq.read_table(tmp_path / "summary.parquet").column("seconds").to_pylist() == [99.0, 99.0]
     assert format_csv([]).startswith("clip,status,trust,contacts,seconds_in,folder,sentence")
-    assert "%FF" in render_summary_page(build_results(), tmp_path)
+    assert "%FF" in render_index_page(build_results(), tmp_path)
+
+
+def test_the_time_left_follows_from_the_work_that_did_not_come_from_the_cache() -> None:
+    remaining = RemainingTime(0.0)
+    assert remaining.describe(0.0, 20.0) == "", "the search for shots is no share of them"
+    assert remaining.describe(0.5, 20.1) == "", "half of it is cached"
+    assert remaining.describe(0.6, 80.1) == "about 4 min left"
+    assert remaining.describe(0.8, 140.1) == "about 80 s left"
+
+
+def test_what_will_be_written_is_said_and_refused_where_even_half_of_it_does_not_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = RunOptions().render
+    films = [FilmLength(tmp_path / name, 1280 * 720, 110) for name in ("a", "b")]
+    need = estimate_bytes(films, options)
+    assert need > 2 * estimate_bytes(films, replace(options, no_video=True))
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "slow.mp4").touch()
+    assert estimate_bytes(films, options) == need / 2, "the first is there already"
+    usage = shutil.disk_usage(tmp_path)
+    for share, expected in ((3.0, r"are free$"), (1.5, "which may not do")):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, free=share * need: usage._replace(free=int(free)))
+        assert re.search(expected, describe_room(need, tmp_path / "new" / "out", tmp_path))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=int(0.9 * need)))
+    with pytest.raises(OptionError, match="free some, or use --no-video"):
+        describe_room(need, tmp_path, tmp_path)
 
 
 class FakeClock:
@@ -529,7 +560,9 @@ def test_an_interrupted_batch_leaves_no_process_and_nothing_half_written(
     family = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=HANG_S)
-    assert (process.returncode, err) == (130, "trueroll: interrupted; nothing half-written is left\n")
+    assert process.returncode == 130
+    assert err.startswith("Disk: about ")
+    assert err.endswith("are free\ntrueroll: interrupted; nothing half-written is left\n")
     assert not psutil.wait_procs(family, timeout=60)[1]
     assert not list(tmp_path.rglob("*.part*"))
 
@@ -539,12 +572,14 @@ def test_the_display_shows_all_clips_in_one_line_and_each_that_runs() -> None:
     console = Console(file=output, force_terminal=True, width=120)
     with BatchDisplay(console, 2) as display:
         display.show_progress("a [bold]" + "x" * 50, {"stage": "detect", "share": 0.4})
-        display.show_progress("b.mp4", {"shot": [2, 17]})
+        display.show_progress("b.mp4", {"shot": [2, 17], "done": 0.1})
+        display.show_progress("b.mp4", {"note": "much room"})
         display.show_result(build_results()[1], 2)
         display._bars.refresh()
     text = output.getvalue()
     assert "detect" in text
     assert "shot 2 of 17" in text
+    assert "much room" in text
     assert "1/2" in text
     assert "1 failed" in text
     with BatchDisplay(Console(file=output), None) as silent:

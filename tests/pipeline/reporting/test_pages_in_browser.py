@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,12 +31,13 @@ from diagnosis.verdicts.verdict import (
 )
 from models.core.recording import Recording
 from pipeline.batch.clip_job import ClipResult
-from pipeline.batch.run_batch import render_summary_page
+from pipeline.batch.index_page import render_index_page
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase
 from pipeline.experiments.thesis.thesis_page import write_results
 from pipeline.experiments.thesis.trials import Trial
 from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.pages.page_template import build_jpeg_uri
 from pipeline.reporting.pages.run_report import ReportFiles, write_report
 
 SLOWER = 2.0
@@ -251,6 +253,25 @@ def make_diagnosis() -> DiagnosisReport:
     )  # fmt: skip
 
 
+def write_shots(folder: Path) -> Path:
+    """Write what the page of a batch reads of a recording of two shots."""
+    image = build_jpeg_uri(np.full((90, 160, 3), 90, np.uint8))
+    for k, (trust, answer) in enumerate((("green", "yes"), ("red", "no")), 1):
+        (folder / f"shot-00{k}").mkdir(parents=True)
+        call = {"topic": "score", "question": "Did the <white> score?", "answer": answer, "probability": "98 %"}
+        summary = {
+            "begins": 10.0 * k, "ends": 10.0 * k + 4.0 + k, "balls": ["white", "<b>yellow</b>", "red"][: 4 - k],
+            "strike_count": 1, "ball_count": k, "cushion_count": 3, "pocket_count": 0,
+            "trust": {"light": trust, "why": ["All motion is explained."]},
+            "sentences": ["The white hit the red first."], "calls": [call], "thumbnail": image,
+        }  # fmt: skip
+        (folder / f"shot-00{k}" / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    (folder / "shot-001" / "slow.mp4").touch()
+    shots = [{"folder": f"shot-00{k}"} for k in (1, 2)]
+    (folder / "scene.json").write_text(json.dumps({"shots": shots}), encoding="utf-8")
+    return folder
+
+
 @pytest.fixture(scope="module")
 def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Every other page, by its name."""
@@ -260,8 +281,9 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     rows = [
         ClipResult("a & b.mp4", "done", "amber", 4, 3.5, str(folder), "", seconds=1.0, peak_mb=300.0),
         ClipResult("<c>.mp4", "failed", "", 0, 0.0, "", "No table was found in <c>.mp4", shots=0),
+        ClipResult("match.mp4", "done", "green", 4, 3.5, str(write_shots(folder / "match")), "", in_shots=True),
     ]
-    (folder / "summary.html").write_text(render_summary_page(rows, folder), encoding="utf-8")
+    (folder / "summary.html").write_text(render_index_page(rows, folder), encoding="utf-8")
     case = ExperimentCase("double-pendulum", "stiff", 30.0, 0.0, 0)
     trials = [
         Trial(case, name, mse, 1.0, 1.0, 1.0, 0, "", np.linspace(0, 1, 4), np.full(4, mse), np.zeros(0))
@@ -269,6 +291,52 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     ]
     write_results(ExperimentPlan(("double-pendulum",), (0,), Depth.QUICK), trials, 2, folder)
     return {name: folder / f"{name}.html" for name in ("gap", "summary", "reproduce")}
+
+
+def test_the_shots_of_a_batch_are_searched_filtered_and_ordered(
+    others: dict[str, Path], browser: webdriver.Chrome
+) -> None:
+    open_page(others["summary"], browser)
+
+    def list_names() -> list[str]:
+        return [card.text for card in browser.find_elements(By.CSS_SELECTOR, ".card h2") if card.is_displayed()]
+
+    def enter(name: str, value: str) -> list[str]:
+        browser.execute_script(
+            "const one = document.forms[0].elements[arguments[0]]; one.value = arguments[1];"
+            "one.dispatchEvent(new Event('input', { bubbles: true }));",
+            name, value,
+        )  # fmt: skip
+        return list_names()
+
+    clip, first, second = "a & b.mp4", "match.mp4, shot-001", "match.mp4, shot-002"
+    assert list_names() == [clip, first, second]
+    assert enter("words", "WHITE yellow") == [first, second]
+    assert enter("answer", "score: no") == [second]
+    assert browser.find_element(By.ID, "shown").text == "1 of 3 shots"
+    assert enter("answer", "") == [first, second]
+    assert enter("order", "seconds") == [second, first]
+    for name, value in (("trust", "green"), ("seconds-to", "5.5"), ("balls-from", "3"), ("contacts-to", "4")):
+        assert enter(name, value) == [first]
+        assert enter(name, "") == [second, first]
+    browser.execute_script("document.forms[0].reset()")
+    wait_on(browser).until(lambda _: list_names() == [clip, first, second])
+    links = [link.get_attribute("href") for link in browser.find_elements(By.CSS_SELECTOR, ".links a")]
+    assert sum(link.endswith("shot-001/slow.mp4") for link in links) == 1
+    assert not any(link.endswith("shot-002/slow.mp4") for link in links)
+
+
+def test_images_of_a_page_of_many_shots_get_smaller_until_it_is_small(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (180, 320, 3)).astype(np.uint8)
+    write_shots(tmp_path / "match")
+    place = tmp_path / "match" / "shot-001" / "summary.json"
+    place.write_text(json.dumps(json.loads(place.read_text()) | {"thumbnail": build_jpeg_uri(noise)}))
+    shots = {"shots": [{"folder": "shot-001"}] * 300}
+    (tmp_path / "match" / "scene.json").write_text(json.dumps(shots))
+    row = ClipResult("match.mp4", "done", "green", 4, 3.5, str(tmp_path / "match"), "", in_shots=True)
+    page = render_index_page([row], tmp_path)
+    assert page.count("data:image/jpeg") == 300
+    assert 0.3 * MAX_PAGE_BYTES < len(page.encode()) < MAX_PAGE_BYTES
 
 
 @pytest.mark.parametrize("name", ["gap", "summary", "reproduce"])
