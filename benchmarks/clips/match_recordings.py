@@ -29,7 +29,14 @@ from numpy.typing import NDArray
 
 from benchmarks.interpolation.rendered_clips import draw_shot
 from benchmarks.stress_cases.stress_chain import SilentWatcher
-from benchmarks.support.figures import Figure, estimate_share
+from benchmarks.support.figures import (
+    Figure,
+    add_quick_option,
+    estimate_count,
+    estimate_share,
+    run_quick,
+    state_cost,
+)
 from benchmarks.support.run_folder import ROOT
 from pipeline.engine.result_cache import ResultCache
 from pipeline.recording_shots import find_recording_shots
@@ -241,13 +248,15 @@ def render_series(folder: Path) -> dict[str, list[Path]]:
     return series
 
 
-def compose_recording(path: Path, minutes: float, height: int, seed: int) -> list[TrueSpan]:
-    """Compose a recording; return what it shows."""
+def compose_recording(path: Path, minutes: float, height: int, seed: int, footage: Path | None) -> list[TrueSpan]:
+    """Compose a recording, of rendered clips alone without footage; return what it shows."""
     recorder = Recorder(path, height, seed)
     series = list(render_series(path.parent / "rendered").values())
-    clips = sorted((ROOT / "sample_videos").glob("*.mp4")) + sorted((FOOTAGE / "billiards").glob("*.mp4"))
+    clips = sorted((ROOT / "sample_videos").glob("*.mp4")) + (
+        sorted((footage / "billiards").glob("*.mp4")) if footage else []
+    )
     series += [group for name in FIXED_CAMERA if (group := [clip for clip in clips if clip.name.startswith(name)])]
-    other = sorted((FOOTAGE / "courts").rglob("*.mp4"))
+    other = sorted((footage / "courts").rglob("*.mp4")) if footage else []
     recorder.add_still(draw_title(recorder.size, ["trueroll open", "semi-final"]), 3.0, "title")
     deck: list[tuple[str, list[Take]]] = []
     flips = (None, 1, 0, -1)
@@ -367,13 +376,13 @@ def find_shots(path: Path) -> tuple[list[tuple[int, int]], float]:
     return [(shot.first, shot.stop) for shot in recording.shots], time.process_time() - began
 
 
-def measure_recording(folder: Path, minutes: float, height: int, seed: int) -> list[Figure]:
+def measure_recording(folder: Path, minutes: float, height: int, seed: int, footage: Path | None) -> list[Figure]:
     """Compose a recording, or take the one that is there, find its shots and print how they compare."""
     folder.mkdir(parents=True, exist_ok=True)
     path, truth = folder / "match.mp4", folder / "match.truth.json"
     if not truth.exists():
         began = time.process_time()
-        spans = compose_recording(path, minutes, height, seed)
+        spans = compose_recording(path, minutes, height, seed, footage)
         truth.write_text(json.dumps([asdict(span) for span in spans], indent=1))
         print(f"composed in {time.process_time() - began:.0f} CPU s")
     spans = [TrueSpan(**one) for one in json.loads(truth.read_text())]
@@ -392,23 +401,34 @@ def measure_recording(folder: Path, minutes: float, height: int, seed: int) -> l
     for first, stop, place in score.false:
         print(f"  false: {first} to {stop}: {place}")
     return [
-        estimate_share("shots found", score.found, "%"),
-        estimate_share("borders at cuts found to the frame", exact, "%"),
-        Figure("false shots", len(score.false), 2.0, "", len(score.found)),
-        Figure("CPU time per minute of video", seconds / length, seconds / length, "s", 1),
+        estimate_share("shots found", sum(score.found), len(score.found)),
+        estimate_share("borders at cuts that are exact to the frame", sum(exact), len(exact)),
+        estimate_count("false shots", [len(score.false)], "per recording"),
+        state_cost("CPU time of the search per minute of video", seconds / length, "s", 1),
     ]
+
+
+def _measure_quick() -> list[Figure]:
+    with tempfile.TemporaryDirectory() as folder:
+        return measure_recording(Path(folder), QUICK_MINUTES, 360, 1, None)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Compose a recording and measure the search for its shots."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the recording")
+    parser.add_argument("out", type=Path, nargs="?", default=Path("out/match"), help="folder of the recording")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--height", type=int, default=360, help="rows of the frames, px")
     parser.add_argument("--seed", type=int, default=1)
+    add_quick_option(parser)
     parsed = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    measure_recording(parsed.out, parsed.minutes, parsed.height, parsed.seed)
+    if parsed.quick:
+        run_quick(
+            "clips.match_recordings", _measure_quick, f"seed 1, {QUICK_MINUTES:g} minutes without footage", alone=True
+        )
+        return 0
+    measure_recording(parsed.out, parsed.minutes, parsed.height, parsed.seed, FOOTAGE)
     return 0
 
 

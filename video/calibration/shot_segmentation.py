@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 
 import cv2
 import numpy as np
@@ -43,12 +43,20 @@ LONG_RECORDING_S = 12.0
 """s above which a view may contain several shots."""
 TABLE_TRIES, TABLE_TRY_S = 8, 1.0
 """Frames of a view in which a table is searched, and s between them: a player may stand before it."""
+MAX_CAMERAS = 12
+"""Cameras of a recording whose table is remembered: to find one takes as long as to read 10 s of a view."""
+SAME_CAMERA_CHANGE, SAME_CAMERA_SHARE, SAME_CAMERA_BLUR_PX = 12.0, 0.9, 1.0
+"""Grey levels by which a pixel of one camera's view changes with light and coding, the share of the pixels that do not
+change more, and the blur before, px. People and balls take up to a tenth; two cameras share less than half."""
 REPLAY_SHOTS = 12
 """Earlier shots of which a shot may be a replay; each takes up to 3 MB."""
 REPLAY_FRAMES = 200
 """Most frames that are kept of a shot to recognise its replay."""
 REPLAY_SAMPLES = 16
 """Frames of a shot that are searched among those of an earlier one."""
+REPLAY_CANDIDATES, REPLAY_BLOCK_PX = 4, 3
+"""Frames of the earlier shot that are compared with a sample pixel by pixel: those that are alike in blocks of this size.
+"""
 MIN_REPLAY_SHARE = 0.75
 """Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there."""
 
@@ -209,15 +217,22 @@ def is_replay(shown: list[ByteArray], earlier: list[ByteArray]) -> bool:
     if len(shown) < REPLAY_SAMPLES or len(earlier) < 2 or shown[0].shape != earlier[0].shape:
         return False
     samples = np.linspace(0, len(shown) - 1, REPLAY_SAMPLES).round().astype(int)
-    matches = []
+    coarse, matches = _reduce_images(earlier), list[int]()
     for k in samples:
-        changes = [_nth_largest_change(cv2.absdiff(shown[k], image).ravel()) for image in earlier]
-        best = int(np.argmin(changes))
-        if changes[best] < MIN_MOTION_CHANGE:
-            matches.append(best)
+        nearest = np.argsort(np.abs(coarse - _reduce_images([shown[k]])).sum(axis=1))[:REPLAY_CANDIDATES]
+        changes = [_nth_largest_change(cv2.absdiff(shown[k], earlier[one]).ravel()) for one in nearest]
+        if min(changes) < MIN_MOTION_CHANGE:
+            matches.append(int(nearest[int(np.argmin(changes))]))
     if len(matches) < MIN_REPLAY_SHARE * REPLAY_SAMPLES:
         return False
     return bool(np.mean(np.diff(matches) >= 0) >= MIN_REPLAY_SHARE)
+
+
+def _reduce_images(images: list[ByteArray]) -> NDArray[np.int16]:
+    """Reduce images to columns of blocks (N, K) that still show where balls are."""
+    height, width = images[0].shape
+    size = max(width // REPLAY_BLOCK_PX, 1), max(height // REPLAY_BLOCK_PX, 1)
+    return np.array([cv2.resize(image, size, interpolation=cv2.INTER_AREA).ravel() for image in images], np.int16)
 
 
 def find_motion_intervals(t: FloatArray, change: FloatArray, begin: int, end: int) -> list[tuple[int, int]]:
@@ -249,16 +264,29 @@ def find_motion_intervals(t: FloatArray, change: FloatArray, begin: int, end: in
 
 
 def _scan_views(clip: Clip, progress: Progress) -> Iterator[_View]:
-    """Read all views once."""
+    """Read all views once. A view that begins like one with a table is of the same camera, and shows the same table."""
+    cameras: deque[tuple[ByteArray, ByteArray]] = deque(maxlen=MAX_CAMERAS)
     number = np.full(clip.frame_count, -1)
     for k, (first, stop) in enumerate(clip.views.tolist()):
         number[first:stop] = k
     frames = np.flatnonzero(number >= 0)
     for k, images in groupby(read_frames(clip, indices=frames), key=lambda one: int(number[one[0]])):
         view = _View(*clip.views[k].tolist())
-        _scan_view(clip, view, images)
+        first, rest = next(images), images
+        begin = _downscale_frame(first[1])
+        same = next((cloth for image, cloth in cameras if _is_one_camera(begin, image)), None)
+        view.cloth, view.has_table = same, same is not None
+        _scan_view(clip, view, chain([first], rest))
+        if same is None and view.has_table and view.cloth is not None:
+            cameras.append((begin, view.cloth))
         progress(view.stop / clip.frame_count)
         yield view
+
+
+def _is_one_camera(image: ByteArray, other: ByteArray) -> bool:
+    """Return whether two reduced frames show one table from one place: only balls and people differ."""
+    difference = cv2.absdiff(*(cv2.GaussianBlur(one, (0, 0), SAME_CAMERA_BLUR_PX) for one in (image, other)))
+    return bool(np.mean(difference.max(axis=2) < SAME_CAMERA_CHANGE) >= SAME_CAMERA_SHARE)
 
 
 def _scan_view(clip: Clip, view: _View, images: Iterator[tuple[int, ByteArray]]) -> None:

@@ -117,9 +117,12 @@ def _remove_trend(level: FloatArray, period: int) -> FloatArray:
 
 def _predict_changes(place: FloatArray, lag: int) -> FloatArray:
     """Predict the largest change (T,) of each frame from the one `lag` before, over that between two camera frames."""
-    first = np.floor(place).astype(np.int64)
-    share = place - first
-    mixture = np.zeros((len(place) + lag, int(first[-1]) + 2))
-    rows = lag + np.arange(len(place))
-    mixture[rows, first], mixture[rows, first + 1] = 1 - share, share
-    return np.asarray(np.maximum(np.abs(mixture[lag:] - mixture[:-lag]).max(axis=1), LEAST_CHANGE), dtype=np.float64)
+    before = np.concatenate([np.full(lag, -np.inf), place[:-lag]])
+    images = np.floor([place, np.where(before < 0, place, before)])
+    changes = [np.abs(_measure_shares(place, one) - _measure_shares(before, one)) for one in (*images, *images + 1)]
+    return np.asarray(np.maximum(np.max(changes, axis=0), LEAST_CHANGE), dtype=np.float64)
+
+
+def _measure_shares(place: FloatArray, image: FloatArray) -> FloatArray:
+    """Return the share (T,) that a frame of the camera has in each frame of the file, by their numbers."""
+    return np.maximum(1 - np.abs(place - image), 0.0)
