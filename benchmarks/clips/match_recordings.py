@@ -94,6 +94,7 @@ class Recorder:
     def __init__(self, path: Path, height: int, seed: int) -> None:
         self.size = (height * 16 // 9 // 2 * 2, height)
         self.rng = np.random.default_rng(seed)
+        self._noise = self.rng.integers(0, 5, (16, height, self.size[0])).astype(np.uint8)
         self.spans: list[TrueSpan] = []
         self.count = 0
         self._container = av.open(str(path), "w")
@@ -124,9 +125,9 @@ class Recorder:
         """Show one frame for some time, with the noise of a camera."""
         first = self.count
         for _ in range(round(seconds * RATE)):
-            noise = self.rng.integers(-2, 3, (self.size[1], self.size[0]))
+            noise = self._noise[int(self.rng.integers(len(self._noise)))]
             shown = planes.copy()
-            shown[: self.size[1]] = np.clip(shown[: self.size[1]] + noise, 0, 255)
+            shown[: self.size[1]] = cv2.subtract(cv2.add(shown[: self.size[1]], noise), 2)
             self.add_frame(shown)
         if kind:
             self.add_span(kind, first, kind)

@@ -55,8 +55,7 @@ REPLAY_FRAMES = 200
 REPLAY_SAMPLES = 16
 """Frames of a shot that are searched among those of an earlier one."""
 REPLAY_CANDIDATES, REPLAY_BLOCK_PX = 4, 3
-"""Frames of the earlier shot that are compared with a sample pixel by pixel: those that are alike in blocks of this size.
-"""
+"""Frames of the earlier shot that are compared with a sample pixel by pixel, the nearest in blocks of so many px."""
 MIN_REPLAY_SHARE = 0.75
 """Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there."""
 
@@ -270,13 +269,13 @@ def _scan_views(clip: Clip, progress: Progress) -> Iterator[_View]:
     for k, (first, stop) in enumerate(clip.views.tolist()):
         number[first:stop] = k
     frames = np.flatnonzero(number >= 0)
-    for k, images in groupby(read_frames(clip, indices=frames), key=lambda one: int(number[one[0]])):
-        view = _View(*clip.views[k].tolist())
-        first, rest = next(images), images
+    for k, group in groupby(read_frames(clip, indices=frames), key=lambda one: int(number[one[0]])):
+        view, images = _View(*clip.views[k].tolist()), iter(group)
+        first = next(images)
         begin = _downscale_frame(first[1])
         same = next((cloth for image, cloth in cameras if _is_one_camera(begin, image)), None)
         view.cloth, view.has_table = same, same is not None
-        _scan_view(clip, view, chain([first], rest))
+        _scan_view(clip, view, chain([first], images))
         if same is None and view.has_table and view.cloth is not None:
             cameras.append((begin, view.cloth))
         progress(view.stop / clip.frame_count)

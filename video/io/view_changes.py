@@ -2,14 +2,15 @@
 
 A pass through a file keeps an image of 18 x 32 blocks of each frame. A cut changes more blocks in one frame than
 moving people and balls do in several; a fade changes all blocks over some frames, where these change few. A cut from a
-fixed camera to itself changes only the places of balls: things that lay still are gone, and others lie still elsewhere,
-though nothing moved there.
+fixed camera to itself changes only the places of balls: some are gone, and others lie elsewhere, although nothing moved
+from the former or to the latter.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 from itertools import pairwise
 
 import cv2
@@ -41,8 +42,10 @@ JUMP_AREA = (4, 500)
 MAX_JUMP_ASPECT, MIN_JUMP_FILL = 2.0, 0.4
 """Longer side over the shorter, and filled share of the box: a disk fills 0.79, a line of light or a letter less."""
 JUMP_CLEARANCE = 4.0
-"""Diameters around a thing within which nothing moves before or after: a ball that is struck, or stops where it hits
-another one, leaves or takes its place in one frame too, but rolls on, or comes, from within less than this."""
+"""Diameters around a thing within which nothing moves before it appears, or after it goes: a ball that stops where it
+hits another one, or is struck, takes or leaves its place in one frame too, but comes from nearby, or rolls on there."""
+MAX_MOVED_SHARE = 0.2
+"""Share of a thing that may change in the frames after it appeared; more is a ball that rolls on."""
 
 
 class ViewMeter:
@@ -139,7 +142,7 @@ class ViewMeter:
 
 
 def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[tuple[float, float, float]]:
-    """Find things of the size of balls that lie still in the frames before, and others that do in those after.
+    """Find things of the size of balls that go although nothing moves there later, and that come from nowhere and stay.
 
     Args:
         before: thumbnails (h, w) of the frames up to one moment.
@@ -151,7 +154,7 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
     stepped = _differ(before[-1], after[0])
     if cv2.countNonZero(stepped) < 2 * JUMP_AREA[0]:
         return []
-    count, labels, stats, centres = cv2.connectedComponentsWithStats(stepped)
+    _, labels, stats, centres = cv2.connectedComponentsWithStats(stepped)
     x, y, width, height, area = stats.T
     longer, shorter = np.maximum(width, height), np.minimum(width, height)
     is_round = (longer <= MAX_JUMP_ASPECT * shorter) & (area >= MIN_JUMP_FILL * width * height)
@@ -159,21 +162,24 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
     is_round[0] = False  # the background
     if np.count_nonzero(is_round) < 2:
         return []
-    still = np.full_like(stepped, 255)
-    for image in before[:-1]:
-        still[_differ(image, before[-1]) > 0] = 0
-    for image in after[1:]:
-        still[_differ(image, after[0]) > 0] = 0
-    clearance = cv2.distanceTransform(still, cv2.DIST_L2, 3)
+    moves = [_merge(_differ(image, side[0]) for image in side[1:]) for side in (before[::-1], after)]
+    clearances = [cv2.distanceTransform(255 - moved, cv2.DIST_L2, 3) for moved in moves]
     things = []
-    for k in range(1, count):
-        centre = centres[k].round().astype(int)
-        if is_round[k] and clearance[centre[1], centre[0]] >= JUMP_CLEARANCE * longer[k]:
-            box = slice(max(y[k] - 2, 0), y[k] + height[k] + 2), slice(max(x[k] - 2, 0), x[k] + width[k] + 2)
-            contrasts = [_measure_contrast(image[box], labels[box] == k) for image in (before[-1], after[0])]
+    for k in np.flatnonzero(is_round):
+        box = slice(max(y[k] - 2, 0), y[k] + height[k] + 2), slice(max(x[k] - 2, 0), x[k] + width[k] + 2)
+        thing, place = labels[box] == k, tuple(centres[k, ::-1].round().astype(int))
+        appears = _measure_contrast(after[0][box], thing) > _measure_contrast(before[-1][box], thing)
+        clearance = clearances[0 if appears else 1][place]
+        stays = not appears or np.mean(moves[1][box][thing] > 0) < MAX_MOVED_SHARE
+        if stays and clearance >= JUMP_CLEARANCE * longer[k]:
             share = (centres[k] + 0.5) / stepped.shape[::-1]
-            things.append((float(share[0]), float(share[1]), float(np.sign(contrasts[1] - contrasts[0]))))
-    return things if {sign for _, _, sign in things} >= {-1.0, 1.0} else []
+            things.append((float(share[0]), float(share[1]), 1.0 if appears else -1.0))
+    return things if {sign for _, _, sign in things} == {-1.0, 1.0} else []
+
+
+def _merge(masks: Iterable[ByteArray]) -> ByteArray:
+    """Mark (h, w) what any of some masks marks."""
+    return reduce(cv2.bitwise_or, masks)  # type: ignore[arg-type,return-value]
 
 
 def _differ(one: ByteArray, other: ByteArray) -> ByteArray:
