@@ -164,20 +164,20 @@ def _print_left_out(content: FolderContent, folder: Path) -> None:
 
 
 def _print_disk_use(work: Batch, options: RunOptions) -> None:
-    """Print what the batch will write, before it does; of long recordings no more is known than an upper limit."""
+    """Print what the batch will write, before it does; of long recordings it is known once their shots are found."""
     from pipeline.batch.clip_discovery import measure_film
     from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
     from video.calibration.shot_segmentation import LONG_RECORDING_S
 
-    films, has_recordings = list[FilmLength](), False
-    for clip, folder in work.folders.items():
-        facts = measure_film(clip)
-        is_long = facts.seconds > LONG_RECORDING_S
-        has_recordings |= is_long
-        films += [] if is_long else [FilmLength(folder, facts.pixels, facts.frames)]
-    text = describe_room(estimate_bytes(films, options.render), work.out, work.cache.root)
-    later = "; for recordings of several shots once these are known" if has_recordings else ""
-    cli.console.print(f"Disk: {escape_text(text)}{later}", markup=False, soft_wrap=True)
+    facts = {folder: measure_film(clip) for clip, folder in work.folders.items()}
+    films = [
+        FilmLength(folder, one.pixels, one.frames) for folder, one in facts.items() if one.seconds < LONG_RECORDING_S
+    ]
+    if films:
+        text = describe_room(estimate_bytes(films, options.render), work.out, work.cache.root)
+        others = len(facts) - len(films)
+        later = f"; {others} long recording{'s' * (others != 1)} not counted yet" if others else ""
+        cli.console.print(f"Disk: {text}{later}", markup=False, soft_wrap=True)
 
 
 def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
