@@ -12,6 +12,7 @@ already there is used again. Composing an hour at 360 rows takes a quarter of an
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import sys
 import tempfile
@@ -323,11 +324,11 @@ def _add_long_view(recorder: Recorder, take: Take, frames: list[Planes]) -> None
 
 def _find_motion(path: Path) -> tuple[int, int]:
     """Find the first and the last frame between which balls move, by the truth of a sample clip."""
-    rows = np.genfromtxt(path.with_suffix(".truth.csv"), delimiter=",", skip_header=1, usecols=(0, 5, 6))
-    names = np.genfromtxt(path.with_suffix(".truth.csv"), delimiter=",", skip_header=1, usecols=2, dtype=str)
+    with path.with_suffix(".truth.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
     begins, ends = np.inf, -np.inf
-    for name in np.unique(names):
-        track = rows[names == name]
+    for name in {row["id"] for row in rows}:
+        track = np.array([[float(row[key]) for key in ("frame", "x_px", "y_px")] for row in rows if row["id"] == name])
         moving = np.flatnonzero(np.hypot(*np.diff(track[:, 1:], axis=0).T) > 0.1)
         if len(moving):
             begins, ends = min(begins, track[moving[0], 0]), max(ends, track[moving[-1] + 1, 0])

@@ -125,4 +125,4 @@ def _predict_changes(place: FloatArray, lag: int) -> FloatArray:
 
 def _measure_shares(place: FloatArray, image: FloatArray) -> FloatArray:
     """Return the share (T,) that a frame of the camera has in each frame of the file, by their numbers."""
-    return np.maximum(1 - np.abs(place - image), 0.0)
+    return np.asarray(np.maximum(1 - np.abs(place - image), 0.0), np.float64)

@@ -62,8 +62,8 @@ class ViewMeter:
         self._recent.append(thumbnail)
         if len(self._recent) == 2 * NEARBY_FRAMES:
             frame, recent = len(self._small) - NEARBY_FRAMES, list(self._recent)
-            found = find_jumps(recent[:NEARBY_FRAMES], recent[NEARBY_FRAMES:])
-            self._jumps += [(frame, *jump) for jump in found]
+            jumps = find_jumps(recent[:NEARBY_FRAMES], recent[NEARBY_FRAMES:])
+            self._jumps += [(frame, *jump) for jump in jumps]
 
     @property
     def jumps(self) -> FloatArray:
@@ -179,7 +179,7 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
 
 def _merge(masks: Iterable[ByteArray]) -> ByteArray:
     """Mark (h, w) what any of some masks marks."""
-    return reduce(cv2.bitwise_or, masks)  # type: ignore[arg-type,return-value]
+    return reduce(cv2.bitwise_or, masks)
 
 
 def _differ(one: ByteArray, other: ByteArray) -> ByteArray:
