@@ -33,7 +33,7 @@ from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
 from video.overlay.slow_motion import find_output_times, synthesize_frames
-from video.synthesis.frame_synthesis import estimate_clip_appearance
+from video.synthesis.frame_synthesis import FrameInterval, estimate_clip_appearance
 
 CONTACT_SECONDS = 0.05
 """Time before and after a contact in which its balls count, also the one that still rests, s."""
@@ -70,7 +70,9 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     appearance = estimate_clip_appearance(estimate_hidden_background(timeline, clip), clip)
     annotation = None
     counts = np.zeros(5, dtype=np.int64)
-    for frame in synthesize_frames(clip, appearance, fit, find_output_times(clip, timeline, options)):
+    for frame in synthesize_frames(
+        clip, appearance, fit, find_output_times(clip, timeline, options), FrameInterval.synthesize
+    ):
         annotation = annotation or prepare_annotation(timeline, tracks, fit, frame.image, options.slow, options.style)
         before = frame.image.copy()
         after = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)[: len(before)]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.typing import FloatArray, ImageArray
+from models.core.typing import ByteArray, FloatArray
 from video.drawing.palette import Colour
 from video.drawing.text import blend_mask
+from video.io.yuv_frame import Canvas
 
 SHIFT = 4
 """Fractional bits of OpenCV's fixed-point coordinates."""
@@ -25,7 +29,7 @@ def to_fixed_point(px: FloatArray) -> NDArray[np.int32]:
 
 
 def draw_ring(
-    image: ImageArray,
+    image: Canvas,
     centre: FloatArray,
     radius: float,
     thickness: float,
@@ -52,18 +56,31 @@ def draw_ring(
     blend_mask(image, mask, x0, y0, colour, opacity)
 
 
-def draw_disc(image: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+def draw_disc(image: Canvas, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
     """Draw a filled circle, in place."""
     mask, x, y = disc_mask(centre, radius)
     blend_mask(image, mask, x, y, colour, opacity)
 
 
-def disc_mask(centre: FloatArray, radius: float) -> tuple[ImageArray, int, int]:
+def disc_mask(centre: FloatArray, radius: float) -> tuple[ByteArray, int, int]:
     """Return the mask of a filled circle, and its top-left pixel."""
-    half = int(np.ceil(radius + 2))
-    x0, y0 = (int(v) for v in np.floor(centre) - half)
-    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
-    cv2.circle(
-        mask, to_fixed_point(centre - [x0, y0]).tolist(), round(radius * (1 << SHIFT)), 255, -1, cv2.LINE_AA, SHIFT
+    half = math.ceil(radius + 2)
+    x, y = (round(float(place) * (1 << SHIFT)) for place in centre)
+    within = (1 << SHIFT) - 1
+    return (
+        _disc_cover(half, x & within, y & within, round(radius * (1 << SHIFT))),
+        (x >> SHIFT) - half,
+        (y >> SHIFT) - half,
     )
-    return mask, x0, y0
+
+
+@lru_cache(maxsize=4096)
+def _disc_cover(half: int, x: int, y: int, radius: int) -> ByteArray:
+    """Return the mask of a disc around a fraction (x, y) of pixel (half, half), in fixed-point px.
+
+    Cached, shared and read-only: most balls rest, and the others take up the same fractions of a pixel again.
+    """
+    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
+    cv2.circle(mask, ((half << SHIFT) + x, (half << SHIFT) + y), radius, 255, -1, cv2.LINE_AA, SHIFT)
+    mask.setflags(write=False)
+    return mask

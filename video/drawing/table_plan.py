@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -13,11 +14,20 @@ from models.core.ball_look import WHITE, BallLook, Colour
 from models.core.naming import Naming
 from models.core.scene import CUSHIONS, Scene, Table
 from models.core.table_view import TableView, find_table_view
-from models.core.typing import FloatArray, ImageArray
+from models.core.typing import ByteArray, FloatArray, ImageArray
 from video.drawing.circles import SHIFT
+from video.drawing.mask_tile import MaskTile
 from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
-from video.drawing.text import LINE_SPACING, draw_paragraph, draw_text, round_corner_mask, text_mask, wrap_text
-from video.io.pixel_kernels import blend_colours
+from video.drawing.text import (
+    LINE_SPACING,
+    blend_mask,
+    draw_paragraph,
+    draw_text,
+    round_corner_mask,
+    text_mask,
+    wrap_text,
+)
+from video.io.yuv_frame import Canvas
 
 CLOTH_COLOUR: Colour = (34, 104, 96)
 """Cloth of a table without footage."""
@@ -196,13 +206,13 @@ class TableInset:
         draw_ball_disc(self.canvas, self.to_fixed_point(place).tolist(), radius, look, faded)
 
     def draw(
-        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
+        self, image: Canvas, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
     ) -> None:
         """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
         canvas = self.canvas.copy()
         for path, colour in zip(paths, colours, strict=True):
             self.add_path(canvas, path, colour)
-        self.draw_with_balls(image, x, y, canvas, xy, colours)
+        self.draw_with_balls(image, x, y, self.reduce_canvas(canvas), xy, colours)
 
     def add_path(self, canvas: ImageArray, path: FloatArray, colour: Colour) -> None:
         """Draw a path (n, 2) m onto a copy of `canvas`, in place."""
@@ -210,26 +220,44 @@ class TableInset:
             line = self.to_fixed_point(path).reshape(-1, 1, 2)
             cv2.polylines(canvas, [line], False, mix_colours(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
 
-    def draw_with_balls(
-        self, image: ImageArray, x: int, y: int, canvas: ImageArray, xy: FloatArray, colours: Sequence[Colour]
-    ) -> None:
-        """Draw a copy of `canvas` that already holds the paths onto `image` at (x, y), with balls at `xy` (N, 2) m."""
-        canvas = canvas.copy()
-        radius, is_present = round(self.ball_radius * (1 << SHIFT)), np.atleast_1d(np.isfinite(xy).all(axis=1))
-        centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()
-        for centre, colour, present in zip(centres, colours, is_present, strict=True):
-            if present:
-                cv2.circle(
-                    canvas, centre, radius + (1 << SHIFT), mix_colours(INK, colour, 0.15), -1, cv2.LINE_AA, SHIFT
-                )
-                cv2.circle(canvas, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
+    def reduce_canvas(self, canvas: ImageArray) -> MaskTile:
+        """Reduce a copy of `canvas` that holds the paths to its final size, with round corners."""
         width, height = self.size
-        small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-        corner = max(3, height // 24)
-        cover = round_corner_mask(width, height, corner) * np.float32(1 / 255)
-        image[y + corner : y + height - corner, x : x + width] = small[corner:-corner]
-        for rows in (slice(0, corner), slice(height - corner, height)):  # only the rounded corners are transparent
-            blend_colours(image, small[rows], cover[rows], x, y + rows.start, 1.0)
+        small = np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        return MaskTile.from_colours(small, round_corner_mask(width, height, max(3, height // 24)))
+
+    def draw_with_balls(
+        self, image: Canvas, x: int, y: int, plan: MaskTile, xy: FloatArray, colours: Sequence[Colour]
+    ) -> None:
+        """Draw a result of `reduce_canvas` onto `image` at (x, y), with balls at `xy` (N, 2) m, NaN if absent."""
+        plan.blend_onto(image, x, y)
+        radius = round(self.ball_radius * (1 << SHIFT))
+        is_present = np.atleast_1d(np.isfinite(xy).all(axis=1))
+        centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()
+        for (column, row), colour, present in zip(centres, colours, is_present, strict=True):
+            if present:
+                rim = mix_colours(INK, colour, 0.15)
+                for reach, paint in ((radius + (1 << SHIFT), rim), (radius, colour)):
+                    cover = _plan_disc(reach, column % PLAN_PX, row % PLAN_PX)
+                    left, top = (place // PLAN_PX - cover.shape[0] // 2 for place in (column, row))
+                    blend_mask(image, cover, x + left, y + top, paint)
+
+
+PLAN_PX = SUPERSAMPLE << SHIFT
+"""Fixed-point px of the canvas per px of the plan."""
+
+
+@lru_cache(maxsize=4096)
+def _plan_disc(radius: int, column: int, row: int) -> ByteArray:
+    """Return the coverage of a disc whose centre is in the middle pixel of the plan; all in fixed-point px.
+
+    Cached: over a shot, balls are drawn at the same fractions of a pixel again and again.
+    """
+    half = -(-radius // PLAN_PX) + 1
+    mask = np.zeros(2 * (SUPERSAMPLE * (2 * half + 1),), np.uint8)
+    centre = (half * PLAN_PX + column, half * PLAN_PX + row)
+    cv2.circle(mask, centre, radius, 255, -1, cv2.LINE_AA, SHIFT)
+    return np.asarray(cv2.resize(mask, None, fx=1 / SUPERSAMPLE, fy=1 / SUPERSAMPLE, interpolation=cv2.INTER_AREA))
 
 
 def build_table_inset(scene: Scene, longest: int) -> TableInset:

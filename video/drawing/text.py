@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from models.core.typing import ByteArray, ImageArray
 from video.drawing.palette import Colour
-from video.io.pixel_kernels import paint_mask, paint_masks
+from video.io.pixel_kernels import blend_rgb, blend_yuv
+from video.io.yuv_frame import Canvas, YuvFrame, convert_colours
 
 LINE_SPACING = 1.4
 """Distance of two lines over the font size."""
@@ -95,40 +94,46 @@ def round_corner_mask(width: int, height: int, radius: int) -> ByteArray:
     return mask
 
 
-def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+def blend_levels(image: Canvas, levels: ImageArray, cover: ByteArray, x: int, y: int, opacity: float = 1.0) -> None:
+    """Blend colours onto an image through a mask, in place.
+
+    Args:
+        image: Image (H, W, 3), or frame for the encoder.
+        levels: Colours (h, w, 3), or (1, 1, 3) for one colour everywhere, in the colour space of the image.
+        cover: Coverage (h, w), 0 to 255; parts outside the image are cut.
+        x: Left pixel of the mask.
+        y: Top pixel of the mask.
+        opacity: Factor of the coverage, 0 to 1.
+    """
+    if opacity > 0 and isinstance(image, YuvFrame):
+        blend_yuv(*image.planes, levels, cover, x, y, float(opacity))
+    elif opacity > 0:
+        blend_rgb(image, levels, cover, x, y, float(opacity))
+
+
+@lru_cache(maxsize=256)
+def convert_colour(colour: Colour, is_yuv: bool) -> ImageArray:
+    """Return a colour as levels (1, 1, 3) of an RGB image or of a frame for the encoder."""
+    levels = np.array(colour, np.uint8).reshape(1, 1, 3)
+    return convert_colours(levels) if is_yuv else levels
+
+
+def blend_mask(image: Canvas, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
     """Paint a colour through a mask onto an image, in place.
 
     Args:
-        image: Image (H, W, 3).
+        image: Image (H, W, 3), or frame for the encoder.
         mask: Coverage (h, w), 0 to 255; parts outside the image are cut.
         x: Left pixel of the mask.
         y: Top pixel of the mask.
         colour: Colour to paint.
         opacity: Factor of the coverage, 0 to 1.
     """
-    if opacity > 0:
-        paint_mask(image, mask, x, y, colour, float(opacity))
-
-
-def blend_sparse_masks(image: ImageArray, layers: Sequence[tuple[ByteArray, Colour]], x: int, y: int) -> None:
-    """Paint several layers onto an image, in place, touching only covered pixels.
-
-    For large masks that are mostly empty, lie inside the image, and cover no more than the first one.
-
-    Args:
-        image: Image (H, W, 3).
-        layers: Masks (h, w) with their colours, from bottom to top.
-        x: Left pixel of the masks.
-        y: Top pixel of the masks.
-    """
-    covered_pixels = cv2.findNonZero(layers[0][0])
-    if covered_pixels is not None:
-        masks, colours = zip(*layers, strict=True)
-        paint_masks(image, covered_pixels.reshape(-1, 2), masks, x, y, colours)
+    blend_levels(image, convert_colour(colour, isinstance(image, YuvFrame)), mask, x, y, opacity)
 
 
 def draw_text(
-    image: ImageArray,
+    image: Canvas,
     text: str,
     x: float,
     y: float,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
-from video.flow.optical_flow import FrameAtTime, prepare_flow
+from video.flow.optical_flow import FlowPair, prepare_flow
 from video.io.pixel_kernels import CELL_PX, fill_cell_means
 
 Box = tuple[int, int, int, int]
@@ -41,10 +41,10 @@ MAX_BOXED_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class MovingRegion:
-    """A box of the frame, the interpolated content, and its blending weight at each pixel."""
+    """A box of the frame, the flow in it, and the weight of the interpolated content at each pixel."""
 
     box: Box
-    interpolate: FrameAtTime
+    flow: FlowPair
     weight: Float32Array
     """(h, w) 0 to 1; 0 at borders that lie inside the frame."""
 
@@ -53,9 +53,10 @@ class MovingRegion:
 
         `camera_step` (3, 3) maps pixels of the first frame to those of `image` where the camera moves.
         """
-        box, patch, weight = self.box, self.interpolate(share), self.weight
-        if camera_step is not None:
-            box, patch, weight = _warp_patch(box, patch, weight, camera_step, image.shape)
+        if camera_step is None:
+            self.flow.blend_onto(image, *self.box[:2], share, self.weight)
+            return
+        box, patch, weight = _warp_patch(self.box, self.flow.interpolate(share), self.weight, camera_step, image.shape)
         x0, y0, x1, y1 = box
         if x1 > x0 and y1 > y0:
             target = image[y0:y1, x0:x1]

@@ -8,7 +8,6 @@ shift of the whole line follows from phase correlation (Kuglin and Hines 1975).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import Float32Array, ImageArray
-
-FrameAtTime = Callable[[float], ImageArray]
-"""Function that returns the image (h, w, 3) at a share, 0 to 1, of the time from the first frame to the second."""
+from video.io.pixel_kernels import blend_displaced
 
 LOOKUP_ITERATIONS = 2
 """Fixed-point iterations of the flow lookup; after two, displacements are within 0.1 px except at edges."""
@@ -37,7 +34,7 @@ CHANNEL_MEAN = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
 """Weights that average the differences of three channels."""
 
 
-def prepare_flow(first: ImageArray, second: ImageArray) -> FrameAtTime:
+def prepare_flow(first: ImageArray, second: ImageArray) -> FlowPair:
     """Prepare the interpolation of two images by dense inverse search both ways.
 
     The flows (Kroeger et al. 2016, doi:10.1007/978-3-319-46493-0_29) are computed once for all times, at half or
@@ -51,24 +48,23 @@ def prepare_flow(first: ImageArray, second: ImageArray) -> FrameAtTime:
         second: Image of the same size.
 
     Returns:
-        The image at a share of the time between them.
+        The flows between them.
     """
     height, width = first.shape[:2]
     shrink = next((by for by, least in SHRINK_FROM_SIDE if min(height, width) >= least), 1)
     size = (-(-width // shrink), -(-height // shrink))
     small = tuple(_resize_image(image, size) for image in (first, second))
     grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for image in small]
-    grids, finest = (pixel_grid(height, width), pixel_grid(*grey[0].shape)), max(2 - shrink, 0)
+    grid, finest = pixel_grid(*grey[0].shape), max(2 - shrink, 0)
     a, b = grey
     shifts = find_ticker_shifts(a, b)
-    forward = apply_ticker_shifts(compute_flow(a, b, finest), a, b, shifts, grids[1])
-    backward = apply_ticker_shifts(compute_flow(b, a, finest), b, a, [-shift for shift in shifts], grids[1])
-    pair = _FlowPair((first, second), (small[0], small[1]), forward, backward, *grids, is_wide=shrink == QUARTER_SIZE)
-    return pair.interpolate
+    forward = apply_ticker_shifts(compute_flow(a, b, finest), a, b, shifts, grid)
+    backward = apply_ticker_shifts(compute_flow(b, a, finest), b, a, [-shift for shift in shifts], grid)
+    return FlowPair((first, second), (small[0], small[1]), forward, backward, grid, is_wide=shrink == QUARTER_SIZE)
 
 
 @dataclass(frozen=True, slots=True)
-class _FlowPair:
+class FlowPair:
     """Forward and backward flow between two images, with the images in full and in reduced size."""
 
     images: tuple[ImageArray, ImageArray]
@@ -78,8 +74,6 @@ class _FlowPair:
     """(h, w, 2) px of the reduced images, from the first to the second."""
     backward: Float32Array
     """(h, w, 2) px of the reduced images, from the second to the first."""
-    grid: Float32Array
-    """(H, W, 2) px, pixel coordinates of the images."""
     small_grid: Float32Array
     """(h, w, 2) px, pixel coordinates of the reduced images."""
     is_wide: bool = False
@@ -87,18 +81,32 @@ class _FlowPair:
 
     def interpolate(self, share: float) -> ImageArray:
         """Return the image (H, W, 3) at a share of the time."""
-        forward, backward = (
+        image = np.zeros_like(self.images[0])
+        self.blend_onto(image, 0, 0, share, np.ones(image.shape[:2], np.float32))
+        return image
+
+    def blend_onto(self, image: ImageArray, x0: int, y0: int, share: float, weight: Float32Array) -> None:
+        """Blend the image at a share of the time onto a box at (x0, y0) of another, in place.
+
+        `weight` (H, W), 0 to 1, is that of each pixel. Where the ends of a displacement disagree, the nearer image is
+        used: it is right more often than a mixture.
+        """
+        fields = [
             self._displacement_at(self.forward, share),
             np.negative(self._displacement_at(self.backward, 1 - share)),
-        )
-        costs = self._matching_cost(forward, share), self._matching_cost(backward, share)
+        ]
+        costs = [self._matching_cost(field, share) for field in fields]
         if self.is_wide:
-            displacement = np.where((costs[1] < costs[0])[..., None], backward, forward)
-            return self._blend_along(displacement, np.minimum(*costs), share)
-        first, second = self._blend_along(forward, costs[0], share), self._blend_along(backward, costs[1], share)
-        agree = [1 / (cost + 1) ** 2 for cost in costs]
-        weight = cv2.resize(agree[0] / (agree[0] + agree[1]), (self.grid.shape[1], self.grid.shape[0]))
-        return np.asarray(cv2.blendLinear(first, second, weight, 1 - weight), dtype=np.uint8)
+            fields = [np.where((costs[1] < costs[0])[..., None], fields[1], fields[0])]
+            costs = [np.minimum(*costs)]
+        agree = np.stack([1 / (cost + 1) ** 2 for cost in costs])
+        doubts = np.clip(np.stack(costs) / np.float32(MAX_DISAGREEMENT) - 1, 0, 1)
+        (height, width), (rows, columns) = weight.shape, costs[0].shape
+        blend_displaced(
+            image, x0, y0, *self.images, weight,
+            np.stack(fields) * np.array([width / columns, height / rows], np.float32), doubts,
+            agree / agree.sum(axis=0), share, _smooth_step(share),
+        )  # fmt: skip
 
     def _displacement_at(self, flow: Float32Array, share: float) -> Float32Array:
         """Return the displacement (h, w, 2) px over the whole gap at each pixel of the image at a share of the time."""
@@ -113,21 +121,6 @@ class _FlowPair:
         second = _sample_image(self.small_images[1], self.small_grid + np.float32(1 - share) * displacement)
         difference = cv2.transform(cv2.absdiff(first, second), CHANNEL_MEAN)
         return np.asarray(cv2.blur(difference, (MATCH_WINDOW_PX, MATCH_WINDOW_PX)), dtype=np.float32)
-
-    def _blend_along(self, displacement: Float32Array, cost: Float32Array, share: float) -> ImageArray:
-        """Blend both images along the displacement; where its ends disagree, use the nearer one.
-
-        The nearer image is right more often than a mixture.
-        """
-        height, width = self.grid.shape[:2]
-        shrink = np.array([width / displacement.shape[1], height / displacement.shape[0]], dtype=np.float32)
-        wide = np.asarray(cv2.resize(displacement * shrink, (width, height)), dtype=np.float32)
-        first = _sample_image(self.images[0], self.grid - np.float32(share) * wide)
-        second = _sample_image(self.images[1], self.grid + np.float32(1 - share) * wide)
-        sure = np.clip(cost / np.float32(MAX_DISAGREEMENT) - 1, 0, 1)
-        weight = share + np.float32(_smooth_step(share) - share) * cv2.resize(sure, (width, height))
-        weight = np.asarray(weight, dtype=np.float32)
-        return np.asarray(cv2.blendLinear(first, second, 1 - weight, weight), dtype=np.uint8)
 
 
 def _smooth_step(share: float) -> float:

@@ -24,25 +24,34 @@ def _sum_2x2(upper: ByteArray, lower: ByteArray, k: int) -> np.float32:
 
 
 @compile_kernel
-def fill_yuv_planes(rgb: ImageArray, bright: ByteArray, blue: ByteArray, red: ByteArray, shares: Float32Array) -> None:
-    """Write the luma (H, W) of an image, and its two chroma planes (H / 2, W / 2), each of 2 x 2 pixels together.
+def fill_yuv_planes(
+    rgb: ImageArray,
+    bright: ByteArray,
+    blue: ByteArray,
+    red: ByteArray,
+    shares: Float32Array,
+    box: tuple[int, int, int, int],
+) -> None:
+    """Write the luma (H, W) of a box of an image, and its chroma planes (H / 2, W / 2), of 2 x 2 pixels together.
 
     `shares` (3, 4): weights of red, green and blue for each plane (for chroma those of the sum of four pixels), and an
-    offset that includes the half for rounding.
+    offset that includes the half for rounding. `box` is x0, y0, x1, y1 px, all even; the image must be C-contiguous.
     """
-    height, width = bright.shape
-    wide = rgb.reshape(height, 3 * width)
+    x0, y0, x1, y1 = box
+    wide = rgb.reshape(rgb.shape[0], 3 * rgb.shape[1])
     a0, a1, a2, a3 = shares[0]
-    for j in range(height):
-        line, output = wide[j], bright[j]
-        for i in range(width):
+    for j in range(y0, y1):
+        line, output = wide[j, 3 * x0 : 3 * x1], bright[j, x0:x1]
+        for i in range(x1 - x0):
             r, g, b = np.float32(line[3 * i]), np.float32(line[3 * i + 1]), np.float32(line[3 * i + 2])
             output[i] = np.uint8(np.int32(a0 * r + a1 * g + a2 * b + a3))
     b0, b1, b2, b3 = shares[1]
     c0, c1, c2, c3 = shares[2]
-    for j in range(height // 2):
-        upper, lower, bluish, reddish = wide[2 * j], wide[2 * j + 1], blue[j], red[j]
-        for i in range(width // 2):
+    left, right = x0 // 2, x1 // 2
+    for j in range(y0 // 2, y1 // 2):
+        upper, lower = wide[2 * j, 3 * x0 : 3 * x1], wide[2 * j + 1, 3 * x0 : 3 * x1]
+        bluish, reddish = blue[j, left:right], red[j, left:right]
+        for i in range(right - left):
             r, g, b = (
                 _sum_2x2(upper, lower, 6 * i),
                 _sum_2x2(upper, lower, 6 * i + 1),
@@ -225,78 +234,169 @@ def _round_down_to_byte(value: np.float32) -> np.uint8:
 
 
 @compile_kernel
-def paint_mask(
-    image: ImageArray, mask: ByteArray, x: int, y: int, colour: tuple[int, int, int], opacity: float
-) -> None:
-    """Blend a colour into an image through a mask, in place; parts outside the image are cut off.
+def blend_rgb(image: ImageArray, colours: ImageArray, cover: ByteArray, x: int, y: int, opacity: float) -> None:
+    """Blend colours into an image through a mask, in place; parts outside the image are cut off.
 
     Args:
         image: (H, W, 3).
-        mask: (h, w) coverage, 0 to 255.
+        colours: (h, w, 3), or (1, 1, 3) for one colour everywhere.
+        cover: (h, w) coverage, 0 to 255.
         x: column of the mask's left edge, px.
         y: row of the mask's top edge, px.
-        colour: red, green and blue, 0 to 255.
-        opacity: 0 to 1.
+        opacity: 0 to 1, multiplies `cover`.
     """
     rows, columns = image.shape[:2]
-    for j in range(max(0, -y), min(mask.shape[0], rows - y)):
-        for i in range(max(0, -x), min(mask.shape[1], columns - x)):
-            if mask[j, i]:
-                share = opacity * mask[j, i] / 255
+    step, half, most = np.intp(colours.shape[0] > 1), np.float32(0.5), np.float32(opacity / 255)
+    for j in range(max(0, -y), min(cover.shape[0], rows - y)):
+        for i in range(max(0, -x), min(cover.shape[1], columns - x)):
+            if cover[j, i]:
+                share = most * np.float32(cover[j, i])
                 for k in range(3):
-                    level = image[y + j, x + i, k]
-                    image[y + j, x + i, k] = np.uint8(level + (colour[k] - level) * share + 0.5)
+                    level = np.float32(image[y + j, x + i, k])
+                    level += (np.float32(colours[step * j, step * i, k]) - level) * share
+                    image[y + j, x + i, k] = np.uint8(np.int32(level + half))
 
 
 @compile_kernel
-def blend_colours(image: ImageArray, colours: ImageArray, alpha: Float32Array, x: int, y: int, opacity: float) -> None:
-    """Blend an image with transparency into another, in place; parts outside are cut off.
-
-    Args:
-        image: (H, W, 3).
-        colours: (h, w, 3) colours of the upper image.
-        alpha: (h, w) coverage, 0 to 1.
-        x: column of its left edge, px.
-        y: row of its top edge, px.
-        opacity: 0 to 1, multiplies `alpha`.
-    """
-    rows, columns = image.shape[:2]
-    half, most = np.float32(0.5), np.float32(opacity)
-    for j in range(max(0, -y), min(alpha.shape[0], rows - y)):
-        for i in range(max(0, -x), min(alpha.shape[1], columns - x)):
-            share = most * alpha[j, i]
-            for k in range(3):
-                level = np.float32(image[y + j, x + i, k])
-                level += (np.float32(colours[j, i, k]) - level) * share
-                image[y + j, x + i, k] = np.uint8(np.int32(level + half))
-
-
-@compile_kernel
-def paint_masks(
-    image: ImageArray,
-    positions: NDArray[np.int32],
-    masks: tuple[ByteArray, ...],
+def blend_yuv(
+    bright: ByteArray,
+    blue: ByteArray,
+    red: ByteArray,
+    colours: ImageArray,
+    cover: ByteArray,
     x: int,
     y: int,
-    colours: tuple[tuple[int, int, int], ...],
+    opacity: float,
 ) -> None:
-    """Blend several colours through masks, one over the other, in place.
+    """Blend Y', Cb, Cr into the planes of a frame as `blend_rgb` does; the chroma of 2 x 2 pixels is their mean.
+
+    `bright` is (H, W), `blue` and `red` are (H / 2, W / 2) rounded up; the other arguments are those of `blend_rgb`.
+    """
+    has_one, quarter, half = colours.shape[0] == 1, np.float32(0.25), np.float32(0.5)
+    most, step = np.float32(opacity / 255), np.intp(not has_one)
+    top, bottom = max(y, 0), min(y + cover.shape[0], bright.shape[0])
+    left, right = max(x, 0), min(x + cover.shape[1], bright.shape[1])
+    for v in range(top, bottom):  # without branches, so that several pixels are computed at once
+        line, mask, paint = bright[v, left:right], cover[v - y, left - x : right - x], colours[step * (v - y)]
+        if has_one:
+            for n in range(len(line)):
+                level = np.float32(line[n])
+                level += (np.float32(paint[0, 0]) - level) * (most * np.float32(mask[n]))
+                line[n] = np.uint8(np.int32(level + half))
+        else:
+            for n in range(len(line)):
+                level = np.float32(line[n])
+                level += (np.float32(paint[left - x + n, 0]) - level) * (most * np.float32(mask[n]))
+                line[n] = np.uint8(np.int32(level + half))
+    for j in range(top // 2, (bottom + 1) // 2):
+        for i in range(left // 2, (right + 1) // 2):
+            whole = bluer = redder = np.float32(0)
+            for v in range(max(2 * j, top) - y, min(2 * j + 2, bottom) - y):
+                for u in range(max(2 * i, left) - x, min(2 * i + 2, right) - x):
+                    if cover[v, u]:
+                        share = most * np.float32(cover[v, u])
+                        whole += share
+                        bluer += share * np.float32(colours[step * v, step * u, 1])
+                        redder += share * np.float32(colours[step * v, step * u, 2])
+            if whole > np.float32(0):
+                rest = np.float32(1) - quarter * whole
+                blue[j, i] = np.uint8(np.int32(rest * np.float32(blue[j, i]) + quarter * bluer + half))
+                red[j, i] = np.uint8(np.int32(rest * np.float32(red[j, i]) + quarter * redder + half))
+
+
+@compile_kernel
+def blend_displaced(
+    image: ImageArray,
+    x0: int,
+    y0: int,
+    first: ImageArray,
+    second: ImageArray,
+    weight: Float32Array,
+    displacements: Float32Array,
+    doubts: Float32Array,
+    trusts: Float32Array,
+    share: float,
+    nearer: float,
+) -> None:
+    """Blend two images, each sampled along displacements between them, onto a box of another one, in place.
 
     Args:
         image: (H, W, 3).
-        positions: (n, 2) columns and rows of the mask pixels to paint; all must be inside the image.
-        masks: each (h, w), 0 to 255.
-        x: column of the masks' left edge, px.
-        y: row of the masks' top edge, px.
-        colours: one for each mask.
+        x0: Left column of the box.
+        y0: Top row of the box.
+        first: (h, w, 3) image at share 0.
+        second: (h, w, 3) image at share 1.
+        weight: (h, w) weight of the result, 0 to 1; nothing is computed where it is 0.
+        displacements: (n, k, l, 2) px of the box, from the first image to the second; n candidates, at reduced size.
+        doubts: (n, k, l) 0 to 1; 1 where the ends of a displacement show different objects.
+        trusts: (n, k, l) weights of the candidates, which add to 1.
+        share: Elapsed share of the time, the weight of the second image.
+        nearer: The same where the ends differ: the nearer image has nearly all of it.
     """
-    for n in range(len(positions)):
-        i, j = positions[n, 0], positions[n, 1]
-        for k in range(3):
-            level = float(image[y + j, x + i, k])
-            for layer in range(len(masks)):
-                level += (colours[layer][k] - level) * (masks[layer][j, i] / 255.0)
-            image[y + j, x + i, k] = np.uint8(level + 0.5)
+    one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
+    height, width = weight.shape
+    rows, columns = doubts.shape[1:]
+    down, across = np.float32(rows / height), np.float32(columns / width)
+    after, before = np.float32(share), np.float32(1 - share)
+    for j in range(height):
+        v = min(max((np.float32(j) + half) * down - half, zero), np.float32(rows - 1))
+        v0 = np.intp(v)
+        v1, v = min(v0 + 1, rows - 1), v - np.float32(v0)
+        for i in range(width):
+            if weight[j, i] <= zero:
+                continue
+            u = min(max((np.float32(i) + half) * across - half, zero), np.float32(columns - 1))
+            u0 = np.intp(u)
+            u1, u = min(u0 + 1, columns - 1), u - np.float32(u0)
+            a, b, c, d = (one - u) * (one - v), u * (one - v), (one - u) * v, u * v
+            red = green = blue = zero
+            for n in range(len(doubts)):
+                field, doubt, trust = displacements[n], doubts[n], trusts[n]
+                sure = a * trust[v0, u0] + b * trust[v0, u1] + c * trust[v1, u0] + d * trust[v1, u1]
+                unlike = a * doubt[v0, u0] + b * doubt[v0, u1] + c * doubt[v1, u0] + d * doubt[v1, u1]
+                x = a * field[v0, u0, 0] + b * field[v0, u1, 0] + c * field[v1, u0, 0] + d * field[v1, u1, 0]
+                y = a * field[v0, u0, 1] + b * field[v0, u1, 1] + c * field[v1, u0, 1] + d * field[v1, u1, 1]
+                later = after + (np.float32(nearer) - after) * unlike
+                r, g, s = _sample_pixel(first, np.float32(i) - after * x, np.float32(j) - after * y)
+                red, green, blue = (
+                    red + sure * (one - later) * r,
+                    green + sure * (one - later) * g,
+                    blue + sure * (one - later) * s,
+                )
+                r, g, s = _sample_pixel(second, np.float32(i) + before * x, np.float32(j) + before * y)
+                red, green, blue = red + sure * later * r, green + sure * later * g, blue + sure * later * s
+            whole, pixel = weight[j, i], image[y0 + j, x0 + i]
+            pixel[0] = np.uint8(np.int32(np.float32(pixel[0]) * (one - whole) + red * whole + half))
+            pixel[1] = np.uint8(np.int32(np.float32(pixel[1]) * (one - whole) + green * whole + half))
+            pixel[2] = np.uint8(np.int32(np.float32(pixel[2]) * (one - whole) + blue * whole + half))
+
+
+@compile_kernel
+def _sample_pixel(image: ImageArray, x: np.float32, y: np.float32) -> tuple[np.float32, np.float32, np.float32]:
+    """Sample an image (H, W, 3) at a place by bilinear interpolation; beyond the border its last pixel."""
+    x = min(max(x, np.float32(0)), np.float32(image.shape[1] - 1))
+    y = min(max(y, np.float32(0)), np.float32(image.shape[0] - 1))
+    left, top = np.intp(x), np.intp(y)
+    right, bottom = min(left + 1, image.shape[1] - 1), min(top + 1, image.shape[0] - 1)
+    u, v, one = x - np.float32(left), y - np.float32(top), np.float32(1)
+    a, b, c, d = (one - u) * (one - v), u * (one - v), (one - u) * v, u * v
+    return (
+        a * image[top, left, 0] + b * image[top, right, 0] + c * image[bottom, left, 0] + d * image[bottom, right, 0],
+        a * image[top, left, 1] + b * image[top, right, 1] + c * image[bottom, left, 1] + d * image[bottom, right, 1],
+        a * image[top, left, 2] + b * image[top, right, 2] + c * image[bottom, left, 2] + d * image[bottom, right, 2],
+    )
+
+
+@compile_kernel
+def copy_yuv(bright: ByteArray, blue: ByteArray, red: ByteArray, x: int, y: int, patch: ImageArray) -> None:
+    """Copy the levels of a box of a frame, each pixel with its chroma, into `patch` (h, w, 3).
+
+    The planes are those of `blend_yuv`; the box, whose top-left pixel is (x, y), lies inside.
+    """
+    for j in range(patch.shape[0]):
+        for i in range(patch.shape[1]):
+            patch[j, i, 0] = bright[y + j, x + i]
+            patch[j, i, 1], patch[j, i, 2] = blue[(y + j) // 2, (x + i) // 2], red[(y + j) // 2, (x + i) // 2]
 
 
 Box = tuple[int, int, int, int]

@@ -6,16 +6,14 @@ import os
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import av
 import numpy as np
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
-from numpy.typing import NDArray
 
 from models.core.errors import ClipError
-from models.core.typing import ByteArray, ImageArray
-from video.io.pixel_kernels import fill_yuv_planes
+from video.io.yuv_frame import Canvas, YuvFrame
 
 X264_PARAMETERS = "force-cfr=1:mbtree=0"
 """x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
@@ -63,8 +61,7 @@ class VideoWriter:
             raise ValueError(f"VideoWriter needs at least 2 x 2 px and a positive fps; got {width} x {height} at {fps}")
         self._path = path
         self._part_path = path if direct else path.with_name(f".{path.name}.{os.getpid()}.part")
-        self._shape = (height, width, 3)
-        self._pad = ((0, height % 2), (0, width % 2), (0, 0))
+        self._shape = (height, width)
         self._count = 0
         self._last_pts = -1
         self._container = _open_output(self._part_path)
@@ -78,7 +75,7 @@ class VideoWriter:
 
     def _configure_codec(self, crf: int, preset: str, tuning: str) -> None:
         context = self._stream.codec_context
-        context.width, context.height = self._shape[1] + self._pad[1][1], self._shape[0] + self._pad[0][1]
+        context.height, context.width = (side + side % 2 for side in self._shape)
         context.pix_fmt = PIXEL_FORMAT
         context.time_base = self._time_base
         context.max_b_frames = 0
@@ -87,19 +84,20 @@ class VideoWriter:
         context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
 
-    def write(self, rgb: NDArray[np.uint8], time: float | None = None) -> None:
+    def write(self, image: Canvas, time: float | None = None) -> None:
         """Append one frame.
 
         Args:
-            rgb: (H, W, 3) uint8.
+            image: (H, W, 3) uint8 RGB, or the planes of a frame with even sides.
             time: s, presentation time, after the previous frame; only for videos with a `time_base`.
         """
         if (time is None) != self._is_constant_rate:
             raise ValueError("frames have times of their own if and only if the video has a time base")
-        if rgb.shape != self._shape or rgb.dtype != np.uint8:
-            raise ValueError(f"frames of {self._shape} uint8 are needed; got {rgb.shape} {rgb.dtype}")
-        padded = np.pad(rgb, self._pad, mode="edge") if self._pad != ((0, 0), (0, 0), (0, 0)) else rgb
-        frame = convert_to_yuv420(np.ascontiguousarray(padded))
+        if isinstance(image, np.ndarray) and (image.dtype != np.uint8 or image.shape[2:] != (3,)):
+            raise ValueError(f"RGB images of uint8 are needed; got {image.shape} {image.dtype}")
+        if image.shape[:2] != self._shape:
+            raise ValueError(f"frames of {self._shape} are needed; got {image.shape}")
+        frame = build_encoder_frame(image if isinstance(image, YuvFrame) else YuvFrame.from_rgb(image))
         self._last_pts = self._count if time is None else max(round(time / self._time_base), self._last_pts + 1)
         frame.pts, frame.time_base = self._last_pts, self._time_base
         self._count += 1
@@ -135,43 +133,13 @@ def _open_output(part_path: Path) -> av.container.OutputContainer:
         raise ClipError(f"the video cannot be written to the folder {part_path.parent}: {error.strerror}") from error
 
 
-BT709_LUMA_WEIGHTS = (0.2126, 0.7152, 0.0722)
-"""Luma weights of red, green and blue (ITU-R BT.709-6, item 3.2)."""
 PIXEL_FORMAT = "yuv420p"
 
 
-def _rgb_to_yuv_matrix() -> NDArray[np.float32]:
-    """Return (3, 4): red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (BT.709-6, items 3.2 to 3.4).
-
-    The chroma rows apply to the sum of four pixels.
-    """
-    bright = np.array(BT709_LUMA_WEIGHTS)
-    blue, red = (np.eye(3)[k] - bright for k in (2, 0))
-    of_four = 112 / 4
-    shares = np.stack([219 * bright, of_four * blue / (1 - bright[2]), of_four * red / (1 - bright[0])]) / 255
-    return np.column_stack([shares, [16.5, 128.5, 128.5]]).astype(np.float32)  # 0.5 rounds: conversion truncates
-
-
-RGB_TO_YUV = _rgb_to_yuv_matrix()
-
-
-def convert_to_yuv420(rgb: ImageArray) -> Any:
-    """Convert an image to a frame for the encoder; the chroma of 2 x 2 pixels is their mean.
-
-    Exact to half a level. FFmpeg's general converter is slower, and blurs chroma over four rows.
-
-    Args:
-        rgb: (H, W, 3) uint8, both sides even.
-
-    Returns:
-        An av.VideoFrame in yuv420p.
-    """
-    height, width = rgb.shape[:2]
-    frame = av.VideoFrame(width, height, PIXEL_FORMAT)
-    fill_yuv_planes(rgb, *(_plane_array(plane) for plane in frame.planes), RGB_TO_YUV)  # straight into the frame
+def build_encoder_frame(image: YuvFrame) -> av.VideoFrame:
+    """Copy the planes of a frame into one of the encoder's own, whose rows are padded."""
+    frame = av.VideoFrame(image.shape[1], image.shape[0], PIXEL_FORMAT)
+    for levels, plane in zip(image.planes, frame.planes, strict=True):
+        rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
+        rows[:, : plane.width] = levels
     return frame
-
-
-def _plane_array(plane: Any) -> ByteArray:
-    """View a plane of a frame as a writable array (h, w)."""
-    return np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]

@@ -165,9 +165,9 @@ class MattedSprite:
         return None if self.visibility.min() == 1 else 1 - self.visibility
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MattedFrame:
-    """A frame separated into the background without the moving balls, and the balls."""
+    """A frame separated into the background without the moving balls, and the balls. Compared by identity."""
 
     background: ImageArray
     """(H, W, 3)"""

@@ -86,6 +86,8 @@ class BallTimeline:
 
         None for a still camera.
         """
+        if self.scene.camera.motion is None:
+            return None
         rows, share = self.locate_times(t)
         ends = rows, np.minimum(rows + 1, len(self.t) - 1)
         before, after = (self.scene.camera.motion_of(self.frame[end]) for end in ends)

@@ -54,6 +54,12 @@ class SpriteLayer:
     rotation: RotationWarp | None = None
 
 
+def find_changed_boxes(shape: tuple[int, ...], balls: Sequence[Sequence[SpriteLayer]]) -> list[Box]:
+    """Return the boxes that `composite_balls` changes in a frame of a shape (H, W, ...)."""
+    boxes = [_shading_box(shape, layers) for layers in balls if layers]
+    return [box for box in boxes if box is not None]
+
+
 def composite_balls(
     image: ImageArray, balls: Sequence[Sequence[SpriteLayer]], resting: Sequence[BallOutline] = ()
 ) -> list[Box]:
@@ -69,10 +75,11 @@ def composite_balls(
         The boxes that changed.
     """
     balls = [layers for layers in balls if layers]
-    changed = [_composite_shading(image, layers, resting) for layers in balls]
+    for layers in balls:
+        _composite_shading(image, layers, resting)
     for low, layers in sorted(((_image_row(layers), layers) for layers in balls), key=itemgetter(0)):
         _composite_sprites(image, layers, [other for other in resting if other.centre[1] > low])
-    return [box for box in changed if box is not None]
+    return find_changed_boxes(image.shape, balls)
 
 
 def _image_row(layers: Sequence[SpriteLayer]) -> float:
@@ -85,18 +92,23 @@ def _mean_centre(centres: FloatArray) -> FloatArray:
     return np.asarray(centres[0] if len(centres) == 1 else centres.mean(axis=0), dtype=np.float64)
 
 
-def _composite_shading(image: ImageArray, layers: Sequence[SpriteLayer], resting: Sequence[BallOutline]) -> Box | None:
-    """Darken the background; return the box around the ball and its shadow, None outside the frame."""
+def _shading_box(shape: tuple[int, ...], layers: Sequence[SpriteLayer]) -> Box | None:
+    """Return the box around a ball and its shadow, None outside the frame."""
     corners = [_patch_corner(layer) for layer in layers]
-    box = _bounding_box(image, [layer.sprite.shading for layer in layers], corners, layers)
+    return _bounding_box(shape, [layer.sprite.shading for layer in layers], corners, layers)
+
+
+def _composite_shading(image: ImageArray, layers: Sequence[SpriteLayer], resting: Sequence[BallOutline]) -> None:
+    """Darken the background."""
+    box = _shading_box(image.shape, layers)
     if box is None:
-        return None
+        return
     total: Float32Array | None = None
-    for layer, corner in zip(layers, corners, strict=True):
+    for layer in layers:
         places = _thin_centres(layer.centres)
         for place in places:
             moved, weight = (
-                _translate_patch(layer.sprite.shading, corner + place, box, cv2.INTER_LINEAR),
+                _translate_patch(layer.sprite.shading, _patch_corner(layer) + place, box, cv2.INTER_LINEAR),
                 layer.weight / len(places),
             )
             total = moved * np.float32(weight) if total is None else _add_weighted(total, moved, weight)
@@ -105,7 +117,6 @@ def _composite_shading(image: ImageArray, layers: Sequence[SpriteLayer], resting
     total = total + 1 if uncovered is None else total * uncovered + 1
     ground = image[box[1] : box[3], box[0] : box[2]]
     ground[:] = cv2.multiply(ground, total, dtype=cv2.CV_8U)
-    return box
 
 
 def _add_weighted(total: Float32Array, patch: Float32Array, weight: float) -> Float32Array:
@@ -116,7 +127,7 @@ def _add_weighted(total: Float32Array, patch: Float32Array, weight: float) -> Fl
 def _composite_sprites(image: ImageArray, layers: Sequence[SpriteLayer], in_front: Sequence[BallOutline]) -> None:
     """Composite the layers of one ball behind the balls `in_front`."""
     corners = [_patch_corner(layer) + layer.sprite.rgba_offset for layer in layers]
-    box = _bounding_box(image, [layer.sprite.rgba for layer in layers], corners, layers)
+    box = _bounding_box(image.shape, [layer.sprite.rgba for layer in layers], corners, layers)
     if box is None:
         return
     total = _average_layers(
@@ -224,8 +235,9 @@ def _thin_centres(centres: FloatArray) -> FloatArray:
 
 
 def _bounding_box(
-    image: ImageArray, patches: Sequence[Float32Array], corners: Sequence[FloatArray], layers: Sequence[SpriteLayer]
-) -> Box | None:
+    shape: tuple[int, ...], patches: Sequence[Float32Array], corners: Sequence[FloatArray],
+    layers: Sequence[SpriteLayer],
+) -> Box | None:  # fmt: skip
     """Return the box around the patches at all places of their layers, cut at the border; None if it is empty."""
     left, top, right, bottom = math.inf, math.inf, -math.inf, -math.inf
     for patch, corner, layer in zip(patches, corners, layers, strict=True):
@@ -234,7 +246,7 @@ def _bounding_box(
         left, top = min(left, low_x), min(top, low_y)
         right, bottom = max(right, high_x + patch.shape[1]), max(bottom, high_y + patch.shape[0])
     x0, y0 = max(math.floor(left), 0), max(math.floor(top), 0)
-    x1, y1 = min(math.ceil(right) + 1, image.shape[1]), min(math.ceil(bottom) + 1, image.shape[0])
+    x1, y1 = min(math.ceil(right) + 1, shape[1]), min(math.ceil(bottom) + 1, shape[0])
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
 
 

@@ -21,9 +21,12 @@ from video.drawing.label_layout import (
     place_label,
     place_panel,
 )
+from video.drawing.mask_tile import MaskTile
 from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
+from video.drawing.text import convert_colour
 from video.io.video_options import OverlayStyle, RenderOptions
+from video.io.yuv_frame import Canvas, YuvFrame
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import (
     CONTACT_RADII,
@@ -78,7 +81,7 @@ class GlidingLabels:
     opacity: dict[int, float] = field(default_factory=dict)
 
     def draw(
-        self, image: ImageArray, label: Label, ball: int, balls: FrameBalls, scale: float, obstacles: list[Rect],
+        self, image: Canvas, label: Label, ball: int, balls: FrameBalls, scale: float, obstacles: list[Rect],
         opacity: float = 1.0,
     ) -> None:  # fmt: skip
         """Draw the label of a ball where it covers no obstacle, and append its place to the obstacles."""
@@ -104,11 +107,15 @@ class Annotation:
     """Colours of the trails, which contrast with the cloth."""
     names: tuple[str, ...]
     paths: tuple[MotionPath, ...]
+    path_points: FloatArray
+    """Result of `_collect_path_points`."""
     marks: tuple[ContactMark, ...]
     inset: TableInset
     inset_place: Rect
     plan_canvas: ImageArray
     """Canvas of the inset with the paths so far."""
+    plan: MaskTile
+    """The same in its final size."""
     clock: ClockPanel
     clock_place: Rect
     scale: float
@@ -128,8 +135,8 @@ class Annotation:
     last_plan_points: dict[int, int] = field(default_factory=dict)
     """Index of the last path point of each ball on the plan."""
 
-    def draw(self, image: ImageArray, t: float, balls: FrameBalls, xy: FloatArray) -> ImageArray:
-        """Draw onto `image` (H, W, 3), in place where there is no strip below it.
+    def draw(self, image: Canvas, t: float, balls: FrameBalls, xy: FloatArray) -> Canvas:
+        """Draw onto an image, in place where there is no strip below it.
 
         Args:
             image: The frame.
@@ -138,10 +145,10 @@ class Annotation:
             xy: Positions of the balls (N, 2), m.
 
         Returns:
-            The frame with its strip (H + `strip_height`, W, 3).
+            The frame with its strip of `strip_height`.
         """
-        whole = self.extend(image)
-        frame = whole[: len(image)]
+        whole, rows = self.extend(image), image.shape[0]
+        frame = whole.crop_rows(rows) if isinstance(whole, YuvFrame) else whole[:rows]
         with keep_balls_on_top(frame, balls):
             if self.style != "clean":
                 self._draw_motion(frame, t, balls)
@@ -151,12 +158,19 @@ class Annotation:
                 self.clock.draw(whole, self.clock_place, t, self.scale)
         return whole
 
-    def extend(self, image: ImageArray) -> ImageArray:
-        """Return an image (H, W, 3) with an empty strip below it, if there is one."""
+    def extend(self, image: Canvas) -> Canvas:
+        """Return an image with an empty strip below it, if there is one."""
+        if isinstance(image, YuvFrame):
+            levels = convert_colour(INK, is_yuv=True)
+            return image.extend(self.strip_height, levels) if self.strip_height else image
+        return self.extend_image(image)
+
+    def extend_image(self, image: ImageArray) -> ImageArray:
+        """Return an RGB image (H, W, 3) with an empty strip below it, if there is one."""
         strip = np.full((self.strip_height, *image.shape[1:]), INK, dtype=np.uint8)
         return np.concatenate([image, strip]) if self.strip_height else image
 
-    def _draw_motion(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+    def _draw_motion(self, image: Canvas, t: float, balls: FrameBalls) -> None:
         """Draw trails, rings and the flashes of contacts."""
         if self.style == "coach":
             for ball, path in enumerate(self.paths):
@@ -168,7 +182,7 @@ class Annotation:
                 radius = balls.radius_of(mark.ball)
                 draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength, mark.opacity)
 
-    def _draw_labels(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+    def _draw_labels(self, image: Canvas, t: float, balls: FrameBalls) -> None:
         """Draw contact times and names beside everything else."""
         panels = [] if self.strip_height else [self.inset_place, self.clock_place]
         obstacles: list[Rect] = [*panels, *balls.boxes(NAME_MARGIN_RADII).tolist()]
@@ -182,43 +196,37 @@ class Annotation:
 
         They enclose the line of a path, or with `balls` the balls that follow it.
         """
-        squares = [np.empty((0, 4))]
-        for path in self.paths:
-            points = path.line_points[slice(*np.searchsorted(path.t[path.line_points], [first, last]))]
-            half = path.radius if balls else max(self._trail_width(path) / 2 + 2, POINTS_APART)
-            squares.append(make_squares(self.timeline.to_frame_pixels(path.px[points], t), half))
-        return np.concatenate(squares)
+        points = self.path_points[(first <= self.path_points[:, 0]) & (self.path_points[:, 0] < last)]
+        return make_squares(self.timeline.to_frame_pixels(points[:, 1:3], t), points[:, 4 if balls else 3])
 
-    def _trail_width(self, path: MotionPath) -> float:
-        """Return the width of the trail of a path, px."""
-        return float(np.clip(0.42 * path.radius, 2.2, 9 * self.scale))
-
-    def _draw_trail(self, image: ImageArray, t: float, path: MotionPath, centre: FloatArray, colour: Colour) -> None:
+    def _draw_trail(self, image: Canvas, t: float, path: MotionPath, centre: FloatArray, colour: Colour) -> None:
         """Draw the recent path of a ball."""
-        first, last = path.t.searchsorted([t - TRAIL_S, t])
-        if last - first < 1:
+        if not len(path.t) or not path.t[0] < t <= path.t[-1] + TRAIL_S:
             return
-        points = path.line_points[np.searchsorted(path.line_points, first) : np.searchsorted(path.line_points, last)]
+        points = path.line_points[slice(*np.searchsorted(path.t[path.line_points], [t - TRAIL_S, t]))]
         trail = self.timeline.to_frame_pixels(path.px[points], t)
         age = (t - path.t[points]) / TRAIL_S
         if np.isfinite(centre).all():
             trail, age = np.concatenate([trail, centre[None]]), np.append(age, 0.0)
         fade = np.clip(1 - age, 0, 1) ** 1.3
-        draw_trail(image, trail, fade, colour, self._trail_width(path))
+        draw_trail(image, trail, fade, colour, _trail_width(path, self.scale))
 
-    def _draw_panels(self, image: ImageArray, t: float, xy: FloatArray) -> None:
+    def _draw_panels(self, image: Canvas, t: float, xy: FloatArray) -> None:
         """Draw the plan and the clock."""
+        lines = self.last_plan_points.copy()
         for ball, path in enumerate(self.paths):
             first, last = self.last_plan_points.get(ball, 0), int(path.t.searchsorted(t))
             if last - first > PLAN_POINT_STEP:
                 points = np.arange(first, last, PLAN_POINT_STEP)
                 self.inset.add_path(self.plan_canvas, path.xy[points], self.colours[ball])
                 self.last_plan_points[ball] = int(points[-1])
+        if lines != self.last_plan_points:
+            self.plan = self.inset.reduce_canvas(self.plan_canvas)
         left, top = (round(v) for v in self.inset_place[:2])
-        self.inset.draw_with_balls(image, left, top, self.plan_canvas, xy, self.colours)
+        self.inset.draw_with_balls(image, left, top, self.plan, xy, self.colours)
         self.clock.draw(image, self.clock_place, t, self.scale)
 
-    def _draw_contact_times(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+    def _draw_contact_times(self, image: Canvas, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
         """Draw the times of the last contacts, sure ones first, each at its first position."""
         recent = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading_time]
         recent.sort(key=lambda k: (self.marks[k].is_sure, k))
@@ -238,7 +246,7 @@ class Annotation:
             opacity = mark.opacity * float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
             _draw_label(image, mark.label, rect, self.scale, opacity, obstacles)
 
-    def _draw_names(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+    def _draw_names(self, image: Canvas, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
         """Draw name and speed beside balls that move or recently stopped."""
         named = [
             int(ball) for ball in balls.present if self._name_opacity(t, int(ball)) > 0 and balls.is_supported[ball]
@@ -261,20 +269,33 @@ class Annotation:
         return most
 
 
-def _image_size(image: ImageArray) -> tuple[int, int]:
+def _trail_width(path: MotionPath, scale: float) -> float:
+    """Return the width of the trail of a path, px."""
+    return float(np.clip(0.42 * path.radius, 2.2, 9 * scale))
+
+
+def _collect_path_points(paths: Sequence[MotionPath], scale: float) -> FloatArray:
+    """Return the points of the lines of all paths (n, 5): s, reference px, and half widths of their trail and ball."""
+    rows = [np.empty((0, 5))]
+    for path in paths:
+        halves = max(_trail_width(path, scale) / 2 + 2, POINTS_APART), path.radius
+        points = path.line_points
+        rows.append(np.column_stack([path.t[points], path.px[points], np.tile(halves, (len(points), 1))]))
+    return np.concatenate(rows)
+
+
+def _image_size(image: Canvas) -> tuple[int, int]:
     """Return width and height, px."""
     return image.shape[1], image.shape[0]
 
 
-def _fit_inside(corner: FloatArray, size: tuple[int, int], image: ImageArray) -> Rect:
+def _fit_inside(corner: FloatArray, size: tuple[int, int], image: Canvas) -> Rect:
     """Return the rectangle of a label of `size` (w, h) px, moved into the image."""
     left, top = np.maximum(np.minimum(corner, np.subtract(_image_size(image), size) - 2), 2)
     return float(left), float(top), float(size[0]), float(size[1])
 
 
-def _draw_label(
-    image: ImageArray, label: Label, rect: Rect, scale: float, opacity: float, obstacles: list[Rect]
-) -> None:
+def _draw_label(image: Canvas, label: Label, rect: Rect, scale: float, opacity: float, obstacles: list[Rect]) -> None:
     """Draw a label and append its rectangle to the obstacles."""
     if opacity > 0:
         label.draw(image, np.array(rect[:2]), scale, opacity)
@@ -313,7 +334,8 @@ def prepare_annotation(
     cloth = lab_to_rgb(timeline.scene.cloth_lab)
     return Annotation(
         timeline=timeline, names=tuple(look.name for look in tracks.looks),
-        paths=paths, marks=select_contact_marks(timeline, fit), inset=inset,
+        paths=paths, path_points=_collect_path_points(paths, scale), marks=select_contact_marks(timeline, fit),
+        inset=inset, plan=inset.reduce_canvas(inset.canvas),
         colours=colours, trail_colours=tuple(ensure_contrast(colour, cloth) for colour in colours),
         inset_place=inset_place, plan_canvas=inset.canvas.copy(), clock=clock, clock_place=clock_place, scale=scale,
         reading_time=READING_S / slow, style=style, strip_height=strip_height,

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
-from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
+from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.drawing.circles import SHIFT, disc_mask, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect, make_squares
+from video.drawing.mask_tile import ColouredMask, MaskTile, compose_tile
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.text import blend_mask, blend_sparse_masks, draw_text, number_mask, round_corner_mask, text_mask
-from video.io.pixel_kernels import blend_colours
+from video.drawing.text import blend_levels, blend_mask, draw_text, number_mask, round_corner_mask, text_mask
+from video.io.yuv_frame import Canvas, YuvFrame
 
 LABEL_OPACITY = 0.72
 BALL_MARGIN_PX = 1.0
@@ -62,21 +63,26 @@ class FrameBalls:
 
 
 @contextmanager
-def keep_balls_on_top(image: ImageArray, balls: FrameBalls) -> Iterator[None]:
-    """Draw the balls of `image` (H, W, 3) once more over everything that is drawn in this context."""
+def keep_balls_on_top(image: Canvas, balls: FrameBalls) -> Iterator[None]:
+    """Draw the balls of an image once more over everything that is drawn in this context."""
+    height, width = image.shape[:2]
     pieces = []
     for ball in balls.present:
         disc, x, y = disc_mask(balls.centre[ball], float(balls.radius[ball]) + BALL_MARGIN_PX)
-        left, top = max(x, 0), max(y, 0)
-        pixels = image[top : max(y + disc.shape[0], 0), left : max(x + disc.shape[1], 0)].copy()
-        disc = disc[top - y :, left - x :][: pixels.shape[0], : pixels.shape[1]]
-        pieces.append((pixels, disc * np.float32(1 / 255), left, top))
+        left, top = min(max(x, 0), width), min(max(y, 0), height)
+        right, bottom = min(max(x + disc.shape[1], left), width), min(max(y + disc.shape[0], top), height)
+        if isinstance(image, YuvFrame):
+            pixels = image.copy_patch(left, top, right, bottom)
+        else:
+            pixels = image[top:bottom, left:right].copy()
+        cover = np.ascontiguousarray(disc[top - y : bottom - y, left - x : right - x])
+        pieces.append((pixels, cover, left, top))
     yield
-    for pixels, alpha, left, top in pieces:
-        blend_colours(image, pixels, alpha, left, top, 1.0)
+    for pixels, cover, left, top in pieces:
+        blend_levels(image, pixels, cover, left, top)
 
 
-def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
+def draw_measured_rings(image: Canvas, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
     """Draw dashed rings around moving balls whose position is measured, not fitted."""
     for ball in balls.present:
         if balls.measured[ball] and balls.moving[ball] and balls.is_supported[ball]:
@@ -92,7 +98,7 @@ CONTACT_RADII = 2.2
 
 
 def draw_flash(
-    image: ImageArray,
+    image: Canvas,
     centre: FloatArray,
     radius: float,
     age: float,
@@ -120,7 +126,7 @@ class Label:
         """Return width and height, px."""
         return _label_size(self.name, self.value, _font_size(scale))
 
-    def draw(self, image: ImageArray, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
+    def draw(self, image: Canvas, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
         """Draw with the top-left corner at `corner` (2,), in place."""
         width, height = self.size(scale)
         letters = _font_size(scale)
@@ -175,7 +181,7 @@ class ClockPanel:
         lower = text_mask(self.slowdown_text, small).shape[1] + text_mask(self.trust_text, small).shape[1]
         return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
 
-    def draw(self, image: ImageArray, rect: Rect, t: float, scale: float) -> None:
+    def draw(self, image: Canvas, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
         x, y, width, height = (round(v) for v in rect)
         seconds = number_mask(f"{t:06.3f}", round(27 * scale), bold=True)
@@ -203,63 +209,13 @@ def _clock_tile(clock: ClockPanel, width: int, height: int, advance: int, scale:
     return compose_tile(width, height, inks)
 
 
-@dataclass(frozen=True, slots=True)
-class ColouredMask:
-    """A mask (h, w), 0 to 255, with its colour; (x, y) is its top-left pixel in the tile."""
-
-    mask: ByteArray
-    x: int
-    y: int
-    colour: Colour
-    opacity: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class MaskTile:
-    """Composed masks: a colour and an opacity for each pixel. Tiles are shared and must not be written into."""
-
-    colours: ImageArray
-    """(h, w, 3)"""
-    alpha: Float32Array
-    """(h, w) 0 to 1"""
-
-    def blend_onto(self, image: ImageArray, x: int, y: int, opacity: float = 1.0) -> None:
-        """Blend the tile onto `image` (H, W, 3) in place with its top-left pixel at (x, y), cut at the border."""
-        if opacity > 0:
-            blend_colours(image, self.colours, self.alpha, x, y, float(opacity))
-
-
-def compose_tile(width: int, height: int, masks: Sequence[ColouredMask]) -> MaskTile:
-    """Compose masks into one tile.
-
-    Args:
-        width: Width of the tile, px.
-        height: Height of the tile, px.
-        masks: Coloured masks from bottom to top; parts outside the tile are cut.
-
-    Returns:
-        A tile that looks the same as the masks blended one after another.
-    """
-    colours = np.zeros((height, width, 3), dtype=np.float32)
-    alpha = np.zeros((height, width), dtype=np.float32)
-    for layer in masks:
-        left, top = max(0, -layer.x), max(0, -layer.y)
-        mask = layer.mask[top : max(top, height - layer.y), left : max(left, width - layer.x)]
-        here = np.s_[layer.y + top : layer.y + top + mask.shape[0], layer.x + left : layer.x + left + mask.shape[1]]
-        share = (mask * np.float32(layer.opacity / 255))[..., None]
-        colours[here] += (np.asarray(layer.colour, dtype=np.float32) - colours[here]) * share  # premultiplied
-        alpha[here] += (1 - alpha[here]) * share[..., 0]
-    unmultiplied = np.rint(colours / np.maximum(alpha, 1e-6)[..., None])
-    return MaskTile(np.clip(unmultiplied, 0, 255).astype(np.uint8), alpha)
-
-
 TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
 """px of a trail with one opacity, and largest number of such pieces."""
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 """Opacity of the coloured line and of its white core."""
 
 
-def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
+def draw_trail(image: Canvas, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
     """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,)."""
     if len(path) < 2:
         return
@@ -269,15 +225,13 @@ def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Co
     if x1 <= x0 or y1 <= y0:
         return
     pieces = _split_trail(path - [x0, y0], fade)
-    layers = []
     for ink, thickness, opacity in (
         (colour, width, TRAIL_OPACITY),
         (mix_colours(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY),
     ):
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
         _draw_strokes(mask, pieces, opacity, max(1, round(thickness)))
-        layers.append((mask, ink))
-    blend_sparse_masks(image, layers, x0, y0)
+        blend_mask(image, mask, x0, y0, ink)
 
 
 def _split_trail(path: FloatArray, fade: FloatArray) -> list[tuple[NDArray[np.int32], float]]:

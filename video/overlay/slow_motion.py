@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
+from video.io.yuv_frame import Canvas
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.close_up import magnify_image
@@ -37,12 +38,13 @@ TRIM_MARGIN_S = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
 PREFETCHED_FRAMES = 8
 """Frames that may wait for their annotation, and as many for the encoder."""
-SLOW_TUNING, TUNING_MIN_SLOWDOWN = "me=dia:subme=0:cabac=0", 4.0
+SLOW_TUNING, TUNING_MIN_SLOWDOWN = "me=dia:subme=0:cabac=0:qp=20:scenecut=0:weightp=0:rc-lookahead=0", 4.0
 """x264 options, and the slowdown from which they apply: motion is then about a pixel per frame, which needs neither
-a wide nor a fine search, and arithmetic coding would save 7 % of the bytes for 12 % of the work."""
+a wide nor a fine search, and arithmetic coding would save 7 % of the bytes for 12 % of the work. A constant quantizer
+needs no look ahead at coming frames, half of the work: neighbouring frames of a slow motion are equally complex."""
 CRF = 26
-"""Constant rate factor of x264. At 8 times slower, cloth keeps its grain, and the error is close to that of 20 with
-macroblock-tree rate control, which the writer disables."""
+"""Constant rate factor of x264 below that slowdown. At 8 times slower, cloth keeps its grain, and the error is close to
+that of 20 with macroblock-tree rate control, which the writer disables."""
 ENCODER_THREADS = 1
 """Threads of the encoder, which runs beside synthesis and drawing: two would wait for each other, an eighth of its
 work."""
@@ -54,12 +56,15 @@ SNAP_SHARE = 0.05
 """Share of the output frame interval within which a decoded frame replaces a synthesized one."""
 
 
+Image = TypeVar("Image", bound=Canvas)
+
+
 @dataclass(frozen=True, slots=True)
-class SynthesizedFrame:
+class SynthesizedFrame(Generic[Image]):
     """A frame of the slow motion before annotation, and the balls on it."""
 
     t: float
-    image: ImageArray
+    image: Image
     balls: FrameBalls
     table_positions: FloatArray
     """(N, 2) m."""
@@ -103,7 +108,10 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES)
+        synthesize: Callable[..., Canvas] = FrameInterval.synthesize_planes
+        if clip.width % 2 or clip.height % 2:  # the chroma of the last column or row would cover half a pixel
+            synthesize = FrameInterval.synthesize
+        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times, synthesize), PREFETCHED_FRAMES)
         shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
         closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
         for done, image in enumerate(prefetch_items(chain(shot, closer), PREFETCHED_FRAMES), start=1):
@@ -141,8 +149,12 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
 
 
 def synthesize_frames(
-    clip: Clip, appearance: ClipAppearance, fit: Fit, times: FloatArray
-) -> Iterator[SynthesizedFrame]:
+    clip: Clip,
+    appearance: ClipAppearance,
+    fit: Fit,
+    times: FloatArray,
+    synthesize: Callable[..., Image],
+) -> Iterator[SynthesizedFrame[Image]]:
     """Yield the frames of a slow motion before annotation; at most two decoded frames are held in memory.
 
     Args:
@@ -150,6 +162,7 @@ def synthesize_frames(
         appearance: Its estimated appearance.
         fit: Fitted motion.
         times: Times of the frames (K,), s.
+        synthesize: `FrameInterval.synthesize` for RGB images, or `FrameInterval.synthesize_planes`.
     """
     timeline = appearance.timeline
     rows, _ = timeline.locate_times(times)
@@ -163,7 +176,7 @@ def synthesize_frames(
                 timeline, appearance.plate, row, before, after, sharp_balls=appearance.sharp_balls, previous=interval
             )
             for t, balls, streak, plan in islice(moments, int(count[row])):
-                yield SynthesizedFrame(t, interval.synthesize(t, balls.centre, streak), balls, plan)
+                yield SynthesizedFrame(t, synthesize(interval, t, balls.centre, streak), balls, plan)
         before = after
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 
 import cv2
 import numpy as np
@@ -202,10 +203,11 @@ def _rotation_vectors(state: State, ball: int, axes: FloatArray, seconds: float)
 
 def _accumulate_rotations(vectors: FloatArray) -> FloatArray:
     """Return the rotations (K + 1, 3, 3) after each of the rotation vectors (K, 3)."""
-    parts = [np.eye(3)]
-    for vector in vectors:
-        parts.append(_rotation_matrix(vector) @ parts[-1])
-    return np.stack(parts)
+    angle = np.sqrt((vectors**2).sum(axis=1))[:, None, None]
+    (x, y, z), none = (vectors / np.maximum(angle[:, 0], 1e-12)).T, np.zeros(len(vectors))
+    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(-1, 3, 3)
+    steps = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)  # formula of Rodrigues
+    return np.stack([*accumulate(steps, lambda before, step: step @ before, initial=np.eye(3))])
 
 
 def _camera_axes(timeline: BallTimeline, xy: FloatArray, t: float) -> FloatArray:

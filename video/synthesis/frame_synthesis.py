@@ -14,6 +14,7 @@ from video.flow.moving_regions import MovingRegion, compute_cell_means, find_mov
 from video.flow.optical_flow import compute_flow, pixel_grid
 from video.io.clip import Clip
 from video.io.pixel_kernels import fill_blend, has_subsampled_chroma, subsample_chroma
+from video.io.yuv_frame import YuvFrame
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import (
     MIN_STREAK_RADII,
@@ -25,7 +26,7 @@ from video.matting.ball_matting import (
     sample_path,
 )
 from video.matting.ball_timeline import BallTimeline
-from video.matting.compositing import RotationWarp, SpriteLayer, composite_balls
+from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls, find_changed_boxes
 from video.matting.hidden_background import HiddenBackground
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
@@ -149,8 +150,10 @@ class FrameInterval:
     balls: tuple[MovingBall, ...]
     resting: tuple[BallOutline, ...]
     """Outlines of the balls at rest."""
-    regions: tuple[MovingRegion, ...] = ()
+    regions: tuple[MovingRegion, ...]
     """Regions in which something other than balls moves, in pixels of the first frame."""
+    scratch: ImageArray
+    """(H, W, 3) where boxes of the planes are drawn."""
     cell_means: tuple[ImageArray, ImageArray] | None = None
     """Cell means of both backgrounds; None where the camera moves between them."""
     has_square_chroma: bool = False
@@ -167,31 +170,69 @@ class FrameInterval:
         Returns:
             Image (H, W, 3).
         """
-        share = self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
+        share = self._share_at(t)
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         image = self._blend_backgrounds(t, share)
-        camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
-        for region in self.regions:
-            region.blend_onto(image, share, camera_step)
-        paths = np.zeros((1, *centres.shape)) if paths is None else paths
-        progress = self.timeline.motion_progress_at(t)
-        layers = [
-            ball.build_layers(centres[ball.ball], paths[:, ball.ball], share, progress[ball.ball])
-            for ball in self.balls
-        ]
-        changed = composite_balls(image, layers, self.resting)
-        if self.has_square_chroma:
-            for box in (*changed, *(region.box for region in self.regions if camera_step is None)):
+        for box in self._draw_moving_parts(image, t, share, self._build_layers(t, share, centres, paths)):
+            if self.has_square_chroma:
                 subsample_chroma(image, box)
         return image
 
+    def synthesize_planes(self, t: float, centres: FloatArray, paths: FloatArray | None = None) -> YuvFrame:
+        """Synthesize the same frame for the encoder; both sides of it must be even.
+
+        Both backgrounds are converted once. Only boxes in which something moves are drawn in RGB and converted.
+        """
+        share = self._share_at(t)
+        if share in (0.0, 1.0) or self.cell_means is None:
+            return YuvFrame.from_rgb(self.synthesize(t, centres, paths))
+        layers, weight = self._build_layers(t, share, centres, paths), _fade_weight(share)
+        before, after = (_convert_background(side) for side in self.matted)
+        frame = YuvFrame.from_blend(before, after, weight)
+        boxes = [_align_box(box) for box in self._find_boxes(layers)]
+        for x0, y0, x1, y1 in boxes:
+            first, second = (side.background[y0:y1, x0:x1] for side in self.matted)
+            cv2.addWeighted(first, 1 - weight, second, weight, 0, dst=self.scratch[y0:y1, x0:x1])
+        self._draw_moving_parts(self.scratch, t, share, layers)
+        for box in boxes:
+            frame.convert_box(self.scratch, box)
+        return frame
+
+    def _share_at(self, t: float) -> float:
+        """Return the elapsed share of the gap, 0 to 1."""
+        return self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
+
+    def _build_layers(
+        self, t: float, share: float, centres: FloatArray, paths: FloatArray | None
+    ) -> list[list[SpriteLayer]]:
+        """Return the layers of the moving balls; the arguments are those of `synthesize`."""
+        paths = np.zeros((1, *centres.shape)) if paths is None else paths
+        progress = self.timeline.motion_progress_at(t)
+        return [
+            ball.build_layers(centres[ball.ball], paths[:, ball.ball], share, progress[ball.ball])
+            for ball in self.balls
+        ]
+
+    def _find_boxes(self, layers: list[list[SpriteLayer]]) -> list[Box]:
+        """Return the boxes of a frame, seen by a still camera, in which balls or other things move."""
+        return [*find_changed_boxes(self.first.shape, layers), *(region.box for region in self.regions)]
+
+    def _draw_moving_parts(
+        self, image: ImageArray, t: float, share: float, layers: list[list[SpriteLayer]]
+    ) -> list[Box]:
+        """Draw all that moves onto the backgrounds, in place; return the boxes that are not resampled."""
+        camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
+        for region in self.regions:
+            region.blend_onto(image, share, camera_step)
+        changed = composite_balls(image, layers, self.resting)
+        return changed if camera_step is not None else [*changed, *(region.box for region in self.regions)]
+
     def _blend_backgrounds(self, t: float, share: float) -> ImageArray:
         """Return the cross-fade of both backgrounds."""
-        x = float(np.clip((share - CROSS_FADE_SHARES[0]) / (CROSS_FADE_SHARES[1] - CROSS_FADE_SHARES[0]), 0, 1))
-        weight = x * x * (3 - 2 * x)
+        weight = _fade_weight(share)
         if weight in (0.0, 1.0):
-            is_own, background = self._warp_background(0 if weight == 0 else 1, t)
+            is_own, background = self._warp_background(int(weight), t)
             return background.copy() if is_own else background
         first, second = self._warp_background(0, t)[1], self._warp_background(1, t)[1]
         mixed = np.empty(first.shape, dtype=np.uint8)
@@ -203,6 +244,23 @@ class FrameInterval:
         background = self.matted[side].background
         step = self.timeline.camera_step(float(self.timeline.t[self.row + side]), t)
         return (True, background) if step is None else (False, _warp_image(background, step))
+
+
+def _fade_weight(share: float) -> float:
+    """Return the weight of the second background at a share of the gap."""
+    x = float(np.clip((share - CROSS_FADE_SHARES[0]) / (CROSS_FADE_SHARES[1] - CROSS_FADE_SHARES[0]), 0, 1))
+    return x * x * (3 - 2 * x)
+
+
+@lru_cache(maxsize=2)
+def _convert_background(frame: MattedFrame) -> YuvFrame:
+    """Convert a background for the encoder. Cached: it ends one gap and begins the next."""
+    return YuvFrame.from_rgb(frame.background)
+
+
+def _align_box(box: Box) -> Box:
+    """Extend a box to even borders."""
+    return box[0] // 2 * 2, box[1] // 2 * 2, -(-box[2] // 2) * 2, -(-box[3] // 2) * 2
 
 
 def _warp_image(image: ImageArray, step: FloatArray) -> ImageArray:
@@ -261,8 +319,9 @@ def prepare_interval(
     has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
     resting = _resting_outlines(timeline, row, balls)
     return FrameInterval(
-        timeline, row, first, second, matted, tuple(moving_balls), resting, regions, cell_means, has_square_chroma
-    )
+        timeline, row, first, second, matted, tuple(moving_balls), resting, regions,
+        np.empty_like(first) if previous is None else previous.scratch, cell_means, has_square_chroma,
+    )  # fmt: skip
 
 
 def _sprite_pairs(matted: tuple[MattedFrame, MattedFrame]) -> list[tuple[MattedSprite | None, MattedSprite | None]]:

@@ -36,7 +36,7 @@ def square(a: ImageArray, b: ImageArray) -> float:
 @pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
 def test_a_moving_object_is_interpolated_along_its_path(share: float) -> None:
     first, second, truth = hand(80), hand(96), hand(80 + round(16 * share))
-    interpolated = prepare_flow(first, second)(share)
+    interpolated = prepare_flow(first, second).interpolate(share)
     blend = np.asarray(cv2.addWeighted(first, 1 - share, second, share, 0), dtype=np.uint8)
     assert square(interpolated, truth) < 0.15 * square(blend, truth)
 

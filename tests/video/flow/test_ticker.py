@@ -82,7 +82,7 @@ def test_an_image_smaller_than_the_window_is_unchanged() -> None:
 def test_a_ticker_is_legible_between_two_frames(share: float) -> None:
     way = -27.0
     first, second, real = (np.dstack([ticker_frame(-300.0 + k * way)] * 3) for k in (0.0, 1.0, share))
-    interpolated = prepare_flow(first, second)(share)
+    interpolated = prepare_flow(first, second).interpolate(share)
     line = np.s_[58:74, 60:340]
     error = float(((interpolated[line].astype(float) - real[line]) ** 2).mean())
     blend = float((((1 - share) * first[line] + share * second[line] - real[line]) ** 2).mean())

@@ -14,13 +14,13 @@ from models.core.typing import ImageArray
 from video.io.clip import read_frames
 from video.io.pixel_kernels import (
     CELL_PX,
-    blend_colours,
+    blend_rgb,
+    blend_yuv,
     dot_products,
     fill_background_difference,
     fill_blend,
     fill_cell_means,
     has_subsampled_chroma,
-    paint_mask,
     subsample_chroma,
 )
 from video.matting.background_plate import BackgroundPlate
@@ -36,18 +36,6 @@ def test_a_blend_is_the_weighted_mean_to_half_a_level(share: float) -> None:
     assert np.abs(mixed - (first * (1 - share) + second * share)).max() <= 0.501
 
 
-@pytest.mark.parametrize("corner", [(3, 2), (-4, -3), (25, 14), (-90, 5), (5, 90)])
-def test_paint_covers_the_part_of_the_mask_inside_the_image(corner: tuple[int, int]) -> None:
-    x, y = corner
-    rng = np.random.default_rng(4)
-    image, mask = rng.integers(0, 256, (20, 30, 3), dtype=np.uint8), rng.integers(0, 256, (8, 11), dtype=np.uint8)
-    wide = np.pad(image.astype(float), ((100, 100), (100, 100), (0, 0)))
-    here = wide[100 + y : 108 + y, 100 + x : 111 + x]
-    here += (np.array([250, 10, 90]) - here) * (0.8 / 255 * mask[..., None])
-    paint_mask(image, mask, x, y, (250, 10, 90), 0.8)
-    assert np.abs(image - wide[100:120, 100:130]).max() <= 0.501
-
-
 def test_cell_means_equal_those_of_opencv() -> None:
     rng = np.random.default_rng(6)
     for levels in (256, 3):  # few levels: many halves
@@ -56,17 +44,42 @@ def test_cell_means_equal_those_of_opencv() -> None:
         assert np.array_equal(cells, cv2.resize(image, (80 // CELL_PX, 48 // CELL_PX), interpolation=cv2.INTER_AREA))
 
 
-@pytest.mark.parametrize("corner", [(3, 2), (-4, -3), (25, 14), (-90, 5), (5, 90)])
-def test_colours_are_blended_only_inside_the_image(corner: tuple[int, int]) -> None:
+CORNERS = [(3, 2), (-4, -3), (25, 14), (-90, 5), (5, 90)]
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+@pytest.mark.parametrize("size", [(1, 1), (8, 11)])
+def test_colours_are_blended_only_inside_the_image(corner: tuple[int, int], size: tuple[int, int]) -> None:
     x, y = corner
     rng = np.random.default_rng(7)
-    image, colours = (rng.integers(0, 256, (*size, 3), dtype=np.uint8) for size in ((20, 30), (8, 11)))
-    cover = rng.random((8, 11), dtype=np.float32)
+    image, colours = (rng.integers(0, 256, (*sides, 3), dtype=np.uint8) for sides in ((20, 30), size))
+    cover = rng.integers(0, 256, (8, 11), dtype=np.uint8)
     wide = np.pad(image.astype(float), ((100, 100), (100, 100), (0, 0)))
     here = wide[100 + y : 108 + y, 100 + x : 111 + x]
-    here += (colours - here) * (0.8 * cover[..., None])
-    blend_colours(image, colours, cover, x, y, 0.8)
+    here += (colours - here) * (0.8 / 255 * cover[..., None])
+    blend_rgb(image, colours, cover, x, y, 0.8)
     assert np.abs(image - wide[100:120, 100:130]).max() <= 0.501
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+@pytest.mark.parametrize("size", [(1, 1), (8, 11)])
+def test_planes_take_the_blended_luma_and_the_mean_chroma_of_four_pixels(
+    corner: tuple[int, int], size: tuple[int, int]
+) -> None:
+    x, y = corner
+    rng = np.random.default_rng(8)
+    sides = ((20, 30), (10, 15), (10, 15))
+    bright, blue, red = (rng.integers(0, 256, one, dtype=np.uint8) for one in sides)
+    colours, cover = rng.integers(0, 256, (*size, 3), dtype=np.uint8), rng.integers(0, 256, (8, 11), dtype=np.uint8)
+    wide = np.stack([bright, *(np.kron(plane, np.ones((2, 2))) for plane in (blue, red))], axis=-1)
+    wide = np.pad(wide, ((100, 100), (100, 100), (0, 0)))
+    here = wide[100 + y : 108 + y, 100 + x : 111 + x]
+    here += (colours - here) * (0.8 / 255 * cover[..., None])
+    blend_yuv(bright, blue, red, colours, cover, x, y, 0.8)
+    inside = wide[100:120, 100:130]
+    assert np.abs(bright - inside[..., 0]).max() <= 0.501
+    for plane, exact in zip((blue, red), (inside[..., 1], inside[..., 2]), strict=True):
+        assert np.abs(plane - exact.reshape(10, 2, 15, 2).mean(axis=(1, 3))).max() <= 0.501
 
 
 def test_an_object_differs_from_the_background_after_brightness_is_matched() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from video.drawing.mask_tile import ColouredMask, compose_tile
 from video.drawing.text import blend_mask, number_mask, round_corner_mask, text_mask
-from video.overlay.frame_overlay import ColouredMask, compose_tile
 
 MASKS = (
     ColouredMask(round_corner_mask(60, 24, 6), 0, 0, (20, 22, 30), 0.72),
