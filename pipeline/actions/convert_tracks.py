@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 import zlib
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -18,9 +20,11 @@ import pyarrow as pa
 from models.core.errors import OptionError
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat, list_formats
+from pipeline.io.particle_files import NAMED_SCENES
 from pipeline.io.strict_json import read_json, write_json
 from pipeline.io.text_table import decode_text
 from pipeline.io.track_conventions import MAX_NUMBER
+from pipeline.io.track_folder import SCENE_FILE, TRACKS_FILE
 from pipeline.reporting.text.text_formatting import escape_text
 
 _HEAD_BYTES = 1 << 16
@@ -44,6 +48,9 @@ class ConvertOptions:
     """Diameter of bodies whose boxes are not known, px."""
     scene: str | None = None
     """Scene of a track folder."""
+
+
+NOTHING_STATED = ConvertOptions()
 
 
 def read_tracks(path: Path, name: str | None = None) -> tuple[PointTracks, TrackFormat]:
@@ -118,7 +125,9 @@ def _recognise(path: Path) -> TrackFormat:
         if one.recognises(path, head):
             return one
     titles = ", ".join(one.title for one in formats.values())
-    raise OptionError(f"{escape_text(path)} is none of these: {titles}; export it as one of them")
+    raise OptionError(
+        f"{escape_text(path)} is none of these: {titles}; export it as one of them; a clip needs trueroll run first"
+    )
 
 
 def _find_named(name: str) -> TrackFormat:
@@ -194,6 +203,53 @@ def convert_tracks(
     if not output.holds_provenance:
         write_json({**provenance, "fps": tracks.fps, "px_per_m": tracks.px_per_m}, _name_sidecar(target))
     return tracks, origin, output
+
+
+def import_tracks(
+    inputs: Sequence[Path], into: Path, options: ConvertOptions
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Give every input that is a file of tracks a track folder.
+
+    A table of text keeps all its columns, so that what they show of its units is not lost.
+
+    Args:
+        inputs: Folders, and files in any format.
+        into: Folder of the new track folders.
+        options: What the files may lack.
+
+    Returns:
+        The folders in the order of the inputs, and a sentence on each file.
+
+    Raises:
+        OptionError: A file cannot be read, or nothing states its scene.
+    """
+    folders: list[Path] = []
+    notes = []
+    for number, source in enumerate(inputs):
+        beside = source.with_name(SCENE_FILE)
+        if not source.is_file() or (source.name == TRACKS_FILE and beside.is_file()):
+            folders.append(source.parent if source.is_file() else source)
+            continue
+        origin = _recognise(source)
+        is_table = "" in origin.endings
+        document = read_json(beside, "A scene was expected") if is_table and beside.is_file() else {}
+        tracks = None if is_table else read_tracks(source, origin.name)[0]
+        scene = options.scene or (document if tracks is None else tracks.scene).get("scene")
+        if scene not in NAMED_SCENES:
+            names = ", ".join(NAMED_SCENES)
+            raise OptionError(f"{escape_text(source)} does not state what moves in it; state --scene ({names})")
+        target = into / f"{number + 1:02d}-{source.name.split('.')[0]}"
+        if tracks is None:
+            target.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, target / TRACKS_FILE)
+            stated = {"scene": scene, "fps": options.fps, "px_per_m": options.px_per_m}
+            write_json({**document, **{key: value for key, value in stated.items() if value}}, target / SCENE_FILE)
+        else:
+            convert_tracks(source, target, options, origin.name, "track-folder")
+        title = "a table of text" if tracks is None else origin.title
+        notes.append(f"{escape_text(source)} was read as {title}, of the scene {scene}")
+        folders.append(target)
+    return tuple(folders), tuple(notes)
 
 
 def _fill(tracks: PointTracks, options: ConvertOptions) -> PointTracks:

@@ -16,6 +16,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import FloatArray
 from models.numerics.executor import Executor
+from pipeline.actions.convert_tracks import NOTHING_STATED, ConvertOptions, import_tracks
 from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
@@ -97,17 +98,24 @@ def diagnose_tables(tables: Iterable[TableShots], out: Path, console: Console) -
 
 
 def diagnose_into(
-    inputs: Sequence[Path], folder: Path, title: str, console: Console, workers: Executor, shown_title: str = ""
+    inputs: Sequence[Path],
+    folder: Path,
+    title: str,
+    console: Console,
+    workers: Executor,
+    shown_title: str = "",
+    options: ConvertOptions = NOTHING_STATED,
 ) -> tuple[DiagnosisReport, Mapping[int, str]]:
     """Diagnose the shots of one scene, and write the report's files and its page.
 
     Args:
-        inputs: Run folders or track folders.
+        inputs: Run folders, track folders, or files of tracks.
         folder: Folder of the results.
         title: Heading of the page.
         console: Shows the progress.
         workers: Distributes the fits over processes.
         shown_title: Words before the progress.
+        options: What files of tracks may lack.
 
     Returns:
         The report, and the origin of each shot.
@@ -115,15 +123,16 @@ def diagnose_into(
     Raises:
         OptionError: The inputs cannot be read, or are no shots of one scene.
     """
-    read = read_track_folders(inputs)
     require_writable_folder(folder)
+    folders, sources = import_tracks(inputs, folder / "tracks", options)
+    read = read_track_folders(folders)
     scene = build_gap_scene(read)
     with show_search_progress(console, shown_title) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)
-    report = replace(report, notes=(*report.notes, *read.notes))
+    report = replace(report, notes=(*report.notes, *sources, *read.notes))
     write_gap_files(report, folder)
     if (table := billiards_table(scene)) is not None:
-        write_profile_files(report, table, folder, collect_views(inputs))
+        write_profile_files(report, table, folder, collect_views(folders))
     write_gap_page(report, title, folder / "gap.html", table, read.origins)
     return report, read.origins
 

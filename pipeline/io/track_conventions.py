@@ -316,7 +316,7 @@ class _Interpretation:
             self.stated = None  # scenes state m where they have no length
         self.stated = self.stated or self._find_unit_by_rate()
         if self.stated == "px" and not self.scene.px_per_m and self.scene.name:
-            raise self._refuse("positions in px need px_per_m in scene.json")
+            raise self._refuse("positions in px need px_per_m in scene.json, or --px-per-m")
         if self.stated in ("rad", "deg") and not is_angle and self.scene.name:
             raise self._refuse(f"positions are lengths, and {self.stated} is stated; correct the unit")
         if self.scene.name:

@@ -291,11 +291,6 @@ TRACKS_FILE, SCENE_FILE = "tracks.csv", "scene.json"
 
 def require_track_files(folder: Path) -> None:
     """Raise an OptionError if a folder lacks a file of a track folder; it names the file, the place and the remedy."""
-    if folder.is_file():
-        raise OptionError(
-            f"A diagnosis reads folders, and {escape_text(folder)} is a file; name the folder with {TRACKS_FILE} and"
-            f" {SCENE_FILE}, for a clip the one that trueroll run wrote"
-        )
     if not folder.is_dir():
         raise OptionError(
             f"There is no folder {escape_text(folder)}; name one that trueroll run wrote, or one of your own with"

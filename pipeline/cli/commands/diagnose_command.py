@@ -13,6 +13,7 @@ from rich.table import Table as Grid
 
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.number_format import format_probability
+from pipeline.actions.convert_tracks import ConvertOptions
 from pipeline.actions.diagnose_batch import diagnose_into
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import PROFILE_FILE, build_gap_document
@@ -33,16 +34,30 @@ _MAX_CAUSES = 5
 @cli.app.command("diagnose")
 def diagnose_folders(
     inputs: Annotated[
-        list[Path], typer.Argument(metavar="INPUT...", help="Run folders or track folders of one scene.")
+        list[Path],
+        typer.Argument(metavar="INPUT...", help="Run folders, track folders or files of tracks, of one scene."),
     ],
-    out: Annotated[Path | None, cli.make_output_option("Folder of the results. Default: INPUT/gap.")] = None,
+    out: Annotated[
+        Path | None, cli.make_output_option("Folder of the results. Default: INPUT/gap, beside a file NAME-gap.")
+    ] = None,
+    scene: Annotated[
+        str | None, typer.Option("--scene", help="Scene of files: billiards, flight, pendulum or slide.")
+    ] = None,
+    fps: Annotated[
+        float | None, typer.Option("--fps", min=1e-9, help="Frame rate of files without times, in frames per second.")
+    ] = None,
+    px_per_m: Annotated[
+        float | None, typer.Option("--px-per-m", min=1e-9, help="Scale of files with positions in px, in px per m.")
+    ] = None,
     as_json_: cli.JsonOption = False,
     debug: cli.DebugOption = False,
 ) -> None:
     """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap."""
-    folder = out if out is not None else inputs[0] / "gap"
+    first = inputs[0]
+    beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"
+    folder, options = out or beside, ConvertOptions(fps, px_per_m, None, scene)
     with open_executor() as executor:
-        report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor)
+        report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor, options=options)
     if as_json_:
         print(json.dumps({"folder": str(folder), **build_gap_document(report)}))
     else:

@@ -15,7 +15,7 @@ from pipeline.io.formats.track_format import PointTracks, Provenance, TrackForma
 from pipeline.io.particle_files import NAMED_SCENES
 from pipeline.io.strict_json import read_json, write_json
 from pipeline.io.text_table import Columns, TextTable, read_text_table
-from pipeline.io.track_conventions import TrackScene, interpret_tracks
+from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, TrackScene, interpret_tracks
 from pipeline.io.track_folder import SCENE_FILE, TRACKS_FILE, parse_scene_entry
 
 _COORDINATES = ("x", "y", "z", "theta1", "theta2")
@@ -66,16 +66,21 @@ def interpret_table(table: TextTable, scene: Mapping[str, Any]) -> PointTracks:
     if not has_times:  # frames alone are enough for formats of images
         described = TrackScene(described.name, described.coordinates, described.units, described.px_per_m, 1.0)
     rows = interpret_tracks(table, described)
-    is_px = {table.units.get(name) for name in rows.coordinates} == {"px"} or scene.get("units") == "px"
+    stated = next((table.units[name] for name in rows.coordinates if name in table.units), scene.get("units"))
+    is_px = stated == "px"
+    # rows of a named scene are in m or rad; others are as in the file
+    scale = rows.unit if is_named else {**ANGLE_UNITS, **LENGTH_UNITS}.get(stated or "", 1.0)
     use = rows.is_usable
     columns: Columns = {"shot": rows.shot[use], "frame": rows.frame[use], "id": rows.ids[use]}
     if has_times:
         columns["t"] = rows.t[use]
     columns |= {name: values[use] for name, values in table.columns.items() if name in _KEPT}
     is_image = is_px and not is_named and set(rows.coordinates) == {"x", "y"}
+    columns |= {name: scale * columns[name] for name in ("sigma", "vx", "vy") if name in columns}
     for k, name in enumerate(rows.coordinates):
-        columns[f"{name}_px" if is_image else name] = rows.positions[use, k]
-    unit = ("rad" if described.name == "pendulum" else "m") if is_named else scene.get("units", "")
+        columns[f"{name}_px" if is_image else name] = rows.positions[use, k] * (1.0 if is_named else scale)
+    is_angle = described.name == "pendulum" if is_named else stated in ANGLE_UNITS
+    unit = "rad" if is_angle else "m" if is_named or stated in LENGTH_UNITS else stated or ""
     image = scene.get("image") if isinstance(scene.get("image"), dict) else {}
     size = (image["width_px"], image["height_px"]) if image and {"width_px", "height_px"} <= image.keys() else None
     return PointTracks(columns, "" if is_image else unit, described.fps if has_times else None,

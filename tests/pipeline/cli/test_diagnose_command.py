@@ -68,7 +68,23 @@ def test_a_clip_in_place_of_a_folder_is_refused(trueroll: Terminal, tmp_path: Pa
     (tmp_path / "clip.mp4").write_bytes(b"")
     done = trueroll("diagnose", tmp_path / "clip.mp4")
     assert done.status == 2
-    assert "clip.mp4 is a file" in done.err
+    assert "clip.mp4 is none of these" in done.err
+    assert "a clip needs trueroll run first" in done.err
+
+
+def test_a_file_of_another_program_is_diagnosed_as_it_is(trueroll: Terminal, tmp_path: Path) -> None:
+    """A table of text keeps its further columns, and a project of pooltool its table; both say what was read."""
+    folder = write_slides(tmp_path / "slides", 0.8)
+    lines = (folder / "tracks.csv").read_text().replace("shot,frame,t,id", "trial;frame;Time (s);particle")
+    (tmp_path / "pucks.txt").write_text(lines.replace(",", ";"))
+    assert "state --scene (billiards, flight" in trueroll("diagnose", tmp_path / "pucks.txt").err
+    done = trueroll("diagnose", tmp_path / "pucks.txt", "--scene", "slide")
+    assert done.status == 0
+    assert "pucks.txt was read as a table of text, of the scene slide" in done.out
+    assert "particle is read as id" in done.out
+    assert "metres are assumed" in done.out
+    gaps = [json.loads((one / "gap.json").read_text()) for one in (tmp_path / "pucks-gap",)]
+    assert gaps[0]["effects"] == ["viscous_drag"]
 
 
 def test_one_short_shot_is_undecidable(trueroll: Terminal, tmp_path: Path) -> None:

@@ -265,6 +265,17 @@ def test_files_of_other_programs_are_recognised_and_read(tmp_path: Path, name: s
     assert bool(read.notes) == any(body.startswith("detection") for body in expected)
 
 
+def test_units_of_a_header_are_kept_without_a_scene(tmp_path: Path) -> None:
+    """Feet were taken for metres, and the error of mm for one of m."""
+    (tmp_path / "a.csv").write_text("t,h_ft,sigma\n0,100,1\n0.1,101,1\n")
+    read, _ = read_tracks(tmp_path / "a.csv")
+    assert (read.unit, read.columns["z"].tolist()) == ("m", pytest.approx([30.48, 30.7848]))
+    assert read.columns["sigma"].tolist() == pytest.approx([0.3048, 0.3048])
+    convert_tracks(tmp_path / "a.csv", tmp_path / "a", ConvertOptions(scene="flight"), None, None)
+    assert json.loads((tmp_path / "a" / "scene.json").read_text())["units"] == "m"
+    assert read_track_folders([tmp_path / "a"]).recordings[0].positions[0, 0, 0] == pytest.approx(30.48)
+
+
 def test_a_system_of_pooltool_is_read_in_our_axes(tmp_path: Path) -> None:
     """pooltool's y runs along the table; msgpack holds arrays as msgpack-numpy packs them."""
 
