@@ -29,6 +29,9 @@ _ROUNDING = 1e-9
 """Difference of two steps, in the largest step, that is an effect of the arithmetic."""
 _MAX_ROUNDING = 0.6
 """Largest difference of a rounded time from its even one, in units of the clock: half, and the error of the fit."""
+_LEAST_ROUNDING = 0.01
+"""Largest difference of a time from its even one, in steps, that does not matter: a body moves a hundredth of its
+path per frame."""
 _LIKE_CLOCK = 0.8
 """Step, in units of the clock, from which on to its inverse missing samples look like rounding."""
 _MIN_CORRELATION = 0.98
@@ -88,40 +91,25 @@ def _measure_quantum(steps: FloatArray) -> float:
     return float(gaps[gaps > _ROUNDING * steps.max(initial=0.0)].min(initial=np.inf))
 
 
-@dataclass(frozen=True, slots=True)
-class EvenTimes:
-    """Even times that a coarse clock rounded."""
-
-    t: FloatArray
-    """(K,) s."""
-    step: float
-    """s between samples."""
-    clock: float
-    """s, unit to which the times are rounded."""
-    rounding: float
-    """s, largest difference of a time from its even one."""
-
-
-def fit_even_times(number: FloatArray, t: FloatArray) -> EvenTimes | None:
-    """Fit even times to rounded ones.
+def fit_even_times(number: FloatArray, t: FloatArray) -> tuple[FloatArray, float] | None:
+    """Fit even times to times that a coarse clock rounded.
 
     Args:
         number: (K,) number of each sample.
         t: (K,) s.
 
     Returns:
-        The even times; None where the times differ from even ones by more than rounding explains.
+        (K,) s, the even times, and the unit of the clock, s; None where rounding does not explain the differences, or
+        they do not matter.
     """
     steps = np.diff(np.unique(t))
     if len(np.unique(number)) < _MIN_VALUES or not len(steps):
         return None
-    clock = _measure_quantum(steps)
-    count = number - number.mean()
+    clock, count = _measure_quantum(steps), number - number.mean()
     step = float(count @ t / (count @ count))
     even = t.mean() + step * count
-    rounding = float(np.abs(t - even).max())
-    is_rounded = step > 0 and rounding < _MAX_ROUNDING * clock and not _LIKE_CLOCK < step / clock < 1 / _LIKE_CLOCK
-    return EvenTimes(even, step, clock, rounding) if is_rounded else None
+    is_rounded = _LEAST_ROUNDING * step < float(np.abs(t - even).max()) < _MAX_ROUNDING * clock
+    return (even, clock) if is_rounded and not _LIKE_CLOCK < step / clock < 1 / _LIKE_CLOCK else None
 
 
 def measure_rate_ratio(samples: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> float | None:

@@ -232,21 +232,18 @@ def import_tracks(
             continue
         origin = _recognise(source)
         is_table = "" in origin.endings
-        document = read_json(beside, "A scene was expected") if is_table and beside.is_file() else {}
-        tracks = None if is_table else read_tracks(source, origin.name)[0]
-        scene = options.scene or (document if tracks is None else tracks.scene).get("scene")
+        scene = options.scene or ("" if is_table else read_tracks(source, origin.name)[0].scene.get("scene"))
         if scene not in NAMED_SCENES:
             names = ", ".join(NAMED_SCENES)
             raise OptionError(f"{escape_text(source)} does not state what moves in it; state --scene ({names})")
         target = into / f"{number + 1:02d}-{source.name.split('.')[0]}"
-        if tracks is None:
+        if is_table:
             target.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, target / TRACKS_FILE)
-            stated = {"scene": scene, "fps": options.fps, "px_per_m": options.px_per_m}
-            write_json({**document, **{key: value for key, value in stated.items() if value}}, target / SCENE_FILE)
+            write_json({key: value for key, value in asdict(options).items() if value}, target / SCENE_FILE)
         else:
             convert_tracks(source, target, options, origin.name, "track-folder")
-        title = "a table of text" if tracks is None else origin.title
+        title = "a table of text" if is_table else origin.title
         notes.append(f"{escape_text(source)} was read as {title}, of the scene {scene}")
         folders.append(target)
     return tuple(folders), tuple(notes)

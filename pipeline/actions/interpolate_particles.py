@@ -16,12 +16,12 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
     format_physics_lines,
     read_particles,
-    require_tracks_file,
     summarize_physics,
     write_particle_positions,
 )
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import SHOT_FOLDER, read_shot
+from pipeline.io.text_table import require_tracks_file
 
 
 def interpolate_particles(

@@ -15,10 +15,10 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.particle_files import (
     format_physics_lines,
     read_particles,
-    require_tracks_file,
     summarize_physics,
     write_particle_positions,
 )
+from pipeline.io.text_table import require_tracks_file
 
 ROW_STEP = 0.02
 """s between rows of prediction.csv."""

@@ -15,7 +15,7 @@ from models.core.typing import FloatArray
 from pipeline.io.row_grid import build_row_grid
 from pipeline.io.run_folder import DEFAULT_SIGMA, parse_camera, parse_table, read_scene_document
 from pipeline.io.shot_folder import has_shot, read_shot
-from pipeline.io.text_table import Columns, read_text_table
+from pipeline.io.text_table import Columns, read_text_table, require_tracks_file
 from pipeline.io.track_conventions import TrackRows, interpret_tracks
 from pipeline.io.track_folder import parse_scene_entry, require_positions_on_table
 
@@ -43,7 +43,7 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
     if has_shot(source) and not shot:
         saved = read_shot(source)
         return saved.tracks, saved.scene, 0
-    path = _find_track_table(source)
+    path = require_tracks_file(source)
     if not (path.parent / "scene.json").is_file():
         raise OptionError(
             f"{path} has no scene.json beside it, which must describe the table; only billiards can be predicted"
@@ -73,16 +73,9 @@ def list_shot_numbers(source: Path) -> list[int]:
     Raises:
         OptionError: There is no such table, or it cannot be read.
     """
-    path = _find_track_table(source)
+    path = require_tracks_file(source)
     rows, _ = _read_rows(path, read_scene_document(path.parent / "scene.json"))
     return sorted(set(rows.shot[rows.is_usable].tolist()))
-
-
-def _find_track_table(source: Path) -> Path:
-    path = source / "tracks.csv" if source.is_dir() else source
-    if not path.is_file():
-        raise OptionError(f"A run's folder, a track folder or its tracks.csv was expected; there is no {path}")
-    return path
 
 
 def _read_rows(path: Path, document: dict[str, Any]) -> tuple[TrackRows, Columns]:

@@ -25,24 +25,6 @@ NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")
 """Scenes of track folders; tracks with any other scene, or none, are particles."""
 
 
-def require_tracks_file(source: Path) -> Path:
-    """Return the tracks.csv of a source.
-
-    Args:
-        source: A folder or the file itself.
-
-    Returns:
-        Path of the file.
-
-    Raises:
-        OptionError: There is no such file.
-    """
-    path = source / "tracks.csv" if source.is_dir() else source
-    if not path.is_file():
-        raise OptionError(f"A tracks.csv or a folder with one was expected; there is no {path}")
-    return path
-
-
 def is_particle_source(source: Path) -> bool:
     """Return whether a source is a tracks.csv without a named scene.
 

@@ -74,6 +74,24 @@ class TextTable:
             raise OptionError(f"{escape_text(self.path)} lacks the columns {', '.join(missing)}; it has {have}")
 
 
+def require_tracks_file(source: Path) -> Path:
+    """Return the tracks.csv of a source.
+
+    Args:
+        source: A folder or the file itself.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        OptionError: There is no such file.
+    """
+    path = source / "tracks.csv" if source.is_dir() else source
+    if not path.is_file():
+        raise OptionError(f"A tracks.csv or a folder with one was expected; there is no {path}")
+    return path
+
+
 def read_text_table(path: Path, purpose: str = "A table of text was expected") -> TextTable:
     """Read a table of text, whatever its delimiter, decimal sign, line ends, comments and spelling of the header.
 

@@ -245,9 +245,8 @@ class _Interpretation:
                 first, second = (np.diff(self.positions[here], n, axis=0) for n in (1, 2))
                 if np.square(second).sum() > np.square(first).sum():
                     continue  # several bodies without names
-            even = fit_even_times(number, self.t[here])
-            if even is not None and even.rounding > _SAME_TIME * even.step:
-                self.t[here], coarsest = even.t, max(coarsest, even.clock)
+            if even := fit_even_times(number, self.t[here]):
+                self.t[here], coarsest = even[0], max(coarsest, even[1])
         if coarsest:
             self.notes.append(
                 f"{self.place}: times are rounded to {coarsest:.3g} s; the even times that round to them are used"

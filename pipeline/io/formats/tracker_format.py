@@ -10,11 +10,11 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
+from pipeline.io.track_conventions import LENGTH_UNITS
 
 _MEDIA, _TRACKER = "org.opensourcephysics.media.core.", "org.opensourcephysics.cabrillo.tracker."
 _POINT, _AXES = f"{_TRACKER}PointMass$FrameData", f"{_MEDIA}ImageCoordSystem$FrameData"
 _MS = 1000.0
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -48,7 +48,7 @@ def read(path: Path) -> PointTracks:
     if np.isfinite(step) and step > 0:
         columns["t"] = start[1] + (frame - start[0]) * step
     axes = next((one for one in root.iter("object") if one.get("class") == _AXES), None)
-    metres = _METRES.get((root.findtext("property[@name='length_unit']") or "m").strip(), 1.0)
+    metres = LENGTH_UNITS.get((root.findtext("property[@name='length_unit']") or "m").strip(), 1.0)
     scale = _number(axes, "xscale", 1.0) / metres if axes is not None else 1.0
     if axes is None or scale == 1.0:  # as in a project without a calibration
         return PointTracks(columns, fps=1 / step if step > 0 else None)

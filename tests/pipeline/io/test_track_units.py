@@ -119,6 +119,7 @@ def test_a_missing_sample_of_an_exact_clock_is_no_rounding() -> None:
     """One step of 20 ms among steps of 10 ms is what rounding even times of 10.2 ms gives as well."""
     number = np.delete(np.arange(60.0), 30)
     assert fit_even_times(np.arange(59.0), number / 100) is None
+    assert fit_even_times(number, number / 100) is None, "nothing is rounded"
     assert fit_even_times(np.arange(59.0), np.cumsum(np.random.default_rng(0).uniform(0.01, 0.02, 59))) is None
 
 
