@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +15,6 @@ from diagnosis.diagnose import diagnose as diagnose_recordings
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
-from pipeline.actions.convert_tracks import ConvertOptions, import_tracks
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
 from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot_setup
@@ -46,21 +44,12 @@ def simulate(shot: Mapping[str, Any] | str | Path, profile: str | Path | None = 
     return parsed.simulate()
 
 
-def diagnose(
-    *inputs: str | Path,
-    seed: int = 0,
-    scene: str | None = None,
-    fps: float | None = None,
-    px_per_m: float | None = None,
-) -> DiagnosisReport:
+def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:
     """Diagnose the sim-to-real gap of shots of one table or scene.
 
     Args:
-        inputs: Run folders, track folders or files of tracks; all of one scene.
+        inputs: Run folders or track folders; all of one scene.
         seed: Random seed of the bootstraps.
-        scene: Scene of files: billiards, flight, pendulum or slide.
-        fps: Frame rate of files without times.
-        px_per_m: Scale of files with positions in px.
 
     Returns:
         Verdict, candidates with probabilities, localisation, and the gap on held-out shots before and after.
@@ -68,13 +57,10 @@ def diagnose(
     Raises:
         TruerollError: A folder cannot be used; the message states what was expected.
     """
-    with TemporaryDirectory() as scratch:
-        options = ConvertOptions(fps, px_per_m, None, scene)
-        folders, sources = import_tracks([Path(one) for one in inputs], Path(scratch), options)
-        folder = read_track_folders(folders)
+    folder = read_track_folders([Path(one) for one in inputs])
     with open_executor() as executor:
         report = diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
-    return replace(report, notes=(*report.notes, *sources, *folder.notes))
+    return replace(report, notes=(*report.notes, *folder.notes))
 
 
 def detect(

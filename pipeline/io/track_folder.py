@@ -294,7 +294,7 @@ def require_track_files(folder: Path) -> None:
     if not folder.is_dir():
         raise OptionError(
             f"There is no folder {escape_text(folder)}; name one that trueroll run wrote, or one of your own with"
-            f" {TRACKS_FILE} and {SCENE_FILE}"
+            f" {TRACKS_FILE} and {SCENE_FILE}, or convert a file of tracks to one (trueroll convert)"
         )
     missing = [name for name in (TRACKS_FILE, SCENE_FILE) if not (folder / name).is_file()]
     if not missing:
