@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +22,8 @@ from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot_
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
+from pipeline.stages.read_stage import ReadOptions
+from video.io.frame_layout import stretch_to_square_pixels
 from video.io.video_options import CalibrateOptions
 
 
@@ -71,6 +74,7 @@ def detect(
     corners: str | None = None,
     table: str | None = None,
     ball_radius: float | None = None,
+    pixel_aspect: str | None = None,
 ) -> StillDetections:
     """Detect the balls in one still image.
 
@@ -81,6 +85,7 @@ def detect(
         corners: Corners of the playing surface, "x,y,x,y,x,y,x,y" in px; located in the image if not given.
         table: Playing surface, such as "2.54x1.27" (m) or "pool-9ft".
         ball_radius: Radius of the balls in m.
+        pixel_aspect: Width of a pixel over its height, such as "64/45"; positions are in square pixels. None for 1.
 
     Returns:
         The K balls from left to right: centre (K, 2), radius (K,) and sigma (K,) in px, class and score.
@@ -90,5 +95,6 @@ def detect(
         OptionError: The image cannot be read, or an option cannot be used.
     """
     pixels, name = (image, "the image") if isinstance(image, np.ndarray) else (read_image(Path(image)), str(image))
+    pixels = stretch_to_square_pixels(pixels, ReadOptions(None, pixel_aspect).aspect or Fraction(1))
     options = DetectOptions(detector, None if model is None else str(model))
     return detect_in_still(pixels, name, options, CalibrateOptions(corners, table, ball_radius))

@@ -27,6 +27,7 @@ from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from pipeline.io.shot_folder import read_shot
 from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
+from pipeline.stages.read_stage import ReadOptions
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
@@ -274,7 +275,9 @@ def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
         digest = (read_scene_document(folder / "scene.json").get("clip") or {}).get("sha256")
         if clip is None and digest not in (None, compute_clip_digest(source)):
             return None, f"{source} is now another clip; name the right one with --clip."
-        footage = open_clip(source)
+        settings = noted.get("settings", {})
+        read = ReadOptions(settings.get("fps"), settings.get("pixel_aspect"))
+        footage = open_clip(source, fps=read.rate, aspect=read.aspect)
     except (TruerollError, OSError) as error:
         if clip is not None:
             raise

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
@@ -82,10 +81,11 @@ def check_clip(
         OptionError: An option is not meaningful.
     """
     with open_frame_memory() as memory:
-        sample = sample_clip(path)
-        part, fps = sample.clip, options.read.fps
+        rate, aspect = options.read.rate, options.read.aspect
+        sample = sample_clip(path, fps=rate, aspect=aspect)
+        part = sample.clip
         is_short = len(sample.times) * part.width * part.height <= WHOLE_CLIP_PIXELS
-        clip = open_clip(path, fps=None if fps is None else Fraction(fps), memory=memory) if is_short else part
+        clip = open_clip(path, fps=rate, aspect=aspect, memory=memory) if is_short else part
         sample = replace(sample, times=clip.t) if is_short else sample
         clip, view = _locate_in_first_shot(sample, _list_parts(clip), options.calibrate)
         detections = concatenate_detections([])

@@ -67,6 +67,8 @@ class WantedPlaces:
     """(H, W, 3) that frame of the clip; None if it cannot be read."""
     no_image: str
     """Why there is no image; else empty."""
+    stored_scale: tuple[float, float] = (1.0, 1.0)
+    """Pixels of the clip's file per pixel of the image, along x and y."""
 
 
 def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, clip: Path | None) -> WantedPlaces:
@@ -96,13 +98,14 @@ def locate_wanted_places(record: ShotRecord, folder: Path, at: float | None, cli
     if camera is not None:
         sigma = np.hypot(sigma, estimate_place_sigma(camera, record.table, places.xy))
         camera = shift_camera(camera, estimate_drift(record, camera, float(record.shown[nearest])))
-    image, why_not = None, "the folder has no calibration"
+    image, why_not, scale = None, "the folder has no calibration", (1.0, 1.0)
     if camera is not None:
         footage, why_not = open_run_clip(folder, clip)
         if footage is not None:
             ((_, image),) = read_frames(footage, indices=record.frame[[nearest]])
+            scale = footage.stored_scale
     frame = float(record.frame[nearest])
-    return WantedPlaces(places, sigma, record.table, record.naming, camera, frame, image, why_not)
+    return WantedPlaces(places, sigma, record.table, record.naming, camera, frame, image, why_not, scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,12 +226,13 @@ class PlacementGuide:
         return balls
 
     def _fit_size(self, image: ImageArray) -> ImageArray:
-        """Return the image at the size of the calibration."""
+        """Return the image at the size of the calibration; its pixels are square, or those of the clip's file."""
         height, width = image.shape[:2]
         wanted = (self.camera.width_px, self.camera.height_px)
         if (width, height) == wanted:
             return image
-        if abs(width / height / (wanted[0] / wanted[1]) - 1) > SAME_ASPECT:
+        shape, scale = width / height / (wanted[0] / wanted[1]), self.wanted.stored_scale
+        if min(abs(shape - 1), abs(shape * scale[1] / scale[0] - 1)) > SAME_ASPECT:
             raise OptionError(
                 f"--live needs images of the camera of the clip, {wanted[0]} x {wanted[1]} px;"
                 f" got {width} x {height} px"

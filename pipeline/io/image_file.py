@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 from models.core.errors import ClipError, OptionError
 from models.core.typing import ImageArray
 from pipeline.engine.atomic_write import replace_file
+from video.io.frame_layout import stretch_to_square_pixels
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -18,14 +20,15 @@ class UnreadableImage(OptionError):
     """The file is no readable image."""
 
 
-def read_image(path: Path) -> ImageArray:
+def read_image(path: Path, aspect: Fraction | None = None) -> ImageArray:
     """Read an image file.
 
     Args:
         path: A png, jpg, bmp, tif or webp file.
+        aspect: Width of its pixels over their height; None for 1.
 
     Returns:
-        Upright RGB image, (height, width, 3).
+        Upright RGB image with square pixels, (height, width, 3).
 
     Raises:
         UnreadableImage: The file is missing, empty or no image.
@@ -34,7 +37,8 @@ def read_image(path: Path) -> ImageArray:
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if decoded is None:
         raise UnreadableImage(f"{path.name} is no readable image ({', '.join(IMAGE_SUFFIXES)} are)")
-    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    image = np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return image if aspect is None else stretch_to_square_pixels(image, aspect)
 
 
 def write_image(image: ImageArray, path: Path) -> None:

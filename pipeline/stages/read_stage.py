@@ -25,12 +25,24 @@ class ReadOptions:
     )
 
     pixel_aspect: str | None = option(
-        None, help="Width of a pixel over its height, to use instead of what the file states, such as 64/45 or 1."
+        None,
+        help="Width of a pixel over its height, to use instead of what the file states, such as 64/45 or 1."
+        " Positions are in square pixels.",
     )
 
     def __post_init__(self) -> None:
         _require_fraction(self.fps, "29.97 or 30000/1001", FPS_RANGE, "frames per second")
         _require_fraction(self.pixel_aspect, "64/45 or 1.422", ASPECT_RANGE, "times as wide as high")
+
+    @property
+    def rate(self) -> Fraction | None:
+        """Frame rate, 1/s; None for the container's."""
+        return None if self.fps is None else Fraction(self.fps)
+
+    @property
+    def aspect(self) -> Fraction | None:
+        """Width of a pixel over its height; None for what the file states."""
+        return None if self.pixel_aspect is None else Fraction(self.pixel_aspect)
 
 
 def _require_fraction(text: str | None, example: str, limits: tuple[float, float], unit: str) -> None:
@@ -73,6 +85,5 @@ def _read_clip(
     path: Path, memory: FrameMemory | None, inputs: Inputs, options: ReadOptions, folder: Path, progress: Progress
 ) -> Clip:
     """Read the clip."""
-    fps, aspect = (None if text is None else Fraction(text) for text in (options.fps, options.pixel_aspect))
-    clip = open_clip(path, fps=fps, aspect=aspect, progress=progress, memory=memory)
+    clip = open_clip(path, fps=options.rate, aspect=options.aspect, progress=progress, memory=memory)
     return replace(clip, path=Path("clip"), memory=None)  # the result depends on the content, not on the path

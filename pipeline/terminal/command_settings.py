@@ -14,19 +14,19 @@ EXPERT_STAGES = ("track", "fit")
 """Stages whose options are for researchers: the help shows them in a separate panel."""
 
 
-def add_door_settings(stages: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def add_door_settings(excluded: Collection[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command that takes `DoorOptions` as its `options` argument.
 
     Profiles, which are learned from runs, are left to `run`.
 
     Args:
-        stages: Stages of the door that the command has: of a still image, nothing is read.
+        excluded: Names of the settings that do not apply to the command.
 
     Returns:
         A decorator, which adds one option per setting to the command line.
     """
-    settings = collect_settings(DoorOptions(), stages)
-    del settings["profile"]
+    settings = collect_settings(DoorOptions(), DoorOptions.__slots__)
+    settings = {name: setting for name, setting in settings.items() if name not in ("profile", *excluded)}
 
     def build(values: dict[str, Any]) -> DoorOptions:
         options = DoorOptions()

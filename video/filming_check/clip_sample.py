@@ -15,7 +15,7 @@ import numpy as np
 
 from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.io.blended_frames import find_blending
+from video.io.blended_frames import classify_frames
 from video.io.clip import DEFAULT_FPS, Clip, open_clip, require_readable_file
 from video.io.decoder import (
     DecodingDamage,
@@ -26,10 +26,10 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, find_repeated_fields
+from video.io.duplicate_frames import FrameChangeMeter
 from video.io.frame_layout import read_layout
 from video.io.image_sequence import ImageSequence
-from video.io.timestamps import compute_presentation_times, find_camera_clock, nominal_fps
+from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock, nominal_fps
 
 PIXEL_BUDGET = 100_000_000
 """Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
@@ -80,11 +80,13 @@ class _PacketList:
     pixel_aspect: Fraction
 
 
-def sample_clip(path: Path) -> ClipSample:
+def sample_clip(path: Path, *, fps: Fraction | None = None, aspect: Fraction | None = None) -> ClipSample:
     """Read the timestamps of a clip and decode its liveliest part.
 
     Args:
         path: A video, or a folder of numbered images.
+        fps: Frame rate (1/s) instead of the container's.
+        aspect: Width of a pixel over its height instead of the container's.
 
     Returns:
         The sample.
@@ -94,9 +96,9 @@ def sample_clip(path: Path) -> ClipSample:
     """
     require_readable_file(path)
     if path.is_dir():
-        clip = open_clip(path)
+        clip = open_clip(path, fps=fps, aspect=aspect)
         return _decode_part(clip, clip.t, float("nan"))
-    packets = _read_packets(path)
+    packets = _read_packets(path, fps, aspect)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
     first, stop = _select_liveliest_part(packets, count)
     t = packets.times[first:stop]
@@ -107,13 +109,13 @@ def sample_clip(path: Path) -> ClipSample:
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
 
 
-def _read_packets(path: Path) -> _PacketList:
+def _read_packets(path: Path, rate: Fraction | None, aspect: Fraction | None) -> _PacketList:
     """Read the packets of a video without decoding them."""
     damage = DecodingDamage()
     with open_container(path) as (container, stream):
         packets = [p for p in _iterate_packets(container, stream) if p.size and not p.is_discard]
         pixels, fps = stream.width * stream.height, stream.guessed_rate or stream.average_rate or DEFAULT_FPS
-        time_base, aspect, capture_fps = stream.time_base, pixel_aspect_ratio(stream), read_capture_rate(container)
+        time_base, stated, capture_fps = stream.time_base, pixel_aspect_ratio(stream), read_capture_rate(container)
         container.seek(0)
         next(decode_frames(container, stream, damage), None)
     if len(packets) < 2 or not pixels:
@@ -126,6 +128,9 @@ def _read_packets(path: Path) -> _PacketList:
         later = times + np.diff(times, append=2 * times[-1] - times[-2]) / 2
         times, size = np.stack([times, later], axis=1).ravel(), np.repeat(size / 2, 2)
         is_key = np.stack([is_key, np.zeros_like(is_key)], axis=1).ravel()
+    aspect = stated if aspect is None else aspect
+    if rate is not None:
+        return _PacketList(even_times(len(times), rate), size, is_key, rate, pixels, 0.0, aspect)
     clock = find_camera_clock(times, fps, capture_fps)
     return _PacketList(clock.t, size, is_key, nominal_fps(clock.t, capture_fps), pixels, clock.rate, aspect)
 
@@ -162,7 +167,7 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
         for k, frame in enumerate(frames):
             if k == clip.frame_count:
                 break
-            damaged += [k] * damage.is_current
+            damaged += [clip.first_frame + k] * damage.is_current
             layout = read_layout(frame, clip.pixel_aspect) if layout is None else layout
             if k < QUANTISER_FRAMES:
                 steps.append(_read_quantiser_step(frame))
@@ -179,17 +184,13 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     decoded = len(thumbnails)
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
-    repeats = find_duplicate_frames(*np.array(changes).T)
-    if damage.has_fields:
-        repeats |= find_repeated_fields(np.array(changes)[:, 0])
-    if blending := find_blending(*np.array(changes).T):
-        repeats |= blending.is_mixed
+    roles = classify_frames(changes, damage.has_fields)
     part = replace(
         clip,
         width=width,
         height=height,
         t=clip.t[:decoded],
-        is_duplicate=repeats,
+        is_duplicate=roles.is_duplicate | roles.is_mixed,
         stored_scale=layout.stored_scale,
         unobserved_frames=tuple(damaged),
     )

@@ -8,13 +8,14 @@ the others show it nowhere.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray
-from video.io.duplicate_frames import MIN_MOTION_CHANGE
+from video.io.duplicate_frames import MIN_MOTION_CHANGE, find_duplicate_frames, find_repeated_fields
 
 RATIOS = tuple(Fraction(*each) for each in ((5, 6), (6, 5), (4, 5), (5, 4), (2, 3), (3, 2), (3, 5), (5, 3), (2, 5)))
 """Frames of the camera per frame of the file: 25 to 30 fps and 30 to 25 fps, 24 and 30, 20 and 30, 30 and 50, 24 to 60.
@@ -61,6 +62,36 @@ class FrameBlending:
         number = np.interp(order, np.append(0, rows), np.append(0.0, number)) + np.maximum(order - rows[-1], 0)
         interval = float(np.median(np.diff(t)))
         return np.asarray(np.interp(number, order, t) + interval * np.maximum(number - order[-1], 0))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRoles:
+    """What the T frames of a file show beside the moment of each."""
+
+    is_duplicate: BoolArray
+    """(T,) whether a frame repeats the one before it."""
+    is_mixed: BoolArray
+    """(T,) whether a frame shows two moments."""
+    blending: FrameBlending | None
+    """How frames were mixed; None where they were not."""
+
+
+def classify_frames(changes: Sequence[tuple[float, float]], has_fields: bool) -> FrameRoles:
+    """Classify the frames of a file as duplicates, repeated fields and mixtures.
+
+    Args:
+        changes: The changes (T, 2) of all frames, as `FrameChangeMeter` measures them.
+        has_fields: Whether the frames are fields.
+
+    Returns:
+        The roles of all frames.
+    """
+    change, third = np.array(changes).T
+    is_duplicate, blending = find_duplicate_frames(change, third), find_blending(change, third)
+    if has_fields:
+        is_duplicate |= find_repeated_fields(change)
+    is_mixed = np.zeros(len(change), np.bool_) if blending is None else blending.is_mixed
+    return FrameRoles(is_duplicate, is_mixed, blending)
 
 
 def find_blending(change: FloatArray, third: FloatArray) -> FrameBlending | None:

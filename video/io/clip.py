@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.core.errors import ClipError
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
-from video.io.blended_frames import find_blending
+from video.io.blended_frames import classify_frames
 from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
     ONE_FRAME_CODECS,
@@ -25,7 +25,7 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter, find_duplicate_frames, find_repeated_fields
+from video.io.duplicate_frames import FrameChangeMeter
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence
@@ -203,11 +203,9 @@ def open_clip(
         raise ValueError(f"fps must be positive; got {fps}")
     require_readable_file(path)
     scan = _scan_file(path, aspect, progress, memory or FrameMemory())
-    change = np.array(scan.change)
-    is_duplicate, blending = find_duplicate_frames(*change.T), find_blending(*change.T)
-    if scan.has_fields:
-        is_duplicate |= find_repeated_fields(change[:, 0])
-    unobserved = np.unique([*scan.damaged, *(np.flatnonzero(blending.is_mixed) if blending else ())]).astype(np.int64)
+    roles = classify_frames(scan.change, scan.has_fields)
+    is_duplicate, blending = roles.is_duplicate, roles.blending
+    unobserved = np.unique([*scan.damaged, *np.flatnonzero(roles.is_mixed)]).astype(np.int64)
     observed = int(np.count_nonzero(~np.delete(is_duplicate, unobserved)))
     if observed < MIN_DISTINCT_FRAMES:
         raise ClipError(
@@ -236,7 +234,7 @@ def open_clip(
         t, rate = blending.estimate_times(t), 0.0
         notes.append(
             f"its frames were mixed of those of a camera at {float(nominal * blending.ratio):.4g} fps; "
-            f"{np.count_nonzero(blending.is_mixed)} of {len(t)} that show two moments are not observed"
+            f"{np.count_nonzero(roles.is_mixed)} of {len(t)} that show two moments are not observed"
         )
     jumps = scan.views.jumps
     jumps[:, 1:3] = scan.layout.orientation.rotate_places(jumps[:, 1:3])

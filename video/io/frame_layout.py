@@ -83,18 +83,28 @@ class FrameLayout:
 
     def extract_luma(self, frame: Any) -> NDArray[np.uint8]:
         """Convert a frame to its upright luma (H, W), with the transfer curve of the video."""
-        luma, size = extract_stored_luma(frame), self._square_size(frame)
-        if luma.shape[::-1] != size:
-            luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_CUBIC), np.uint8)
-        return self.orientation.rotate_upright(luma)
+        return self.orientation.rotate_upright(stretch_to_square_pixels(extract_stored_luma(frame), self.aspect))
 
     def _square_size(self, frame: Any) -> tuple[int, int]:
-        """Return width and height of a frame with square pixels, px, not yet upright; no side gets shorter."""
-        return round(frame.width * max(self.aspect, 1)), round(frame.height * max(1 / self.aspect, 1))
+        """Return width and height of a frame with square pixels, px, not yet upright."""
+        return compute_square_size(frame.width, frame.height, self.aspect)
 
 
 STORED_LAYOUT = FrameLayout(FrameOrientation(), Fraction(1), None)
 """Frames used as stored."""
+
+
+def compute_square_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
+    """Compute width and height of an image with square pixels, px; no side gets shorter."""
+    return round(width * max(aspect, Fraction(1))), round(height * max(1 / aspect, Fraction(1)))
+
+
+def stretch_to_square_pixels(image: NDArray[np.uint8], aspect: Fraction) -> NDArray[np.uint8]:
+    """Stretch an upright image (H, W[, 3]) whose pixels are `aspect` times as wide as high."""
+    size = compute_square_size(image.shape[1], image.shape[0], aspect)
+    if image.shape[1::-1] == size:
+        return image
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def read_layout(frame: Any, aspect: Fraction) -> FrameLayout:

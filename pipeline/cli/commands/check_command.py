@@ -43,7 +43,7 @@ VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
 @cli.app.command("check")
-@add_door_settings(("read", "calibrate", "detect"))
+@add_door_settings()
 def check(
     clip: cli.ClipArgument,
     out: Annotated[

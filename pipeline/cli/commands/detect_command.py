@@ -38,7 +38,7 @@ COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @cli.app.command("detect")
-@add_door_settings(("calibrate", "detect"))
+@add_door_settings(("fps",))
 def detect_balls_in_stills(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
     out: Annotated[Path, cli.make_output_option("File of the table of balls.", "FILE.csv")],
@@ -60,7 +60,7 @@ def detect_balls_in_stills(
     rows, failed, makers = [], [], set()
     for name, path in paths:
         try:
-            balls = detect_in_still(read_image(path), name, detect, options.calibrate)
+            balls = detect_in_still(read_image(path, options.read.aspect), name, detect, options.calibrate)
         except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
             cli.console.print(f"trueroll: {error}", markup=False, soft_wrap=True)

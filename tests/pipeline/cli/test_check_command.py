@@ -6,15 +6,18 @@ import json
 from fractions import Fraction
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 from support.sample_clips import SAMPLES
 
 from pipeline.cli.execute import execute_command_line
+from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import rank_faults
 from video.filming_check.filming_limits import CODES, FilmingLimits
 from video.filming_check.measure_filming import FilmingMeasurement
+from video.io.clip import open_clip, read_frames
 from video.io.video_writer import VideoWriter
 
 
@@ -58,6 +61,27 @@ def test_a_file_that_is_no_video_is_one_sentence(tmp_path: Path, capsys: pytest.
     (tmp_path / "notes.mp4").write_text("no video")
     assert execute_command_line(["check", str(tmp_path / "notes.mp4")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_check_and_detect_take_oblong_pixels_as_square_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = json.loads((SAMPLES / "overhead_pool.truth.json").read_text())
+    clip, still, table = tmp_path / "squeezed.mp4", tmp_path / "squeezed.png", tmp_path / "balls.csv"
+    frames = read_frames(open_clip(SAMPLES / "overhead_pool.mp4"), indices=range(14))
+    squeezed = [cv2.resize(image, (960, 720), interpolation=cv2.INTER_AREA) for _, image in frames]
+    with VideoWriter(clip, 960, 720, Fraction(30)) as writer:
+        for image in squeezed:
+            writer.write(np.asarray(image, np.uint8))
+    write_image(np.asarray(squeezed[0], np.uint8), still)
+    execute_command_line(["check", str(clip), "--json", "--pixel-aspect", "4/3"])
+    report = json.loads(capsys.readouterr().out)
+    assert report["table"] == "pool-9ft"
+    assert report["balls"] == len(truth["balls"])
+    assert execute_command_line(["detect", str(still), "--pixel-aspect", "4/3", "-o", str(table)]) == 0
+    found = np.loadtxt(table, delimiter=",", skiprows=1, usecols=(1, 2))
+    rows = np.genfromtxt(SAMPLES / "overhead_pool.truth.csv", delimiter=",", skip_header=1, usecols=(0, 5, 6))
+    places = rows[rows[:, 0] == 0, 1:]
+    assert len(found) == len(places)
+    assert np.linalg.norm(found[:, None] - places, axis=2).min(axis=1).max() < 1.5
 
 
 def test_check_names_the_table_of_a_run_and_takes_its_options(capsys: pytest.CaptureFixture[str]) -> None:

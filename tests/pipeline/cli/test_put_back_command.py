@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -31,6 +32,7 @@ from pipeline.chain import write_source
 from pipeline.io.run_tables import write_scene
 from pipeline.io.run_views import read_shot_record
 from pipeline.run_options import RunOptions
+from pipeline.stages.read_stage import ReadOptions
 from video.io.clip import open_clip
 from video.io.video_writer import VideoWriter
 from video.rendering.pinhole_camera import look_at
@@ -154,6 +156,23 @@ def test_the_missing_moves_of_a_present_image_are_stated(trueroll: Terminal, fol
     assert "mm towards the left short rail" in by_id["eight"]["move"]
     assert json.loads((tmp_path / "live.json").read_text()) == state
     assert (tmp_path / "live.png").stat().st_size > 0
+
+
+def test_the_pixel_aspect_of_the_run_holds_for_its_clip_and_for_present_images(
+    trueroll: Terminal, folder: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(folder, tmp_path / "run")
+    squeezed = np.asarray(cv2.resize(render_table(WANTED, make_camera()), (960, 720)), np.uint8)
+    with VideoWriter(run / "clip.mp4", 960, 720, Fraction(RATE)) as writer:
+        for _ in range(FRAMES):
+            writer.write(squeezed)
+    write_source(run / "clip.mp4", run, RunOptions(read=ReadOptions(pixel_aspect="4/3")))
+    present = tmp_path / "now.png"
+    cv2.imwrite(str(present), squeezed[..., ::-1])
+    output = trueroll("put-back", run, "--clip", run / "clip.mp4", "--live", present, "-o", tmp_path, "--json")
+    assert output.status == 0, output.err
+    assert np.asarray(Image.open(tmp_path / "put_back_frame.png")).shape == (720, 1280, 3)
+    assert all(ball["placed"] for ball in json.loads(output.out)["live"]["balls"])
 
 
 def test_a_ball_that_is_not_there_is_missing_and_a_foreign_one_is_to_be_taken_away(
