@@ -391,6 +391,7 @@ def print_reliability(p: FloatArray, label: FloatArray) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shots", type=int, default=400, help="number of simulated shots")
+    parser.add_argument("--most-fps", type=float, default=np.inf, help="leave out shots of higher frame rates")
     parser.add_argument("--seed", type=int, default=1001, help="seed of the shots")
     parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "stress", help="folder of simulated shots")
@@ -401,18 +402,21 @@ def main() -> int:
     arguments = parser.parse_args()
     work = arguments.work.absolute()
     settings = f"--shots {arguments.shots} --seed {arguments.seed}"
+    settings += f" --most-fps {arguments.most_fps:g}" if np.isfinite(arguments.most_fps) else ""
     if arguments.rows and arguments.rows.is_file():
         content = json.loads(arguments.rows.read_text())
         rows = [LabelledHypothesis(**row) for row in content["hypotheses"]]
         pairs = [LabelledPair(**row) for row in content["pairs"]]
     else:
-        simulate_shots([draw_synthetic_shot(arguments.seed, k) for k in range(arguments.shots)], work / "shots")
+        shots = [draw_synthetic_shot(arguments.seed, k) for k in range(arguments.shots)]
+        numbers = [k for k, shot in enumerate(shots) if shot.fps <= arguments.most_fps]
+        simulate_shots([shots[k] for k in numbers], work / "shots")
         label = partial(label_premises if arguments.premises else label_shot, seed=arguments.seed, work=work)
         if arguments.jobs > 1:
             with ProcessPoolExecutor(arguments.jobs) as pool:
-                parts = list(pool.map(label, range(arguments.shots)))
+                parts = list(pool.map(label, numbers))
         else:
-            parts = [label(k) for k in range(arguments.shots)]
+            parts = [label(k) for k in numbers]
         rows, pairs = ([row for part in parts for row in part[k]] for k in (0, 1))
         if arguments.rows:
             content = {"hypotheses": [vars(row) for row in rows], "pairs": [vars(row) for row in pairs]}

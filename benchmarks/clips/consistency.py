@@ -193,6 +193,7 @@ class RunStatements:
 
     def read_events(self) -> Iterator[Statement]:
         """Read the statements of events.csv."""
+        yield state(("any event",), "some" if self.events else "none", "events.csv")
         for k, one in enumerate(self.events):
             key = f"{one['kind']} {' '.join(sorted(filter(None, (one['a'], one['b']))))} {k}"
             yield state(("event", key), "there", "events.csv")
@@ -210,6 +211,8 @@ class RunStatements:
     def read_rows(self, rows: Iterable[str], source: str) -> Iterator[Statement]:
         """Read what rows of text state of events, places, numbers and calls."""
         for text in self.split_sentences(rows):
+            if "No ball moves in this clip" in text:
+                yield state(("any event",), "none", source)
             if shot := re.match(r"Shot: «([^»]+)» at", text):
                 yield from self.read_shot_line(text, shot[1], source)
                 continue

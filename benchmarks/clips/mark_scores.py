@@ -1,4 +1,4 @@
-"""Score run folders against the marks that come with the real footage: snooker, carom and pool."""
+"""Score run folders against the marks of the real footage: snooker, carom, pool, and events labelled by eye."""
 
 from __future__ import annotations
 
@@ -183,3 +183,41 @@ def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
         "; ".join(missed),
     )
     return MarkScore(stem, cells, {"found": [matched], "boxed": [boxed], "true": [true], "claimed": [claimed]})
+
+
+# events labelled by eye
+
+
+LABEL_FRAMES, LABEL_PX = 2.0, 120.0
+"""Frames around a labelled interval, and px from its place, within which an event is the labelled one: the balls of two
+contacts of a kind at one moment are farther apart, and the place of a contact may be that of either ball."""
+LISTED_PROBABILITY, SURE_PROBABILITY = 0.5, 0.9
+"""Probabilities from which an event counts as reported, and from which one that did not happen counts as false."""
+
+
+def score_labelled_events(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
+    """Match reported events with labels of the same kind, time and place; labels that are unsure neither count nor
+    make an event false, and nor do spans in which not all events are labelled."""
+    e = run.events
+    px = run.to_pixels(np.stack([e["x"], e["y"]], axis=-1).astype(float))
+    labels = sorted(truth["events"], key=lambda one: one["certainty"] == "unsure")
+    taken: set[int] = set()
+    missed, counted = [], 0
+    for label in labels:
+        apart = np.maximum(np.maximum(label["lo"] - e["frame"], e["frame"] - label["hi"]), 0.0)
+        near = np.linalg.norm(px - (label["x_px"], label["y_px"]), axis=1) <= LABEL_PX
+        fits = (e["kind"] == label["kind"]) & (e["probability"] >= LISTED_PROBABILITY) & (apart <= LABEL_FRAMES) & near
+        rows = [int(k) for k in np.argsort(apart, kind="stable") if fits[k] and k not in taken]
+        taken |= set(rows[:1])
+        if label["certainty"] != "unsure":
+            counted += 1
+            if not rows:
+                missed.append(f"{label['kind']} {label['a']} {label['b'] or ''} at {label['lo']} to {label['hi']}")
+    false = [
+        f"{e['kind'][k]} {e['a'][k]} {e['b'][k]} at {e['frame'][k]:.1f} ({e['probability'][k]:.0%})"
+        for k in np.flatnonzero(e["probability"] >= SURE_PROBABILITY).tolist()
+        if k not in taken and not any(low <= e["frame"][k] <= high for low, high in truth["incomplete_spans"])
+    ]
+    hits = counted - len(missed)
+    cells = (f"{hits}/{counted}", "; ".join(missed), f"{len(false)}", "; ".join(false))
+    return MarkScore(stem, cells, {"hits": [hits], "labels": [counted], "false": [len(false)]})

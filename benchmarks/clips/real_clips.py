@@ -1,6 +1,6 @@
 """Run the chain on every real clip and score it against the marks that come with the footage.
 
-    python -m benchmarks.clips.real_clips [--quick] [-o DIR] [--only WORD] [--reuse] [--no-sheets]
+    python -m benchmarks.clips.real_clips [--quick] [-o DIR] [--only WORD] [--reuse] [--no-sheets] [--no-video]
 
 Needs the footage of ../shared/data; takes half a minute or more per clip. Prints one table per claim; DIR gets, per
 clip, a run folder, a sheet of 20 frames and a strip for every contact.
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.clips.contact_sheets import write_contact_strips, write_frames_sheet
-from benchmarks.clips.mark_scores import MarkScore, score_carom, score_pool, score_snooker
+from benchmarks.clips.mark_scores import MarkScore, score_carom, score_labelled_events, score_pool, score_snooker
 from benchmarks.support.figures import (
     Figure,
     MissingInputError,
@@ -90,6 +90,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="only clips whose name contains this word")
     parser.add_argument("--reuse", action="store_true", help="score existing run folders")
     parser.add_argument("--no-sheets", action="store_true", help="print scores only, write no sheets")
+    parser.add_argument("--no-video", action="store_true", help="leave out the slow motion")
     arguments = parser.parse_args()
     if arguments.quick:
         run_quick("clips.real_clips", lambda: measure_figures(arguments.out), f"clips {', '.join(QUICK_CLIPS)}")
@@ -97,12 +98,13 @@ def main() -> int:
     if not FOOTAGE.is_dir():
         print(f"real footage is not at {FOOTAGE}", file=sys.stderr)
         return 1
-    tables: dict[str, list[MarkScore]] = {"chain": [], "snooker": [], "carom": [], "pool8": []}
+    tables: dict[str, list[MarkScore]] = {"chain": [], "snooker": [], "carom": [], "pool8": [], "labels": []}
+    flags = ("--no-video",) if arguments.no_video else ()
     for clip in sorted(FOOTAGE.glob("*.mp4")):
         if arguments.only not in clip.stem:
             continue
         folder = arguments.out / clip.stem
-        outcome = Outcome(0, 0.0, "") if arguments.reuse else run_clip(clip, folder)
+        outcome = Outcome(0, 0.0, "") if arguments.reuse else run_clip(clip, folder, *flags)
         run = read_run(folder) if outcome.status == 0 and (folder / "scene.json").is_file() else None
         print(
             f"{clip.stem}: {outcome.seconds:.0f} s, status {outcome.status} {outcome.sentence if run is None else ''}",
@@ -115,6 +117,9 @@ def main() -> int:
         truth = clip.with_name(clip.stem + ".gt.json")
         if family in SCORERS and truth.is_file():
             tables[family].append(SCORERS[family](clip.stem, run, json.loads(truth.read_text())))
+        labels = clip.with_name(clip.stem + ".events.json")
+        if labels.is_file():
+            tables["labels"].append(score_labelled_events(clip.stem, run, json.loads(labels.read_text())))
         if not arguments.no_sheets:
             write_frames_sheet(clip, run, arguments.out / f"{clip.stem}_frames.png", SEED)
             write_contact_strips(clip, run, arguments.out / f"{clip.stem}_contacts.png")
@@ -136,6 +141,10 @@ def main() -> int:
     )
     print_table("Carom", header, tables["carom"])
     print_table("Pool boxes", ("recall", "precision", "ball class right", "missed"), tables["pool8"])
+    print_table("Labelled events", ("found", "missed", "false at 90 % or more", "which"), tables["labels"])
+    names = ("hits", "labels", "false")
+    hits, count, false = (int(sum(v for s in tables["labels"] for v in s.samples[k])) for k in names)
+    print(f"\nall labelled events: {hits} of {count} found, {false} false at 90 % or more")
     return 0
 
 

@@ -1,9 +1,10 @@
 """Render short clips of varied tables, views, sets of balls and shots.
 
-    python -m benchmarks.clips.varied_clips OUT [--clips 40] [--seed 1] [--only 7]
+    python -m benchmarks.clips.varied_clips OUT [--clips 40] [--seed 1] [--only 7] [--frames 14]
 
 Clip K of a seed is always the same: the world of the sample clips simulates a random shot, the renderer films it from
 above, from an end, from a side or across a corner. The truth is written beside each clip, as for the sample clips.
+`--frames` ends the clips early: what is found before anything is fitted needs only the strike.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import colorsys
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -127,19 +129,29 @@ def draw_appearance(table: Table, rng: np.random.Generator) -> SceneAppearance:
     )  # fmt: skip
 
 
+def render_clip(seed: int, number: int, folder: Path, bar: Progress, frames: int | None = None) -> Path:
+    """Render clip `number` of a seed, of all its frames or of the first ones, unless it is there already."""
+    sample = draw_clip(seed, number)
+    if frames is not None:
+        sample = replace(sample, seconds=frames / float(sample.rate) + 1e-6)
+    path = folder / f"{sample.name}.mp4"
+    if not path.is_file():
+        make.make_sample(sample, folder, bar)
+    return path
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="Folder of the clips.")
     parser.add_argument("--clips", type=int, default=40, help="Number of clips.")
     parser.add_argument("--seed", type=int, default=1, help="Seed.")
     parser.add_argument("--only", type=int, help="Number of the only clip to render.")
+    parser.add_argument("--frames", type=int, help="Number of frames of each clip. Default: about 60, a whole shot.")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with Progress() as bar:
         for number in [arguments.only] if arguments.only is not None else range(arguments.clips):
-            sample = draw_clip(arguments.seed, number)
-            if not (arguments.out / f"{sample.name}.mp4").is_file():
-                make.make_sample(sample, arguments.out, bar)
+            render_clip(arguments.seed, number, arguments.out, bar, arguments.frames)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.detections import Detections, MarkedDetections
-from models.core.errors import TrackError
+from models.core.errors import NO_BALLS, TrackError
 from models.core.options import TrackOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
@@ -169,6 +169,8 @@ def _find_balls(
     if options.balls:
         balls = sorted(balls, key=lambda tracklet: -len(tracklet.frame_index))[: options.balls]
     balls = keep_placed_balls(balls, marked.mark, pixels)
+    if not len(detections):
+        raise TrackError(NO_BALLS)
     if not balls:
         raise TrackError(
             f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "

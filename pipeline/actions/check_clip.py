@@ -11,6 +11,7 @@ import numpy as np
 from detectors.detect import concatenate_detections, prepare_detector
 from detectors.detect_options import DetectOptions
 from models.core.detections import Detections
+from models.core.errors import NO_BALLS
 from models.core.scene import Scene
 from models.core.typing import ImageArray
 from pipeline.settings import DoorOptions
@@ -31,6 +32,8 @@ from video.io.video_options import CalibrateOptions
 
 Verdict = Literal["go", "doubts", "no-go"]
 DEFAULT_OPTIONS, DEFAULT_LIMITS = DoorOptions(), FilmingLimits()
+SPREAD_FRAMES = 9
+"""Frames of a clip that are looked at before it is called one without balls: as many as locate its table."""
 WHOLE_CLIP_PIXELS = 1_000_000_000
 """Pixels up to which a clip is read as a whole, as a run does: 1,000 frames of 720p, 5 s on one core."""
 
@@ -88,13 +91,14 @@ def check_clip(
         clip = open_clip(path, fps=rate, aspect=aspect, memory=memory) if is_short else part
         sample = replace(sample, times=clip.t) if is_short else sample
         clip, view = _locate_in_first_shot(sample, _list_parts(clip), options.calibrate)
-        detections = concatenate_detections([])
-        if view.scene is not None and not view.refusal:
+        detections, refusal = concatenate_detections([]), view.refusal
+        if view.scene is not None and not refusal:
             detections = _detect_fast_balls(sample, clip, view, view.scene, options.detect)
+            refusal = "" if len(detections) else NO_BALLS
     values = measure_filming(sample, view, measure_exposure_time(detections, part.t))
     measurements = grade_measurements(values, limits)
     return FilmingReport(
-        part, measurements, _judge(measurements, view.refusal), view.refusal, sample.bits_per_pixel, view,
+        part, measurements, _judge(measurements, refusal), refusal, sample.bits_per_pixel, view,
         sample.stills[0], detections,
     )  # fmt: skip
 
@@ -131,7 +135,10 @@ def _judge(measurements: tuple[FilmingMeasurement, ...], refusal: str) -> Verdic
 def _detect_fast_balls(
     sample: ClipSample, clip: Clip, view: FilmedView, scene: Scene, options: DetectOptions
 ) -> Detections:
-    """Detect the balls in the first frame of the sampled part and in those of its frames in which they are fastest."""
+    """Detect the balls in the first frame of the sampled part and in those of its frames in which they are fastest.
+
+    Where there is none, also in frames spread over the clip.
+    """
     runs = select_lively_runs(sample.thumbnails, view.thumbnail_mask)
     offset = sample.clip.first_frame
     begin = max(offset, clip.first_frame)
@@ -139,5 +146,10 @@ def _detect_fast_balls(
     numbers = np.unique(np.concatenate([[begin - offset], *runs]))
     numbers = numbers[np.isin(numbers + offset, clip.frames)]
     detector = prepare_detector(clip, scene, options)
-    images = (rgb for _, rgb in read_frames(clip, indices=numbers + offset))
-    return concatenate_detections([detector.detect(rgb, int(k)) for k, rgb in zip(numbers, images, strict=True)])
+    spread = clip.frames[np.linspace(0, clip.frame_count - 1, SPREAD_FRAMES).astype(int)] - offset
+    for chosen in (numbers, np.unique(spread)):
+        images = read_frames(clip, indices=chosen + offset)
+        detections = concatenate_detections([detector.detect(rgb, int(frame - offset)) for frame, rgb in images])
+        if len(detections):
+            break
+    return detections

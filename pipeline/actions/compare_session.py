@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from models.core.answer import Answer, Quantity
-from models.core.errors import OptionError
+from models.core.errors import OptionError, TrackError
 from models.core.naming import Naming
 from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
@@ -85,7 +85,9 @@ def read_session(sources: Sequence[Path]) -> tuple[list[SessionShot], tuple[str,
             except OptionError as error:
                 refusals.append(str(error))
     if not shots:
-        raise OptionError(refusals[0] if refusals else "no shot was struck in these folders")
+        if refusals:
+            raise OptionError(refusals[0])
+        raise TrackError("no shot was struck in these folders; give runs of clips with a strike")
     return shots, tuple(refusals)
 
 

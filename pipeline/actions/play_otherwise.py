@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.core.answer import Answer, Quantity
-from models.core.errors import OptionError, TrackError
+from models.core.errors import NO_STROKE, OptionError, TrackError
 from models.core.events import Events
 from models.core.naming import Naming
 from models.core.scene import Scene
@@ -124,6 +124,8 @@ def play_otherwise(
     fit, solution = view_run(shot), shot.solution
     if solution is None:
         raise TrackError(f"physics could not be fitted; {fit.trust.reasons[0]}")
+    if not fit.moving.any():
+        raise TrackError(NO_STROKE)
     if learned is None:
         words = "finding the contact models that explain the whole shot, once for each shot, up to a minute"
         fit = replace(fit, laws=load_laws(source, shot, cache, lambda: on_activity(words)))

@@ -36,8 +36,7 @@ from video.calibration.table_finder import locate_table
 from video.io.clip import read_frames
 
 if TYPE_CHECKING:
-    from detectors.measurement.working_view import WorkingView
-    from detectors.network.network_detector import NetworkDetector
+    from detectors.detect import BallDetector
 
 PLACED_M = 2e-3
 """m, distance up to which a ball counts as put back. Centres in single images are accurate to about 1 mm
@@ -141,9 +140,7 @@ class PlacementGuide:
     """The table's edges in the clip."""
     colours: FloatArray
     """(N, 3) CIE L*a*b* of the wanted balls; NaN if unknown."""
-    view: WorkingView
-    """Working image of the calibrated camera."""
-    detector: NetworkDetector | None = field(default=None, init=False)
+    detector: BallDetector | None = field(default=None, init=False)
     """Detector of the present light; None before the first image, and after a motion of the camera."""
     image_count: int = field(default=0, init=False)
 
@@ -161,14 +158,11 @@ class PlacementGuide:
         Raises:
             OptionError: The folder has no calibration.
         """
-        from detectors.measurement.working_view import build_view  # slow to import, and needed by --live alone
-
         if wanted.camera is None:
             raise OptionError("--live needs the calibration of the camera; this folder has none: run the clip again")
         camera = wanted.camera
-        view = build_view(Scene(wanted.table, camera, cloth_lab, ()))
         colours = np.full((len(wanted.places.ids), 3), np.nan)
-        guide = cls(wanted, camera, cloth_lab, None, colours, view)
+        guide = cls(wanted, camera, cloth_lab, None, colours)
         image = wanted.image
         if image is None:  # load the models all the same
             guide._detect(np.zeros((camera.height_px, camera.width_px, 3), np.uint8), camera)
@@ -210,16 +204,13 @@ class PlacementGuide:
 
     def _detect(self, image: ImageArray, camera: Camera) -> Detections:
         """Detect the balls of a present image."""
-        from detectors.measurement.cloth_background import learn_cloth_background  # slow to import
-        from detectors.measurement.working_view import build_view
-        from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
-        from detectors.network.network_detector import NetworkDetector
+        from detectors.detect import build_detector  # slow to import, and needed by --live alone
+        from detectors.detect_options import DetectOptions
 
         is_still = camera is self.camera
         if self.detector is None or not is_still or self.image_count % CLOTH_IMAGES == 0:
-            view = self.view if is_still else build_view(Scene(self.wanted.table, camera, self.cloth_lab, ()))
-            cloth = learn_cloth_background([view.working_image(image, 0)], view)
-            self.detector = NetworkDetector(view, cloth, open_ball_model(SHIPPED_BALL_MODEL))
+            scene = Scene(self.wanted.table, camera, self.cloth_lab, ())
+            self.detector = build_detector(scene, [(0, image)], DetectOptions(), is_still=True)
         balls = self.detector.detect(image)
         self.detector = self.detector if is_still else None
         self.image_count += 1

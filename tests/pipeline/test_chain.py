@@ -171,7 +171,7 @@ def test_a_clip_in_which_nobody_strikes_gets_its_report_of_where_the_balls_lie(t
     copy_still(SAMPLE, still.clip)
     done = still.trueroll("run", still.clip, "-o", still.out, "--slow", SLOW)
     assert done.status == 0, done.err
-    assert "Nothing moves in this clip." in done.out
+    assert "No ball moves in this clip." in done.out
     assert {path.name for path in still.out.iterdir()} == FILES
     assert set(still.column("tracks.csv", "shot")) == {0.0}
     assert still.rows("events.csv") == []

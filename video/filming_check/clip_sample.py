@@ -16,7 +16,7 @@ import numpy as np
 from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.io.blended_frames import classify_frames
-from video.io.clip import DEFAULT_FPS, Clip, open_clip, require_readable_file
+from video.io.clip import DEFAULT_FPS, MIN_DISTINCT_FRAMES, Clip, open_clip, require_readable_file
 from video.io.decoder import (
     DecodingDamage,
     decode_frames,
@@ -34,7 +34,7 @@ from video.io.timestamps import compute_presentation_times, even_times, find_cam
 PIXEL_BUDGET = 100_000_000
 """Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
 FRAME_RANGE = (24, 300)
-"""Fewest and most frames of a sample; fewer do not show flicker, more are no use."""
+"""Fewest and most frames of a sample of a longer clip; more are no use."""
 STILLS = 5
 """Colour frames, spread over the sample, from which the table is located."""
 THUMBNAIL_WIDTH = 320
@@ -95,10 +95,10 @@ def sample_clip(path: Path, *, fps: Fraction | None = None, aspect: Fraction | N
         ClipError: The file cannot be used; the message is one sentence for the user.
     """
     require_readable_file(path)
-    if path.is_dir():
+    packets = None if path.is_dir() else _read_packets(path, fps, aspect)
+    if packets is None:
         clip = open_clip(path, fps=fps, aspect=aspect)
         return _decode_part(clip, clip.t, float("nan"))
-    packets = _read_packets(path, fps, aspect)
     count = int(np.clip(PIXEL_BUDGET // max(packets.pixels, 1), *FRAME_RANGE))
     first, stop = _select_liveliest_part(packets, count)
     t = packets.times[first:stop]
@@ -109,8 +109,8 @@ def sample_clip(path: Path, *, fps: Fraction | None = None, aspect: Fraction | N
     return _decode_part(clip, packets.times, float(8 * packets.size.mean() / packets.pixels))
 
 
-def _read_packets(path: Path, rate: Fraction | None, aspect: Fraction | None) -> _PacketList:
-    """Read the packets of a video without decoding them."""
+def _read_packets(path: Path, rate: Fraction | None, aspect: Fraction | None) -> _PacketList | None:
+    """Read the packets of a video without decoding them; None where they are too few, or state no size."""
     damage = DecodingDamage()
     with open_container(path) as (container, stream):
         packets = [p for p in _iterate_packets(container, stream) if p.size and not p.is_discard]
@@ -118,8 +118,8 @@ def _read_packets(path: Path, rate: Fraction | None, aspect: Fraction | None) ->
         time_base, stated, capture_fps = stream.time_base, pixel_aspect_ratio(stream), read_capture_rate(container)
         container.seek(0)
         next(decode_frames(container, stream, damage), None)
-    if len(packets) < 2 or not pixels:
-        raise ClipError(f"{path.name} has {len(packets)} frames; a check needs a clip of a second or more")
+    if len(packets) < MIN_DISTINCT_FRAMES or not pixels:
+        return None
     has_times = all(p.pts is not None for p in packets)
     packets = sorted(packets, key=lambda p: p.pts) if has_times else packets
     times, _ = compute_presentation_times([p.pts for p in packets], [p.dts for p in packets], time_base, fps)
@@ -177,10 +177,8 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
             thumbnails.append(np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
             if k in wanted:
                 stills.append(layout.extract_rgb(frame))
-    if layout is None or len(thumbnails) < FRAME_RANGE[0] // 2:
-        raise ClipError(
-            f"{clip.path.name} has {len(thumbnails)} frames that can be decoded; a check needs {FRAME_RANGE[0] // 2}"
-        )
+    if layout is None:
+        raise ClipError(f"{clip.path.name} contains no frame that can be decoded")
     decoded = len(thumbnails)
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape

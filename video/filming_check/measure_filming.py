@@ -193,6 +193,8 @@ LEAST_EDGES = 60
 """Pixels of strong edges below which the focus is not measured."""
 STEADY_SHARES = (25, 75)
 """Percentiles of the cells that give the brightness of a frame: what moves lies outside."""
+FLICKER_FRAMES = 12
+"""Fewest frames whose brightness shows flicker: at 25 fps, lamps of 100 Hz on cameras beat over several frames."""
 RANGE_PERCENTILES = (3, 97)
 """Percentiles over the frames that bound the range of the brightness."""
 LEAST_LEVEL = 12
@@ -233,8 +235,10 @@ def measure_flicker(thumbnails: ImageArray, mask: BoolArray) -> float:
         mask: (h, w) where light is compared.
 
     Returns:
-        Half the range, % of the mean.
+        Half the range, % of the mean; NaN of too few frames.
     """
+    if len(thumbnails) < FLICKER_FRAMES:
+        return float("nan")
     cells = thumbnails[:, mask].astype(np.float32)
     typical = np.median(cells, axis=0)
     bright = typical >= LEAST_LEVEL

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtr
 
+from models.core.errors import NO_STROKE, TrackError
 from models.core.scene import CUSHIONS, POCKETS, Game
 from models.core.shot_explanation import is_undecided
 from models.core.typing import FloatArray
@@ -223,7 +224,9 @@ def find_struck_ball(record: ShotRecord) -> str:
 
 
 def _select_stroke(record: ShotRecord, ball: str) -> tuple[ShotRecord, str]:
-    """Cut the record at the next stroke, and find the ball that was struck."""
+    """Cut the record at the next stroke, and find the ball that was struck; TrackError if all balls rest."""
+    if all(math.isinf(_find_start(record, k)) for k in range(len(record.ids))):
+        raise TrackError(NO_STROKE)
     struck = find_struck_ball(record)
     cue = ball or struck
     if not cue:

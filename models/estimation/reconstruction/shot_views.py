@@ -15,7 +15,7 @@ from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.naming import Naming
 from models.core.number_format import format_time
-from models.core.scene import POCKETS, Table
+from models.core.scene import POCKET_MOUTH_RADII, POCKETS, Table
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
 from models.core.tracks import Tracks
@@ -407,6 +407,12 @@ def _build_ball_pieces(
 
 POCKET_REACH = 3.0
 """Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
+SEEN_FALL_RADII = 2.0
+"""Ball radii from a pocket within which a falling ball is still detected: its mouth, and the way by which a ball below
+the plane of the balls seems to be aside."""
+FALL_FRAMES = 8
+"""Frames before the last detection in which a ball may have begun to fall, and after it in which its path may lead into
+the pocket: a ball that stays longer hangs in the jaws."""
 
 
 def _find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) -> list[EventRow]:
@@ -419,10 +425,24 @@ def _find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) 
             continue
         segment = solution.graph.segments_of_ball(ball)[-1]
         if solution.graph.segments[segment].static:
-            events += _find_fall_from_jaws(solution, tracks, table, ball, segment, rows)
-            continue
-        events += _find_fall(solution, tracks, table, ball, segment, int(rows[-1]))
+            seen_last = _find_fall_from_jaws(solution, tracks, table, ball, segment, rows)
+        else:
+            seen_last = _find_fall(solution, tracks, table, ball, segment, int(rows[-1]))
+        row = _find_approach(tracks, table, ball, rows)
+        before = [k for k in solution.graph.segments_of_ball(ball) if solution.graph.start_time(k) <= tracks.t[row]]
+        # where a ball is seen to fall, its path into the mouth counts, not that of what is seen of it there
+        if seen_last and before and row < rows[-1] and not solution.graph.segments[before[-1]].static:
+            seen_last = _find_fall(solution, tracks, table, ball, before[-1], row) or seen_last
+        events += seen_last
     return events
+
+
+def _find_approach(tracks: Tracks, table: Table, ball: int, rows: NDArray[np.int64]) -> int:
+    """Find the last frame before those in which a ball is seen in the mouth of a pocket; else its last frame."""
+    rows = rows[-FALL_FRAMES:]
+    gap = np.linalg.norm(tracks.xy[rows, ball, None] - table.pocket_centres, axis=2)
+    outside = np.flatnonzero(gap[:, int(np.argmin(gap[-1]))] > SEEN_FALL_RADII * table.ball_radius)
+    return int(rows[outside[-1] if len(outside) else -1])
 
 
 def _find_fall_from_jaws(
@@ -450,7 +470,7 @@ def _find_fall(
     """Find the fall of a ball whose path leads into a pocket."""
     graph, interval = solution.graph, float(np.median(np.diff(tracks.t)))
     state, begin = graph.segments[segment].state, graph.start_time(segment)
-    t = max(float(tracks.t[row]), begin) + np.linspace(0, 8 * interval, 161)
+    t = max(float(tracks.t[row]), begin) + np.linspace(0, FALL_FRAMES * interval, 161)
     path = evaluate_kinematics(np.repeat(state[None], len(t), axis=0), t - begin, solution.friction)
     speed = float(np.hypot(*path[0, 2:4]))
     distance = np.linalg.norm(path[:, None, :2] - table.pocket_centres, axis=2)  # (161, 6)
@@ -459,7 +479,8 @@ def _find_fall(
     reach = POCKET_REACH * table.ball_radius
     if here > reach + 2 * interval * speed or distance[:, pocket].min() > reach or speed < 0.02:
         return []
-    inside = np.flatnonzero(distance[:, pocket] < max(1.0 * table.ball_radius, distance[:, pocket].min() + 1e-4))
+    mouth = max(POCKET_MOUTH_RADII * table.ball_radius, distance[:, pocket].min() + 1e-4)
+    inside = np.flatnonzero(distance[:, pocket] < mouth)
     when = float(t[inside[0]])
     sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
     return [

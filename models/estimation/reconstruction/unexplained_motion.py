@@ -70,7 +70,8 @@ def _find_vanished_balls(
         if not len(rows) or tracks.t[-1] - tracks.t[rows[-1]] < max(VANISH_FRAMES * frame, VANISH_TIME):
             continue
         last = float(tracks.t[rows[-1]])
-        later = [one for one in explanation.moments if ball in _list_balls(one) and one.t > last - SPAN_FRAMES * frame]
+        own = [one for one in explanation.moments if ball in _list_balls(one)]
+        later = [one for one in own if one.t > last - SPAN_FRAMES * frame or one.best.cause == "pocket"]
         v = trajectory.at(np.array([last])).v[0, k]
         if not later and not np.hypot(*v) > MIN_SPEED:
             unexplained = (CauseHypothesis("unexplained", "", 1.0),)

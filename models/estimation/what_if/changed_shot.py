@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.errors import TrackError
+from models.core.errors import NO_STROKE, TrackError
 from models.core.fit_result import Fit, WholeShotSolution
 from models.core.joint_solution import JointSolution
 from models.core.scene import Table
@@ -185,7 +185,7 @@ def draw_struck_ensemble(
     """
     courses = list_shots(fit, solution, tracks)
     if not courses:
-        raise TrackError("no ball moves in this clip, so no shot can be played otherwise; choose a clip with a strike")
+        raise TrackError(NO_STROKE)
     if shot >= len(courses):
         raise TrackError(f"the clip has {len(courses)} shots; shot {shot} is not among them")
     course, rng = courses[shot], np.random.default_rng(seed)

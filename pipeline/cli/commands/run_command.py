@@ -21,6 +21,7 @@ from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
+    format_no_events,
     format_trust_line,
     summarize_trust,
 )
@@ -134,7 +135,7 @@ def _print_answer(finished: FinishedRun) -> None:
             )
         screen.print(grid)
     else:
-        screen.print("Nothing moves in this clip.")
+        screen.print(format_no_events(fit))
     for shot in fit.shot_numbers:
         screen.print(f"Shot: {format_shot_line(shot, fit.naming, fit.events)}", markup=False)
     screen.print(format_trust_line(fit.trust))

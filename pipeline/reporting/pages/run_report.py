@@ -51,6 +51,7 @@ from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
+    format_no_events,
     format_parameter_name,
     format_textbook_range,
     summarize_trust,
@@ -136,6 +137,7 @@ def write_report(
         slow=files.slow_factor,
         start=files.start,
         events=build_event_rows(fit, files, scene.table.ball_radius),
+        no_events=format_no_events(fit),
         counts=[fit.events.kind.count(kind) for kind in ("ball", "cushion", "pocket")],
         least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],

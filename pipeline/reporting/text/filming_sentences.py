@@ -107,7 +107,7 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
 
     Args:
         measurements: All measurements.
-        refusal: Why no table was located; empty otherwise.
+        refusal: Why a run refuses the clip; empty otherwise.
 
     Returns:
         One sentence per measurement that is not good.
@@ -116,7 +116,7 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
         f"{WORDS[one.code].name}: {format_value(one)}. {WORDS[one.code].advice}"
         for one in rank_faults(measurements, FilmingLimits())
     ]
-    return [f"No table was found: {refusal}.", *lines] if refusal else lines
+    return [f"A run refuses this clip: {refusal}.", *lines] if refusal else lines
 
 
 def format_located_table(table: Table, ball_count: int) -> str:

@@ -130,7 +130,7 @@ def format_shot_line(shot: ShotNumbers, naming: Naming, events: Events) -> str:
         format_time(float(events.t[k]), float(events.t_sigma[k])) for k in range(len(events))
         if (events.kind[k], events.a[k]) == ("strike", shot.cue) and abs(events.t[k] - shot.t) < SAME_STRIKE
     )  # fmt: skip
-    parts = [f"{naming.say(shot.cue)} at {next(strikes, format_time(shot.t))}"]
+    parts = [f"{naming.say(shot.cue)} at {next(strikes, f'{format_time(shot.t)}, when it moves already')}"]
     labels = {"cue_speed": "", "top_spin_share": "spin off the cue ", "side_spin_share": "side off the cue "}
     parts += [
         label + format_number(one)

@@ -10,8 +10,8 @@ from rich.markup import escape
 
 from models.core.errors import TruerollError
 from models.core.events import Events
-from models.core.fit_result import Trust
-from models.core.naming import Naming
+from models.core.fit_result import Fit, Trust
+from models.core.naming import Naming, join_names
 from models.core.number_format import format_speed, format_time
 
 TEXTBOOK_RANGES = {
@@ -52,6 +52,15 @@ def is_repeated(events: Events, k: int) -> bool:
     pairs = [{a, b} for a, b in zip(events.a, events.b, strict=True)]
     earlier = [j for j in range(len(events)) if events.kind[j] == "ball" and events.t[j] < events.t[k]]
     return events.kind[k] == "ball" and any(pairs[j] == pairs[k] for j in earlier)
+
+
+def format_no_events(fit: Fit) -> str:
+    """Say what a clip without events shows."""
+    moving = [fit.naming.say(ball) for k, ball in enumerate(fit.trajectory.ids) if fit.moving[:, k].any()]
+    if not moving:
+        return "No ball moves in this clip."
+    verb = "moves" if len(moving) == 1 else "move"
+    return f"{start_sentence(join_names(moving))} {verb}; no strike, contact, pot or rest is seen."
 
 
 def format_meeting(kind: str, other: str, naming: Naming) -> str:

@@ -45,7 +45,7 @@ def test_a_clip_without_a_table_is_a_no_go_for_scripts(tmp_path: Path, capsys: p
     assert execute_command_line(["check", str(clip)]) == 1
     out = capsys.readouterr().out
     assert "No-go" in out
-    assert "No table was found" in out
+    assert "A run refuses this clip: wall.mp4 " in out
     assert "corners of the table in view: 0 of 4" in out
 
 

@@ -22,6 +22,7 @@ from pipeline.batch.clip_discovery import assign_folders, survey_folder
 from pipeline.cli.commands import COMMAND_NAMES, load_command, read_summary
 from pipeline.engine.process_setup import limit_library_threads
 from pipeline.run_options import build_options, list_settings
+from pipeline.settings import DoorOptions, collect_settings
 from pipeline.terminal.command_line import app
 from video.io.video_writer import VideoWriter
 
@@ -271,6 +272,17 @@ def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:
         assert setting.help in words
         if setting.default not in (None, False, ""):
             assert f"default: {setting.default}" in words
+
+
+@pytest.mark.parametrize(("command", "left_out"), [("check", ()), ("batch", ()), ("detect", ("fps",))])
+def test_the_door_has_the_same_options_for_every_command(
+    trueroll: Terminal, command: str, left_out: tuple[str, ...]
+) -> None:
+    words = re.sub(r"[\s│]+", " ", trueroll(command, "--help").out)
+    door = collect_settings(DoorOptions(), DoorOptions.__slots__)
+    for name in sorted({*door} - {"profile", *left_out}):
+        assert door[name].flag in words
+        assert door[name].help in words
 
 
 def test_help_names_every_command_and_so_does_no_argument(trueroll: Terminal) -> None:

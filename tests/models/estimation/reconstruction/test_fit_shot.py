@@ -135,6 +135,27 @@ def test_a_ball_into_a_corner_is_potted_there_and_ends() -> None:
     assert np.isnan(fit.trajectory.at(gone + 0.5).xy[1]).all()
 
 
+def test_a_ball_that_is_seen_while_it_falls_was_potted_when_it_came_into_the_mouth() -> None:
+    """In the jaws it seems to bounce and to crawl, as in a clip of 15 frames per second."""
+    x = np.array([[0.5, 0.5], [0.3, 0.3]])
+    direction = -np.array([1.0, 1.0]) / np.sqrt(2)
+    shot = film(
+        x, np.array([1.2 * direction, [0, 0]]), np.zeros((2, 3)), np.random.default_rng(1), fps=15, pocket=0.045
+    )
+    tracks = shot.tracks
+    gone = int(np.flatnonzero(~np.isfinite(shot.xy[:, 1, 0]))[0])
+    fall = RADIUS * np.array([[1.2, 1.35], [1.1, 1.25], [1.2, 1.15], [1.0, 1.25]])
+    columns = {name: getattr(tracks, name).copy() for name in ("xy", "sigma", "sigma_along")}
+    for name, values in (("xy", fall), ("sigma", 1e-3), ("sigma_along", 1e-3)):
+        columns[name][gone : gone + len(fall), 1] = values
+    fit = view_shot(explain(replace(tracks, **columns), shot.scene))
+    row = fit.events.kind.index("pocket")
+    assert (fit.events.a[row], fit.events.b[row]) == ("solid-1", "top-left")
+    assert fit.events.t[row] == pytest.approx(tracks.t[gone], abs=0.07)
+    assert not [k for k in range(len(fit.events)) if (fit.events.kind[k], fit.events.a[k]) == ("cushion", "solid-1")]
+    assert not [one for one in fit.explanation.moments if one.ball == "solid-1" and one.best.cause == "unexplained"]
+
+
 def test_a_ball_at_rest_has_a_position_before_and_after_its_detections() -> None:
     shot = random_shot(2)
     tracks = replace(shot.tracks, xy=shot.tracks.xy.copy())
