@@ -8,26 +8,14 @@ from pipeline.run_options import build_options, list_settings
 from pipeline.terminal.command_settings import append_settings
 
 
-def add_settings(function: Callable[..., None]) -> Callable[..., None]:
+def add_settings(excluded: Collection[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command that takes the options of all stages as one `options` argument.
-
-    Args:
-        function: The command.
-
-    Returns:
-        The command with one option per setting on the command line.
-    """
-    return add_settings_except(())(function)
-
-
-def add_settings_except(excluded: Collection[str]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate a command that takes the options of all stages except some.
 
     Args:
         excluded: Names of the settings that do not apply to the command.
 
     Returns:
-        A decorator like `add_settings`.
+        A decorator, which adds one option per setting to the command line.
     """
     settings = [setting for setting in list_settings().values() if setting.name not in excluded]
     return lambda function: append_settings(function, settings, build_options)

@@ -182,13 +182,13 @@ def _decode_part(clip: Clip, times: FloatArray, bits_per_pixel: float) -> ClipSa
     decoded = len(thumbnails)
     steps = [step for step in steps if np.isfinite(step)]
     height, width = grey.shape
-    roles = classify_frames(changes, damage.has_fields)
+    is_duplicate, is_mixed, _ = classify_frames(changes, damage.has_fields)
     part = replace(
         clip,
         width=width,
         height=height,
         t=clip.t[:decoded],
-        is_duplicate=roles.is_duplicate | roles.is_mixed,
+        is_duplicate=is_duplicate | is_mixed,
         stored_scale=layout.stored_scale,
         unobserved_frames=tuple(damaged),
     )

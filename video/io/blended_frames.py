@@ -64,19 +64,9 @@ class FrameBlending:
         return np.asarray(np.interp(number, order, t) + interval * np.maximum(number - order[-1], 0))
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRoles:
-    """What the T frames of a file show beside the moment of each."""
-
-    is_duplicate: BoolArray
-    """(T,) whether a frame repeats the one before it."""
-    is_mixed: BoolArray
-    """(T,) whether a frame shows two moments."""
-    blending: FrameBlending | None
-    """How frames were mixed; None where they were not."""
-
-
-def classify_frames(changes: Sequence[tuple[float, float]], has_fields: bool) -> FrameRoles:
+def classify_frames(
+    changes: Sequence[tuple[float, float]], has_fields: bool
+) -> tuple[BoolArray, BoolArray, FrameBlending | None]:
     """Classify the frames of a file as duplicates, repeated fields and mixtures.
 
     Args:
@@ -84,14 +74,14 @@ def classify_frames(changes: Sequence[tuple[float, float]], has_fields: bool) ->
         has_fields: Whether the frames are fields.
 
     Returns:
-        The roles of all frames.
+        (T,) whether a frame repeats the one before it, (T,) whether it shows two moments, and how frames were mixed.
     """
     change, third = np.array(changes).T
     is_duplicate, blending = find_duplicate_frames(change, third), find_blending(change, third)
     if has_fields:
         is_duplicate |= find_repeated_fields(change)
     is_mixed = np.zeros(len(change), np.bool_) if blending is None else blending.is_mixed
-    return FrameRoles(is_duplicate, is_mixed, blending)
+    return is_duplicate, is_mixed, blending
 
 
 def find_blending(change: FloatArray, third: FloatArray) -> FrameBlending | None:

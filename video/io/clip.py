@@ -203,9 +203,8 @@ def open_clip(
         raise ValueError(f"fps must be positive; got {fps}")
     require_readable_file(path)
     scan = _scan_file(path, aspect, progress, memory or FrameMemory())
-    roles = classify_frames(scan.change, scan.has_fields)
-    is_duplicate, blending = roles.is_duplicate, roles.blending
-    unobserved = np.unique([*scan.damaged, *np.flatnonzero(roles.is_mixed)]).astype(np.int64)
+    is_duplicate, is_mixed, blending = classify_frames(scan.change, scan.has_fields)
+    unobserved = np.unique([*scan.damaged, *np.flatnonzero(is_mixed)]).astype(np.int64)
     observed = int(np.count_nonzero(~np.delete(is_duplicate, unobserved)))
     if observed < MIN_DISTINCT_FRAMES:
         raise ClipError(
@@ -234,7 +233,7 @@ def open_clip(
         t, rate = blending.estimate_times(t), 0.0
         notes.append(
             f"its frames were mixed of those of a camera at {float(nominal * blending.ratio):.4g} fps; "
-            f"{np.count_nonzero(roles.is_mixed)} of {len(t)} that show two moments are not observed"
+            f"{np.count_nonzero(is_mixed)} of {len(t)} that show two moments are not observed"
         )
     jumps = scan.views.jumps
     jumps[:, 1:3] = scan.layout.orientation.rotate_places(jumps[:, 1:3])

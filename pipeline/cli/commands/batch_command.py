@@ -42,7 +42,7 @@ MAX_TABLE_ROWS = 100
 
 
 @cli.app.command("batch")
-@add_settings
+@add_settings()
 def batch(
     folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth; or one recording with many shots.")],
     options: RunOptions,

@@ -16,7 +16,7 @@ from pipeline.terminal.setting_options import add_settings
 
 
 @cli.app.command("edit")
-@add_settings
+@add_settings()
 def edit(
     target: Annotated[Path, typer.Argument(metavar="DIR|CLIP", help="Folder of a run, or a clip to run first.")],
     options: RunOptions,

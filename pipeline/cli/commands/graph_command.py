@@ -18,7 +18,7 @@ from pipeline.terminal.setting_options import add_settings
 
 
 @cli.app.command("graph")
-@add_settings
+@add_settings()
 def graph(
     options: RunOptions,
     clip: Annotated[Path | None, typer.Argument(help="The clip whose stages are listed.")] = None,

@@ -13,7 +13,7 @@ from models.core.errors import OptionError
 from pipeline.engine.result_cache import open_cache
 from pipeline.run_options import RunOptions
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings_except
+from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
     from pipeline.actions.interpolate_clip import InterpolateOptions
@@ -25,7 +25,7 @@ OVERLAY_SETTINGS = ("slow", "trim_still", "style")
 
 
 @cli.app.command("interpolate")
-@add_settings_except(OVERLAY_SETTINGS)
+@add_settings(OVERLAY_SETTINGS)
 def interpolate(
     source: Annotated[
         Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")

@@ -36,7 +36,7 @@ from pipeline.terminal.setting_options import add_settings
 
 
 @cli.app.command("run")
-@add_settings
+@add_settings()
 def run(
     clip: cli.ClipArgument,
     options: RunOptions,
