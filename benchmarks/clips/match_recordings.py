@@ -59,6 +59,8 @@ LONG_VIEWS = ("overhead_pool", "carom_match", "potted_phone")
 """Samples that are shown forwards and backwards in one view, with stillness between."""
 FIXED_CAMERA = ("snooker_simulation_vs_reality", "snooker_video", "snooker_gleitreibungskoeffizient")
 """Real clips that one camera took."""
+FLIPS = (None, 1, 0, -1)
+"""Axes of cv2.flip, in the order in which a clip is shown again."""
 SAME_FRAME = 2
 """Frames by which a span may differ from the truth where a fade is its border."""
 QUICK_MINUTES = 3.0
@@ -260,18 +262,18 @@ def compose_recording(path: Path, minutes: float, height: int, seed: int, footag
     series += [group for name in FIXED_CAMERA if (group := [clip for clip in clips if clip.name.startswith(name)])]
     other = sorted((footage / "courts").rglob("*.mp4")) if footage else []
     recorder.add_still(draw_title(recorder.size, ["trueroll open", "semi-final"]), 3.0, "title")
-    deck: list[tuple[str, list[Take]]] = []
-    flips = (None, 1, 0, -1)
-    round_number = 0
+    deck: list[tuple[str, list[Path]]] = []
+    shown = dict.fromkeys([*clips, *(path for group in series for path in group)], 0)
     while recorder.count < 60 * minutes * RATE:
         if not deck:
-            flip = flips[round_number % len(flips)]
-            singles = [("single", [Take(clip, flip)]) for clip in clips]
-            groups = [("series", [Take(clip, flip) for clip in group]) for group in series]
-            longs = [("long", [Take(ROOT / "sample_videos" / f"{name}.mp4", flip)]) for name in LONG_VIEWS]
-            deck = [(singles + groups + longs)[k] for k in recorder.rng.permutation(len(singles + groups + longs))]
-            round_number += 1
-        _add_block(recorder, *deck.pop(), other)
+            blocks = [("single", [clip]) for clip in clips] + [("series", group) for group in series]
+            blocks += [("long", [ROOT / "sample_videos" / f"{name}.mp4"]) for name in LONG_VIEWS]
+            deck = [blocks[k] for k in recorder.rng.permutation(len(blocks))]
+        kind, paths = deck.pop()
+        times = max(shown[path] for path in paths)
+        flip = FLIPS[times % len(FLIPS)]  # the same shot once more would be a replay
+        shown |= dict.fromkeys(paths, times + 1)
+        _add_block(recorder, kind, [Take(path, flip) for path in paths], other)
     recorder.close()
     return recorder.spans
 

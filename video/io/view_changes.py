@@ -44,6 +44,9 @@ MAX_JUMP_ASPECT, MIN_JUMP_FILL = 2.0, 0.4
 JUMP_CLEARANCE = 4.0
 """Diameters around a thing within which nothing moves before it appears, or after it goes: a ball that stops where it
 hits another one, or is struck, takes or leaves its place in one frame too, but comes from nearby, or rolls on there."""
+MIN_CONTRAST_RATIO = 2.0
+"""Smallest ratio of how much a thing differs from its surroundings to how much the place without it does: shadows and
+sleeves that move by a pixel change thin places whose contrast was there before."""
 MAX_MOVED_SHARE = 0.2
 """Share of a thing that may change in the frames after it appeared; more is a ball that rolls on."""
 
@@ -168,7 +171,10 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
     for k in np.flatnonzero(is_round):
         box = slice(max(y[k] - 2, 0), y[k] + height[k] + 2), slice(max(x[k] - 2, 0), x[k] + width[k] + 2)
         thing, place = labels[box] == k, tuple(centres[k, ::-1].round().astype(int))
-        appears = _measure_contrast(after[0][box], thing) > _measure_contrast(before[-1][box], thing)
+        contrasts = [_measure_contrast(image[box], thing) for image in (before[-1], after[0])]
+        appears = contrasts[1] > contrasts[0]
+        if max(contrasts) < max(MIN_JUMP_CHANGE, MIN_CONTRAST_RATIO * min(contrasts)):
+            continue
         clearance = clearances[0 if appears else 1][place]
         stays = not appears or np.mean(moves[1][box][thing] > 0) < MAX_MOVED_SHARE
         if stays and clearance >= JUMP_CLEARANCE * longer[k]:

@@ -111,6 +111,14 @@ def test_letters_lines_of_light_and_a_hand_that_moves_balls_are_no_jump() -> Non
         image[100, 50:150] = 250
         image[150:156, 80:160:8] = 250
     assert find_jumps([*still, *lit]) == [], "things only appear"
+    shaded = [image.copy() for image in still]
+    for image in shaded:
+        image[20:60, 230:300] = 70
+        image[30:36, 254:260], image[30:36, 270:276] = 90, 50
+    twice = [image.copy() for image in shaded]
+    for image in twice:
+        image[30:36, 254:260], image[30:36, 270:276] = 50, 92
+    assert find_jumps([*shaded, *twice]) == [], "what stands out before and after is no ball that comes or goes"
     moved = [draw_table((60, 50), (120, 60))] * 20
     for k, image in enumerate(moved):
         moved[k] = image.copy()
