@@ -26,7 +26,7 @@ from models.core.typing import BoolArray, ImageArray
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.api import load, run
 from video.drawing.circles import disc_mask
-from video.io.clip import Clip, open_clip
+from video.io.clip import Clip, open_clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
@@ -68,14 +68,13 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     """
     timeline = build_ball_timeline(scene, tracks, fit)
     appearance = estimate_clip_appearance(estimate_hidden_background(timeline, clip), clip)
-    annotation = None
     counts = np.zeros(5, dtype=np.int64)
-    for frame in synthesize_frames(
-        clip, appearance, fit, find_output_times(clip, timeline, options), FrameInterval.synthesize
-    ):
-        annotation = annotation or prepare_annotation(timeline, tracks, fit, frame.image, options.slow, options.style)
-        before = frame.image.copy()
-        after = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)[: len(before)]
+    (first,) = (image for _, image in read_frames(clip, indices=timeline.frame[:1]))
+    annotation = prepare_annotation(timeline, tracks, fit, first, options.slow, options.style)
+    times, whole = find_output_times(clip, timeline, options), (0, 0, clip.width, clip.height)
+    for frame in synthesize_frames(clip, appearance, fit, times, FrameInterval.synthesize_planes):
+        before = frame.image.copy_patch(*whole)
+        after = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions).copy_patch(*whole)
         changed = (before != after).any(axis=-1)
         active = frame.balls.moving | find_touching(fit, tracks, frame.t)
         hidden = [count_in_discs(changed, frame.balls, which) for which in (active, ~active)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -91,6 +93,7 @@ def adapt_to_any_background(colour: Colour) -> Colour:
     return mix_colours(colour, WHITE, max(MIN_LUMA_ON_DARK - bright, 0.0) / (255 - bright))
 
 
+@lru_cache(maxsize=256)
 def mix_colours(first: Colour, second: Colour, share: float) -> Colour:
     """Mix two colours linearly in sRGB.
 

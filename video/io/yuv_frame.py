@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Self, TypeVar
 
 import cv2
 import numpy as np
@@ -102,6 +102,8 @@ class YuvFrame:
 
 Canvas = ImageArray | YuvFrame
 """What is drawn upon: an RGB image (H, W, 3), or a frame for the encoder."""
+Image = TypeVar("Image", ImageArray, YuvFrame)
+"""The same where a function returns what it was given."""
 
 
 def convert_colours(rgb: ImageArray) -> ImageArray:

@@ -26,7 +26,7 @@ from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.drawing.text import convert_colour
 from video.io.video_options import OverlayStyle, RenderOptions
-from video.io.yuv_frame import Canvas, YuvFrame
+from video.io.yuv_frame import Canvas, Image, YuvFrame
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import (
     CONTACT_RADII,
@@ -135,7 +135,7 @@ class Annotation:
     last_plan_points: dict[int, int] = field(default_factory=dict)
     """Index of the last path point of each ball on the plan."""
 
-    def draw(self, image: Canvas, t: float, balls: FrameBalls, xy: FloatArray) -> Canvas:
+    def draw(self, image: Image, t: float, balls: FrameBalls, xy: FloatArray) -> Image:
         """Draw onto an image, in place where there is no strip below it.
 
         Args:
@@ -158,17 +158,13 @@ class Annotation:
                 self.clock.draw(whole, self.clock_place, t, self.scale)
         return whole
 
-    def extend(self, image: Canvas) -> Canvas:
+    def extend(self, image: Image) -> Image:
         """Return an image with an empty strip below it, if there is one."""
+        if not self.strip_height:
+            return image
         if isinstance(image, YuvFrame):
-            levels = convert_colour(INK, is_yuv=True)
-            return image.extend(self.strip_height, levels) if self.strip_height else image
-        return self.extend_image(image)
-
-    def extend_image(self, image: ImageArray) -> ImageArray:
-        """Return an RGB image (H, W, 3) with an empty strip below it, if there is one."""
-        strip = np.full((self.strip_height, *image.shape[1:]), INK, dtype=np.uint8)
-        return np.concatenate([image, strip]) if self.strip_height else image
+            return image.extend(self.strip_height, convert_colour(INK, is_yuv=True))
+        return np.concatenate([image, np.full((self.strip_height, *image.shape[1:]), INK, dtype=np.uint8)])
 
     def _draw_motion(self, image: Canvas, t: float, balls: FrameBalls) -> None:
         """Draw trails, rings and the flashes of contacts."""

@@ -94,7 +94,7 @@ class Poster:
         if self.first is None or self.last is None:
             raise ValueError("a poster needs at least one frame; none was added")
         annotation = prepare_annotation(self.timeline, tracks, fit, self.first, options.slow)
-        still = annotation.extend_image(self.last.copy())
+        still = annotation.extend(self.last.copy())
         count = sum(kind in EVENT_STRENGTHS for kind in fit.events.kind)
         _draw_poster(still, self.timeline, annotation, self.ghosts, fit, count)
         encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))

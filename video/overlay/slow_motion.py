@@ -24,7 +24,7 @@ from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
-from video.io.yuv_frame import Canvas
+from video.io.yuv_frame import Image
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.close_up import magnify_image
@@ -37,7 +37,7 @@ MIN_RATE, MAX_RATE = Fraction(25), Fraction(60)
 TRIM_MARGIN_S = 0.5
 """s of the shot kept before the first and after the last motion when still parts are trimmed."""
 PREFETCHED_FRAMES = 8
-"""Frames that may wait for their annotation, and as many for the encoder."""
+"""Frames that may wait for their annotation."""
 SLOW_TUNING, TUNING_MIN_SLOWDOWN = "me=dia:subme=0:cabac=0:qp=20:scenecut=0:weightp=0:rc-lookahead=0", 4.0
 """x264 options, and the slowdown from which they apply: motion is then about a pixel per frame, which needs neither
 a wide nor a fine search, and arithmetic coding would save 7 % of the bytes for 12 % of the work. A constant quantizer
@@ -45,18 +45,14 @@ needs no look ahead at coming frames, half of the work: neighbouring frames of a
 CRF = 26
 """Constant rate factor of x264 below that slowdown. At 8 times slower, cloth keeps its grain, and the error is close to
 that of 20 with macroblock-tree rate control, which the writer disables."""
-ENCODER_THREADS = 1
-"""Threads of the encoder, which runs beside synthesis and drawing: two would wait for each other, an eighth of its
-work."""
+ENCODER_THREADS = 2
+"""Threads of the encoder: it returns at once, so that one frame is encoded while the next is drawn."""
 KEYFRAME_INTERVAL_S = 2.0
 """s between keyframes: a quarter of a second of a shot that is eight times slower."""
 TIMES_PER_LOOKUP = 256
 """Times for which the balls are evaluated together: single evaluations take ten times as long."""
 SNAP_SHARE = 0.05
 """Share of the output frame interval within which a decoded frame replaces a synthesized one."""
-
-
-Image = TypeVar("Image", bound=Canvas)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +104,13 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        synthesize: Callable[..., Canvas] = FrameInterval.synthesize_planes
+        synthesize: Callable[..., Any] = FrameInterval.synthesize_planes
         if clip.width % 2 or clip.height % 2:  # the chroma of the last column or row would cover half a pixel
             synthesize = FrameInterval.synthesize
         frames = prefetch_items(synthesize_frames(clip, appearance, fit, times, synthesize), PREFETCHED_FRAMES)
         shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
         closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
-        for done, image in enumerate(prefetch_items(chain(shot, closer), PREFETCHED_FRAMES), start=1):
+        for done, image in enumerate(chain(shot, closer), start=1):
             writer.write(image)
             progress(done / (len(times) + again))
 

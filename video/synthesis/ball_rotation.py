@@ -101,6 +101,11 @@ def states_between_frames(timeline: BallTimeline, row: int) -> State:
     return timeline.state_at(first + (last - first) * (np.arange(ROTATION_STEPS) + 0.5) / ROTATION_STEPS)
 
 
+def shows_other_paint(sprites: tuple[MattedSprite, MattedSprite], radius: float) -> bool:
+    """Return whether enough of a ball shows another paint in the second view for its rotation to be seen."""
+    return _ViewPair.from_sprites(sprites, radius).paint_change_share >= MIN_PAINT_CHANGE_SHARE
+
+
 def estimate_rotation(
     timeline: BallTimeline, row: int, ball: int, state: State, sprites: tuple[MattedSprite, MattedSprite], radius: float
 ) -> BallRotation | None:
@@ -115,15 +120,13 @@ def estimate_rotation(
         radius: Radius of the ball, px.
 
     Returns:
-        The rotation; None where the spin is unknown, no markings move, or the views contradict it.
+        The rotation; None where the spin is unknown, or the views contradict it.
     """
     axes = _camera_axes(timeline, state.xy[:, ball].mean(axis=0), float(timeline.t[row]))
     spin = _rotation_vectors(state, ball, axes, float(timeline.t[row + 1] - timeline.t[row]))
     if spin is None:
         return None
     pair = _ViewPair.from_sprites(sprites, radius)
-    if pair.paint_change_share < MIN_PAINT_CHANGE_SHARE:
-        return None
     rotations = _accumulate_rotations(spin)
     result = pair.evaluate_rotation(rotations[-1])
     if not np.isfinite(state.w[:, ball, 2]).all() and result.cost > MAX_COST_WITHOUT_SEARCH:

@@ -31,7 +31,13 @@ from video.matting.hidden_background import HiddenBackground
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
 from video.matting.visible_balls import find_visible_balls
-from video.synthesis.ball_rotation import BallRotation, compare_rotated_views, estimate_rotation, states_between_frames
+from video.synthesis.ball_rotation import (
+    BallRotation,
+    compare_rotated_views,
+    estimate_rotation,
+    shows_other_paint,
+    states_between_frames,
+)
 
 NO_SHARP_BALLS = SharpBalls({})
 MAX_ROTATION_STREAK_RADII = 1.5
@@ -343,12 +349,15 @@ def _prepare_moving_ball(
     longest = max((sprite.streak_length for sprite in sprites if sprite is not None), default=0.0)
     first, second = sprites
     spin: BallRotation | None = None
-    if first is not None and second is not None and longest < MAX_ROTATION_STREAK_RADII * radius:
-        spin = estimate_rotation(timeline, row, ball, state, (first, second), radius)
+    pair = None if first is None or second is None else (first, second)
+    if pair is not None and not shows_other_paint(pair, radius):
+        pair = None
+    if pair is not None and longest < MAX_ROTATION_STREAK_RADII * radius:
+        spin = estimate_rotation(timeline, row, ball, state, pair, radius)
     if force_deblur or longest > MIN_STREAK_RADII * radius:
         t = float(timeline.t[row])
         return MovingBall(ball, radius, sprites, deblur_pair(sharp_balls, ball, t, radius, sprites), spin)
-    turn = spin if first is None or second is None else _select_rotation(spin, first, second, radius)
+    turn = None if pair is None else _select_rotation(spin, *pair, radius)
     return MovingBall(ball, radius, sprites, None, turn, _is_occluded(timeline, row, ball, sprites))
 
 
