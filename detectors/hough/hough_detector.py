@@ -41,7 +41,7 @@ from detectors.measurement.frame_detections import (
     select_shaded,
     suppress_overlaps,
 )
-from detectors.measurement.working_view import WorkingView, build_view, nearest_pixels, values_at
+from detectors.measurement.working_view import WorkingView, build_view, values_at
 from models.core.array_columns import concatenate_rows
 from models.core.detections import Detections
 from models.core.scene import Scene
@@ -101,12 +101,12 @@ class HoughDetector:
         working = self.view.working_image(rgb, frame)
         smooth = smooth_image(rgb)
         touched = find_touched_places(memory, working, self.view, self.cloth.threshold)
-        remembered = self._measure_remembered(rgb, smooth, frame, memory, touched)
+        remembered = self._measure_remembered(rgb, smooth, working, frame, memory, touched)
         parts = find_windows(touched, self.view)
         scan = self._update_scan(working, parts, memory)
         candidates = np.concatenate([np.empty((0, 2)), *(self._find_candidates(scan, part) for part in parts)])
         candidates = candidates[values_at(touched, candidates)]
-        discs = self._detect_discs(rgb, smooth, frame, candidates, remembered, scan)
+        discs = self._detect_discs(rgb, smooth, working, frame, candidates, remembered, scan)
         centre = self.view.frame_to_working(discs.centre, frame)
         discs = discs.take(~self.cloth.is_lining(working, centre))
         streaks = self._detect_streaks(rgb, find_streak_candidates(scan.moving, scan.strength, self.view), discs, frame)
@@ -115,7 +115,13 @@ class HoughDetector:
         return add_colours(rgb, shaded, frame), self._update_memory(working, touched, scan, discs, frame, memory)
 
     def _measure_remembered(
-        self, rgb: ByteArray, smooth: ByteArray, frame: int, memory: SearchMemory | None, touched: BoolArray
+        self,
+        rgb: ByteArray,
+        smooth: ByteArray,
+        working: ByteArray,
+        frame: int,
+        memory: SearchMemory | None,
+        touched: BoolArray,
     ) -> FrameDetections:
         """Measure the sharp balls of the previous frame again; add the places of missed ones to `touched`."""
         if memory is None:
@@ -132,7 +138,7 @@ class HoughDetector:
             self._cloth_colour_at(working_centre),
             self.cloth.basis,
         )
-        balls = self._accept_circles(circles, memory.scan, frame)
+        balls = self._accept_circles(circles, memory.scan, working, frame)
         if len(balls) < len(working_centre):
             measured_centre = self.view.frame_to_working(balls.centre, frame)
             distance = np.linalg.norm(working_centre[:, None] - measured_centre[None], axis=-1)
@@ -188,6 +194,7 @@ class HoughDetector:
         self,
         rgb: ByteArray,
         smooth: ByteArray,
+        working: ByteArray,
         frame: int,
         candidates: FloatArray,
         remembered: FrameDetections,
@@ -199,11 +206,12 @@ class HoughDetector:
         expected = self.view.predict_radius(reference)
         cloth, basis = self._cloth_colour_at(candidates), self.cloth.basis
         circles = fit_circles(rgb, smooth, self.view.reference_to_frame(reference, frame), expected, cloth, basis)
-        first = concatenate_rows([self._accept_circles(circles, scan, frame), remembered])
+        first = concatenate_rows([self._accept_circles(circles, scan, working, frame), remembered])
         intruders = self._find_intruders(first, scan, frame)
         is_free = ~values_at(intruders, candidates)
         retried = retry_doubtful_circles(rgb, smooth, circles.take(is_free), expected[is_free], cloth[is_free], basis)
-        accepted = [self._accept_circles(part, scan, frame) for part in (retried, circles.take(~is_free))]
+        others = (retried, circles.take(~is_free))
+        accepted = [self._accept_circles(part, scan, working, frame) for part in others]
         balls = suppress_overlaps(concatenate_rows([*accepted, remembered]), self.view.scene, frame)
         working_centre = self.view.frame_to_working(balls.centre, frame)
         is_clear = balls.score > CLEAR_SCORE
@@ -213,15 +221,15 @@ class HoughDetector:
         is_doubtful = values_at(intruders, working_centre) | (at_pocket & (balls.score < CLEAR_SCORE))
         return balls.take(is_sure | ~is_doubtful)
 
-    def _accept_circles(self, circles: Circles, scan: ForegroundScan, frame: int) -> FrameDetections:
+    def _accept_circles(
+        self, circles: Circles, scan: ForegroundScan, working: ByteArray, frame: int
+    ) -> FrameDetections:
         """Accept circles that are round, differ from the cloth throughout and are on the table."""
         working_centre = self.view.frame_to_working(circles.centre, frame)
         coverage = _disc_coverage(scan.foreground, working_centre, self.view)
         is_on_table = values_at(self.view.centre_area, working_centre)
-        at = working_centre[:, None] + self.view.scale * circles.radius[:, None, None] * DISC_SAMPLES
-        row, column = nearest_pixels(scan.strength.shape, at)
-        is_hollow = self.cloth.find_hollow_discs(scan.strength[row, column], row, column)
-        is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE) & ~is_hollow
+        is_open = self.cloth.find_open_discs(working, working_centre, self.view.scale * circles.radius)
+        is_good = is_on_table & (circles.support > MIN_SUPPORT) & (coverage > MIN_COVERAGE) & ~is_open
         return suppress_overlaps(_circles_to_detections(circles, coverage).take(is_good), self.view.scene, frame)
 
     def _find_intruders(self, detections: FrameDetections, scan: ForegroundScan, frame: int) -> BoolArray:

@@ -32,10 +32,13 @@ PLAIN_WHITE = np.array([80.0, 0.0, 0.0])
 MAX_TINT_DIFFERENCE, MIN_SHADE_LIGHTNESS = 0.35, 0.5
 """Difference of chroma over lightness up to which a colour is that white in shade, and least lightness over the
 white's."""
-FLAT_SHARE = 0.02
-"""Standard deviation of a disc's samples over their level below which it is no sphere. A matte one in even light has
-0.025 (half the cosine of its slope, in sRGB). Balls also mirror lamps: of 3,700 detections in real clips none is below
-0.049, overexposed ones aside. Drawn discs have 0.014 to 0.017, by coding alone."""
+FLAT_SHARE = 0.022
+"""Standard deviation of a disc's luma over its level below which it is no sphere. A matte one in even light has 0.025
+(half the cosine of its slope, in sRGB). Balls also mirror lamps: of 726 detections in real clips none is below 0.047,
+overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
+luma's, so that the edge of a small disc reaches its middle."""
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+"""Weights of red, green and blue (Rec. 601)."""
 EXPOSED_LEVEL = 235.0
 """Level of two channels, the white of studio range, from which a camera no longer records shading."""
 
@@ -80,8 +83,8 @@ def find_flat_discs(rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> B
     if not len(centre):
         return np.zeros(0, dtype=np.bool_)
     samples = sample_discs(rgb, centre, radius)
-    level = np.sort(np.median(samples, axis=1), axis=1)
-    is_flat = samples.std(axis=1).max(axis=1) < FLAT_SHARE * level[:, -1]
+    luma, level = samples @ LUMA, np.sort(np.median(samples, axis=1), axis=1)
+    is_flat = luma.std(axis=1) < FLAT_SHARE * np.median(luma, axis=1)
     return np.asarray(is_flat & (level[:, -2] < EXPOSED_LEVEL))
 
 

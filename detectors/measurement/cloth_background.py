@@ -41,6 +41,10 @@ HOLLOW_SHARE = 0.7
 """Contrast of a core over that of its rim below which the cloth shows through: a ball is opaque, and lightest in the
 middle. In 1,871 detections of balls in broadcasts it is 1.02 or more; of a projector's rings, two in three are below
 0.3 and all below 0.7."""
+INCOMPLETE_SHARE = 0.06
+"""Contrast of the second palest part of the rim over that of the core below which the object is narrower than a ball:
+0.01 to 0.04 on drawn lines; of 866 detections of balls in real clips, 0.10 or more."""
+
 
 HOLE_STEPS = np.arange(0.0, 5.0, 0.1)
 """Ball radii from the middle of a pocket at which cloth is looked for: holes of small tables reach up to 3.3."""
@@ -116,25 +120,35 @@ class ClothBackground:
         away = self._weight_shadows((working[row, column] - self.colour[row, column])[None])[0]
         return np.asarray(np.sqrt((away**2).sum(axis=1)), dtype=np.float32)
 
-    def find_hollow_discs(self, difference: Float32Array, row: IntArray, column: IntArray) -> BoolArray:
-        """Find the discs through which the cloth shows: rings of light or paint, which are no balls.
+    def find_open_discs(self, working: ByteArray, centre: FloatArray, radius: FloatArray) -> BoolArray:
+        """Find the discs through which or beside which plain cloth shows: rings and lines of light or paint.
 
-        Where the cloth is marked, as by a cue that rested there, a ball may look like the marking: that is no evidence.
+        A ball is opaque and lightest in the middle, and hides the markings of the cloth too.
 
         Args:
-            difference: Differences (K, SAMPLES) from the cloth at `DISC_SAMPLES` of K discs, grey levels.
-            row: Rows (K, SAMPLES) of these samples.
-            column: Columns (K, SAMPLES).
+            working: Working image (h, w, 3).
+            centre: Centres (K, 2), working px.
+            radius: Radii (K,), working px.
 
         Returns:
             Mask (K,).
         """
-        is_marked = np.isin(row * self.hole_area.shape[1] + column, self.marking_places)
-        core = np.median(np.where(is_marked, np.inf, difference)[:, _SAMPLE_RADII < CORE_RADII], axis=1)
-        at_rim = np.where(is_marked, 0.0, difference)[:, _SAMPLE_RADII > RIM_RADII]
-        sector = _SAMPLE_SECTORS[_SAMPLE_RADII > RIM_RADII]
-        rim = np.sort([np.median(at_rim[:, sector == k], axis=1) for k in range(RIM_SECTORS)], axis=0)[1]
-        return np.asarray((rim > self.threshold) & (core < HOLLOW_SHARE * rim))
+        if not len(centre):
+            return np.zeros(0, dtype=np.bool_)
+        at = centre[:, None] + radius[:, None, None] * DISC_SAMPLES
+        difference = self._measure_difference_from_plain(working, *nearest_pixels(self.hole_area.shape, at))
+        core = np.median(difference[:, _SAMPLE_RADII < CORE_RADII], axis=1)
+        at_rim, sector = difference[:, _SAMPLE_RADII > RIM_RADII], _SAMPLE_SECTORS[_SAMPLE_RADII > RIM_RADII]
+        rim = np.sort([np.median(at_rim[:, sector == k], axis=1) for k in range(RIM_SECTORS)], axis=0)
+        is_hollow = (rim[1] > self.threshold) & (core < HOLLOW_SHARE * rim[1])
+        return np.asarray(is_hollow | (rim[1] < INCOMPLETE_SHARE * core))
+
+    def _measure_difference_from_plain(self, working: ByteArray, row: IntArray, column: IntArray) -> Float32Array:
+        """Measure the difference (K, n) of pixels from the cloth without markings, with shadows weighted down."""
+        plain, at = self.colour[row, column], row * working.shape[1] + column
+        is_marked = np.isin(at, self.marking_places)
+        plain[is_marked] = self.plain_colour[np.searchsorted(self.marking_places, at[is_marked])]
+        return contrast_strength(self._weight_shadows(working[row, column] - plain))
 
     def is_lining(self, working: ByteArray, centre: FloatArray) -> BoolArray:
         """Which objects at working px (n, 2) are parts of a net or a lining: they stand still over a hole."""

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.circle_fit import smooth_image
 from detectors.measurement.cloth_background import ClothBackground, learn_cloth_background
 from detectors.measurement.frame_change import (
@@ -34,7 +33,7 @@ from detectors.measurement.frame_detections import (
     select_shaded,
 )
 from detectors.measurement.overlap_resolution import resolve_overlaps
-from detectors.measurement.working_view import WorkingView, build_view, nearest_pixels, values_at
+from detectors.measurement.working_view import WorkingView, build_view, values_at
 from detectors.network.ball_model import BallModel, CentreModel
 from detectors.network.candidate_rules import CLEAR_SCORE, is_certain, is_possible
 from detectors.network.frame_context import FrameContext
@@ -229,21 +228,12 @@ class PostProcessor:
         confirmed = confirm_streaks(context, measured.take(is_moving), certain[is_moving], at_rest)
         streaks = concatenate_rows([confirmed, missed])
         discs = resting.detections.take(~is_missed & ~_is_part_of_streak(resting, streaks))
-        is_hollow = self._find_hollow_discs(rgb, discs, frame)
-        balls = resolve_overlaps(concatenate_rows([streaks, discs.take(~is_hollow)]), self.view.scene, frame)
+        centre, size = self.view.frame_to_working(discs.centre, frame), self.view.scale * discs.radius
+        is_open = self.cloth.find_open_discs(self.view.working_image(rgb, frame), centre, size)
+        balls = resolve_overlaps(concatenate_rows([streaks, discs.take(~is_open)]), self.view.scene, frame)
         is_unclear = resting.outlines.support <= MIN_SUPPORT
         unclear = np.concatenate([candidates.centre[is_moving & certain], resting.candidates.centre[is_unclear]])
         return PostProcessingResult(add_colours(rgb, select_shaded(rgb, balls), frame), unclear, is_rejected)
-
-    def _find_hollow_discs(self, rgb: ByteArray, discs: FrameDetections, frame: int) -> BoolArray:
-        """Find the discs (K,) through which the cloth shows."""
-        if not len(discs):
-            return np.zeros(0, dtype=bool)
-        working, centre = self.view.working_image(rgb, frame), self.view.frame_to_working(discs.centre, frame)
-        at = centre[:, None] + self.view.scale * discs.radius[:, None, None] * DISC_SAMPLES
-        row, column = nearest_pixels(working.shape, at)
-        difference = self.cloth.measure_difference(working, row.ravel(), column.ravel()).reshape(row.shape)
-        return self.cloth.find_hollow_discs(difference, row, column)
 
 
 def _is_part_of_streak(balls: RestingBalls, streaks: FrameDetections) -> BoolArray:

@@ -27,7 +27,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.tracking.appearance import summarize_appearance
 from models.tracking.ball_classes import assign_ids, classify_balls, find_struck_ball
-from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_ball
+from models.tracking.clutter_filter import is_ball, is_part_of_clutter, looks_like_ball, moves_like_ball
 from models.tracking.hand_edits import (
     EditedBall,
     TrackPixels,
@@ -136,20 +136,16 @@ def _find_balls(
     def is_placed(tracklet: Tracklet) -> bool:
         return bool(is_marked[tracklet.row].any())
 
+    clutter: list[Tracklet] = []
+
     def select_balls(tracklets: list[Tracklet], others: list[Tracklet]) -> list[Tracklet]:
         """Select what moves like a ball; velocities change near the `others` that share no detection with it."""
-        return [
-            one
-            for one in tracklets
-            if is_placed(one)
-            or moves_like_ball(
-                one,
-                [other for other in others if not np.isin(one.row, other.row).any()],
-                table_detections,
-                t,
-                scene.table,
-            )
-        ]
+        balls: list[Tracklet] = []
+        for one in tracklets:
+            apart = [other for other in others if not np.isin(one.row, other.row).any()]
+            is_like_ball = is_placed(one) or moves_like_ball(one, apart, table_detections, t, scene.table)
+            (balls if is_like_ball else clutter).append(one)
+        return balls
 
     def link_likely(parts: list[Tracklet]) -> list[Tracklet]:
         linked = link_tracklets(parts, table_detections, t, scene.table)
@@ -164,6 +160,11 @@ def _find_balls(
     # a hand that a ball's track continues would pass with it: every part has to move like a ball on its own
     likely = link_likely(select_balls(parts, link_likely(parts)))
     balls = select_balls(likely, likely)
+    balls = [
+        one
+        for one in balls
+        if is_placed(one) or not is_part_of_clutter(one, balls, clutter, table_detections, scene.table)
+    ]
     if not scene.table.pockets:
         balls = _select_lasting_balls(balls, len(t))
     if options.balls:
@@ -176,7 +177,7 @@ def _find_balls(
             f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "
             "check the calibration of the table, or give --corners and --ball-radius."
         )
-    balls = complete_tracks(balls, table_detections, t, scene.table)
+    balls = complete_tracks(balls, clutter, table_detections, t, scene.table)
     balls = drop_unconfirmed_departures(balls, table_detections, t, scene.table)
     return correct_identity_switches(balls, table_detections, t, scene.table.ball_radius), pixels
 

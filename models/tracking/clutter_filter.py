@@ -12,7 +12,14 @@ from models.core.scene import Scene, Table
 from models.core.typing import FloatArray
 from models.tracking.assignment_cost import CLOTH_COLOUR_DISTANCE
 from models.tracking.table_detections import TableDetections
-from models.tracking.tracklet_linking import Tracklet, ends_in_pocket
+from models.tracking.tracklet_linking import (
+    LOOK_CHANGE,
+    MAX_DECELERATION,
+    MAX_GAP_FRAMES,
+    REST_SPEED,
+    Tracklet,
+    ends_in_pocket,
+)
 
 MIN_DETECTIONS = 5
 """Least number of detections of a ball."""
@@ -35,6 +42,16 @@ PRIOR_LOG_ODDS = 2.0
 """Prior log odds of a ball among tracklets that last and look like one."""
 EXCUSE_RADII = 3.5
 """Radii from another ball's centre within which a velocity may change."""
+TURN_SECONDS, TURN_DETECTIONS = 0.25, 3
+"""Longest time before and after a change of velocity in which it is measured, s, and the fewest detections there."""
+TURN_SHARE, TURN_SIGMAS = 0.1, 5.0
+"""Share of the speed, and standard deviations, by which such a change exceeds that of friction: the scale of a view
+changes along a path."""
+MAX_OPEN_TURNS = 1
+"""Changes of a ball's velocity far from any cushion and other ball: one may be a ball that is not detected. Of 15
+balls that move in real clips none has one; what is drawn or projected turns and stops anywhere."""
+LEAVE_RADII = 4.0
+"""Radii from a place beyond which an object has left it and hides nothing there."""
 MAX_MISSED_SHARE = 0.15
 """Largest share of missed frames of a ball that moves, or before it vanishes in the open."""
 STREAK_EXCESS_RADII, MAX_IMPOSSIBLE_SHARE = 2.2, 0.3
@@ -49,9 +66,14 @@ object nearer than that, beside the jaws, is the lining.
 STEADY_SHARE, STEADY_RADII = 0.8, 0.1
 """Share of the frames in which a cloth-coloured ball stays at one place, and the size of that place in radii."""
 VANISH_TIME, VANISH_FRAMES = 0.3, 5
-"""s and frames before the end of the clip: a track that ends earlier has vanished."""
+"""s and frames from the ends of the clip: a track that begins later has appeared, one that ends
+earlier has vanished."""
+MAX_FLICKER_SHARE = 0.14
+"""Gaps per detection above which an object flickers: of 170 balls in 16 real clips one exceeds 0.03, crowded by others
+and at 0.32; parts of nets, lines and rings have 0.14 to 0.36."""
 VANISH_SCORE = 0.85
-"""Median confidence of an object that appears or vanishes in the open and still is a ball, hidden by a player."""
+"""Median confidence of an object that appears or vanishes in the open, or flickers, and still is a ball, hidden by a
+player or by other balls."""
 POCKET_REACH = 0.2
 """m from a pocket's centre within which a ball may vanish between two frames."""
 
@@ -80,10 +102,12 @@ def is_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scen
         or _median_departure(tracklet, detections, t) > MAX_DEPARTURE
     ):
         return False
-    if not _vanishes_in_open(tracklet, t, scene.table):
-        return True
+    flickers = int((np.diff(tracklet.frame_index) > 1).sum()) > MAX_FLICKER_SHARE * count
+    comes_or_goes = _appears_late(tracklet, t) or _vanishes_in_open(tracklet, t, scene.table)
     steady = count > (1 - MAX_MISSED_SHARE) * (tracklet.frame_index[-1] - tracklet.frame_index[0] + 1)
-    return steady and float(np.median(detections.score[tracklet.row])) >= VANISH_SCORE
+    if comes_or_goes and not steady:
+        return False
+    return not (comes_or_goes or flickers) or float(np.median(detections.score[tracklet.row])) >= VANISH_SCORE
 
 
 def _is_resting(tracklet: Tracklet, detections: TableDetections, reach: float) -> bool:
@@ -131,7 +155,78 @@ def moves_like_ball(
     odds = PRIOR_LOG_ODDS + float(np.sum(erratic)) * np.log(ERRATIC_BALL / ERRATIC_CLUTTER)
     odds += float(np.sum(moving)) * np.log((1 - ERRATIC_BALL) / (1 - ERRATIC_CLUTTER))
     odds += float(np.sum(still)) * np.log(STILL_BALL / STILL_CLUTTER)
-    return bool(odds > 0)
+    return bool(odds > 0) and not _turns_in_open(tracklet, others, detections, t, table)
+
+
+def _turns_in_open(
+    tracklet: Tracklet, others: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table
+) -> bool:
+    """Return whether its velocity changes in the open again and again, where nothing can stop or turn a ball.
+
+    Friction changes it slowly; a cue does where a ball rests.
+    """
+    times, xy, sigma = t[tracklet.frame_index], detections.xy[tracklet.row], detections.sigma_along[tracklet.row]
+    is_near = _is_near_other_ball(tracklet, others, detections, EXCUSE_RADII * table.ball_radius)
+    turns: list[int] = []
+    for k in range(TURN_DETECTIONS - 1, len(times) - TURN_DETECTIONS + 1):
+        before = np.flatnonzero((times <= times[k]) & (times > times[k] - TURN_SECONDS))[-TURN_DETECTIONS - 1 :]
+        after = np.flatnonzero((times >= times[k]) & (times < times[k] + TURN_SECONDS))[: TURN_DETECTIONS + 1]
+        if min(len(before), len(after)) < TURN_DETECTIONS or is_near[before[0] : after[-1] + 1].any():
+            continue
+        (v, v_sigma), (w, w_sigma) = (_fit_velocity(times[part], xy[part], sigma[part]) for part in (before, after))
+        speed = float(max(np.hypot(*v), np.hypot(*w)))
+        margin = 2 * table.ball_radius + speed * float(np.diff(times[before[0] : after[-1] + 1]).max())
+        path = xy[before[0] : after[-1] + 1]
+        is_at_cushion = min(path.min(), float(([table.length, table.width] - path).min())) < margin
+        steps = np.hypot(*np.diff(xy[before], axis=0).T) / np.diff(times[before])
+        is_strike = np.hypot(*w) > np.hypot(*v) and float(steps.min()) < REST_SPEED
+        slack = MAX_DECELERATION * (times[after].mean() - times[before].mean()) + TURN_SHARE * speed
+        is_turn = np.hypot(*(w - v)) > slack + TURN_SIGMAS * np.hypot(v_sigma, w_sigma)
+        if is_turn and not is_at_cushion and not is_strike and (not turns or k > turns[-1] + TURN_DETECTIONS + 1):
+            turns.append(k)
+    return len(turns) > MAX_OPEN_TURNS
+
+
+def _fit_velocity(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, float]:
+    """Fit the velocity (2,) of a few detections, and its standard deviation."""
+    tau = t - t.mean()
+    spread = float(tau @ tau)
+    return tau @ xy / spread, float(np.sqrt((sigma**2).mean() / spread))
+
+
+def is_part_of_clutter(
+    one: Tracklet, balls: list[Tracklet], clutter: list[Tracklet], detections: TableDetections, table: Table
+) -> bool:
+    """Return whether something at rest came from elsewhere, or goes away, as an object that moves like no ball.
+
+    What hides a ball for a while is detected in its place too, but then the ball is there again, or leaves from there.
+    """
+    radius = table.ball_radius
+    if not _is_resting(one, detections, radius / 2):
+        return False
+    place = np.median(detections.xy[one.row], axis=0)
+
+    def gap(other: Tracklet, at: int) -> float:
+        return float(np.hypot(*(detections.xy[other.row[at]] - place)))
+
+    for sign, edge, near in ((1, -1, 0), (-1, 0, -1)):  # what follows begins near it; what precedes ends there
+
+        def delay(other: Tracklet, sign: int = sign, edge: int = edge, near: int = near) -> int:
+            return sign * int(other.frame_index[near] - one.frame_index[edge])
+
+        if any(delay(ball) > 0 and gap(ball, near) < 2 * radius for ball in balls):
+            continue
+        for other in clutter:
+            if float(np.hypot.reduce(other.colour - one.colour)) > LOOK_CHANGE:
+                continue
+            step = float(np.hypot(*(detections.xy[other.row[near + sign]] - detections.xy[other.row[near]])))
+            if (
+                0 < delay(other) <= MAX_GAP_FRAMES + 1
+                and gap(other, near) < 2 * radius + delay(other) * step
+                and gap(other, edge) > LEAVE_RADII * radius
+            ):
+                return True
+    return False
 
 
 def _is_near_other_ball(
@@ -172,6 +267,12 @@ def _chord_departures(tracklet: Tracklet, detections: TableDetections, t: FloatA
     spread = np.hypot(1.2 * sigma[1:-1], curvature)
     off_sigma: FloatArray = np.hypot(along / np.hypot(spread, TIME_JITTER * length), across / spread)
     return off_sigma, length / (1.5 * sigma[1:-1])
+
+
+def _appears_late(tracklet: Tracklet, t: FloatArray) -> bool:
+    """Return whether a tracklet begins after the clip does."""
+    first = int(tracklet.frame_index[0])
+    return bool(t[first] - t[0] >= VANISH_TIME and first >= VANISH_FRAMES)
 
 
 def _vanishes_in_open(tracklet: Tracklet, t: FloatArray, table: Table) -> bool:

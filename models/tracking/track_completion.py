@@ -33,11 +33,14 @@ MIN_COLOUR_SIGMA = 6.0
 """CIE Lab: least standard deviation of a ball's colour between frames."""
 
 
-def complete_tracks(balls: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table) -> list[Tracklet]:
+def complete_tracks(
+    balls: list[Tracklet], clutter: list[Tracklet], detections: TableDetections, t: FloatArray, table: Table
+) -> list[Tracklet]:
     """Add to each ball the unused detections that fill its gaps, and those before its first and after its last one.
 
     Args:
         balls: The tracks of all balls.
+        clutter: Tracklets that move like no ball, whose detections are not used.
         detections: Detections of T frames on the table.
         t: (T,) times of the frames, s.
         table: The table.
@@ -46,8 +49,8 @@ def complete_tracks(balls: list[Tracklet], detections: TableDetections, t: Float
         The tracks in the same order. No detection belongs to two balls.
     """
     is_used = np.zeros(len(detections.row), bool)
-    for ball in balls:
-        is_used[ball.row] = True
+    for tracklet in (*balls, *clutter):
+        is_used[tracklet.row] = True
     frame_of = np.repeat(np.arange(len(t)), np.diff(detections.first))
     completed = list(balls)
     for number in sorted(range(len(balls)), key=lambda k: -len(balls[k].row)):

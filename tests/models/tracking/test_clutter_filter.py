@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.tracking_shots import POOL, R, overhead
 
 from models.core.detections import Detections
-from models.tracking.clutter_filter import moves_like_ball
-from models.tracking.table_detections import project_detections
-from models.tracking.tracklet_linking import make_tracklet
+from models.core.typing import FloatArray
+from models.tracking.clutter_filter import is_part_of_clutter, moves_like_ball
+from models.tracking.table_detections import TableDetections, project_detections
+from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
 SPEED, FPS = 2.0, 30
+
+
+def observe(*paths: tuple[int, FloatArray]) -> tuple[list[Tracklet], TableDetections, FloatArray]:
+    """Detect objects with first frames and places (M, 2) m, without errors."""
+    frame = np.concatenate([np.arange(first, first + len(xy)) for first, xy in paths])
+    number = np.repeat(np.arange(len(paths)), [len(xy) for _, xy in paths])
+    order = np.lexsort((number, frame))
+    px = overhead().camera.to_pixels(np.concatenate([xy for _, xy in paths])[order], R)
+    one = np.ones(len(px))
+    coat = (np.full((len(px), 3), 60.0), 0.1 * one, 0.1 * one, 0.6 * one)
+    image = Detections(frame[order], px, 11.4 * one, 0 * px, *coat, one, 0.5 * one, 0.5 * one)
+    t = np.arange(frame.max() + 1) / FPS
+    detections = project_detections(image, np.arange(len(t)), overhead())
+    rows = [np.flatnonzero(number[order] == k) for k in range(len(paths))]
+    return [make_tracklet(frame[order][own], own, detections, t) for own in rows], detections, t
+
+
+def drag(stops: list[tuple[float, float]], frames: int = 12) -> FloatArray:
+    """Move evenly from stop to stop (m), `frames` frames each."""
+    at = np.arange(frames * (len(stops) - 1) + 1) / frames
+    return np.stack([np.interp(at, np.arange(len(stops)), column) for column in np.transpose(stops)], axis=1)
 
 
 @pytest.mark.parametrize(
@@ -26,14 +50,34 @@ SPEED, FPS = 2.0, 30
 def test_an_object_that_turns_more_often_than_a_ball_meets_cushions_is_none(
     frames: int, turns: int, is_ball: bool
 ) -> None:
-    t, scene = np.arange(frames) / FPS, overhead()
     corners = np.linspace(0, frames - 1, turns + 2).round().astype(int)[1:-1]
     upwards = np.searchsorted(corners, np.arange(frames - 1), side="right") % 2 == 0
     steps = np.where(upwards[:, None], [1.0, 1.0], [1.0, -1.0]) * SPEED / FPS / np.sqrt(2)
-    xy = np.array([0.5, 0.5]) + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    one, px = np.ones(frames), scene.camera.to_pixels(xy, R)
-    coat = (np.full((frames, 3), 60.0), 0.1 * one, 0.1 * one, 0.6 * one)
-    image = Detections(np.arange(frames), px, 11.4 * one, 0 * px, *coat, one, 0.5 * one, 0.5 * one)
-    detections = project_detections(image, np.arange(frames), scene)
-    tracklet = make_tracklet(np.arange(frames), np.arange(frames), detections, t)
+    table = replace(POOL, width=0.4)  # so narrow that every turn is near a cushion
+    xy = np.array([0.5, 0.1]) + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    (tracklet,), detections, t = observe((0, xy))
+    assert moves_like_ball(tracklet, [], detections, t, table) == is_ball
+
+
+@pytest.mark.parametrize(
+    ("stops", "is_ball"),
+    [
+        ([(0.5, 0.3), (1.2, 0.4), (1.3, 0.8)], True),  # one turn: there may be a ball that is not detected
+        ([(0.5, 0.3), (1.2, 0.4), (1.3, 0.8), (0.7, 0.9)], False),
+        ([(0.5, 0.3), (1.2, 0.4), (1.2, 0.4), (1.3, 0.8), (1.3, 0.8)], False),  # stops, and goes on by itself
+    ],
+)
+def test_an_object_that_turns_or_stops_twice_in_the_open_is_no_ball(
+    stops: list[tuple[float, float]], is_ball: bool
+) -> None:
+    (tracklet,), detections, t = observe((0, drag(stops)))
     assert moves_like_ball(tracklet, [], detections, t, POOL) == is_ball
+
+
+def test_what_leaves_its_place_as_clutter_is_no_ball_unless_one_is_there_again() -> None:
+    place, away = (0.8, 0.5), drag([(0.85, 0.5), (1.5, 0.6), (1.4, 0.9)])
+    still, later = drag([place, place]), drag([place, place])
+    (rest, clutter, again), detections, _ = observe((0, still), (14, away), (len(away) + 16, later))
+    assert is_part_of_clutter(rest, [rest], [clutter], detections, POOL)
+    assert not is_part_of_clutter(rest, [rest, again], [clutter], detections, POOL)
+    assert not is_part_of_clutter(rest, [rest], [], detections, POOL)

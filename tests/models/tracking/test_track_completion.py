@@ -36,7 +36,7 @@ def test_a_track_that_begins_late_is_extended_to_the_rest_before_the_strike() ->
     last = len(observed.t)
     late, own = _track(observed, 0, range(14, last))
     other, _ = _track(observed, 1, range(last))
-    completed = complete_tracks([late, other], table, observed.t, overhead().table)
+    completed = complete_tracks([late, other], [], table, observed.t, overhead().table)
     assert len(late.row) < len(own)
     assert np.array_equal(completed[0].row, own)
     assert np.array_equal(completed[1].row, other.row)
@@ -52,10 +52,10 @@ def test_a_gap_is_filled_by_the_ball_and_not_by_clutter_of_another_colour() -> N
     colour = table.colour.copy()
     hidden = own[(whole.frame_index >= 10) & (whole.frame_index <= 13)]
     other, _ = _track(observed, 1, range(last))
-    filled = complete_tracks([gapped, other], table, observed.t, overhead().table)
+    filled = complete_tracks([gapped, other], [], table, observed.t, overhead().table)
     assert set(hidden.tolist()) <= set(filled[0].row.tolist())
     colour[hidden] = np.add(table.cloth, [2.0, 1.0, 0.0])
-    shadowed = complete_tracks([gapped, other], replace(table, colour=colour), observed.t, overhead().table)
+    shadowed = complete_tracks([gapped, other], [], replace(table, colour=colour), observed.t, overhead().table)
     assert not set(hidden.tolist()) & set(shadowed[0].row.tolist())
 
 
