@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detectors.measurement.ball_colour import measure_ball_colours
+from detectors.measurement.ball_colour import find_flat_discs, measure_ball_colours
 from models.core.typing import FloatArray
 
 RADIUS = 14
@@ -67,3 +67,21 @@ def test_nothing_has_no_colour() -> None:
     coats = measure_ball_colours(np.zeros((10, 10, 3), np.uint8), np.empty((0, 2)), np.empty(0))
     assert coats.colour.shape == (0, 3)
     assert coats.white.shape == coats.white_rim.shape == coats.value.shape == (0,)
+
+
+def test_a_small_drawn_disc_is_flat_although_its_colour_is_coded_at_half_the_resolution() -> None:
+    """The edge of the disc reaches its middle in colour, not in luma; a matte ball is darker at its rim."""
+    y, x = np.mgrid[:40, :80]
+    away = np.stack([np.hypot(x - cx, y - 20) / 6.0 for cx in (20, 60)])
+    cloth, red = np.array([20.0, 140.0, 50.0]), np.array([255.0, 40.0, 40.0])
+    cover = cv2.GaussianBlur((away < 1).astype(np.float64).transpose(1, 2, 0), (0, 0), 0.4)
+    shade = np.where(
+        np.arange(2) == 0, 1.0, np.sqrt(np.clip(1 - 0.75 * np.minimum(away, 1) ** 2, 0, 1)).transpose(1, 2, 0)
+    )
+    image = sum(cover[..., k, None] * red * shade[..., k, None] for k in range(2))
+    image = np.asarray(np.rint(image + (1 - cover.sum(axis=2, keepdims=True)) * cloth), np.uint8)
+    coded = cv2.cvtColor(image, cv2.COLOR_RGB2YCrCb)
+    coded[..., 1:] = cv2.resize(cv2.resize(coded[..., 1:], (40, 20), interpolation=cv2.INTER_AREA), (80, 40))
+    decoded = cv2.cvtColor(coded, cv2.COLOR_YCrCb2RGB)
+    centre = np.array([[20.0, 20.0], [60.0, 20.0]])
+    assert find_flat_discs(np.asarray(decoded, np.uint8), centre, np.full(2, 6.0)).tolist() == [True, False]

@@ -159,3 +159,18 @@ def test_a_disc_through_which_the_cloth_shows_is_no_ball(share: float, balls: in
     image = np.clip(lit, 0, 255).astype(np.uint8)
     result = process(processor, image, (300.0, 250.0, 1.0, (0.0, 0.0), 0.95))
     assert len(result.detections) == balls
+
+
+@pytest.mark.parametrize("is_marking", [False, True])
+@pytest.mark.parametrize("shape", ["ring", "line"])
+def test_a_ring_or_a_line_is_no_ball_also_where_it_is_there_from_the_first(shape: str, is_marking: bool) -> None:
+    """What stays in all images is learnt as a marking of the cloth."""
+    rng = np.random.default_rng(8)
+    plain = render_balls(spread_balls(rng, (WHITE, BLUE), 3), rng)
+    image = plain.copy()
+    if shape == "ring":
+        cv2.circle(image, (16 * 300, 16 * 250), round(16 * 0.85 * SIZE_PX), (230, 240, 235), 3, cv2.LINE_8, 4)
+    else:
+        cv2.line(image, (250, 230), (350, 270), (255, 40, 40), round(0.7 * SIZE_PX), cv2.LINE_AA)
+    processor = build_post_processor(image if is_marking else plain)
+    assert not len(process(processor, image, (300.0, 250.0, 1.0, (0.0, 0.0), 0.95)).detections)
