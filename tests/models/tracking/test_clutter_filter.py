@@ -10,7 +10,7 @@ from support.tracking_shots import POOL, R, overhead
 
 from models.core.detections import Detections
 from models.core.typing import FloatArray
-from models.tracking.clutter_filter import is_part_of_clutter, moves_like_ball
+from models.tracking.clutter_filter import is_ball, is_part_of_clutter, moves_like_ball
 from models.tracking.table_detections import TableDetections, project_detections
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
@@ -81,3 +81,25 @@ def test_what_leaves_its_place_as_clutter_is_no_ball_unless_one_is_there_again()
     assert is_part_of_clutter(rest, [rest], [clutter], detections, POOL)
     assert not is_part_of_clutter(rest, [rest, again], [clutter], detections, POOL)
     assert not is_part_of_clutter(rest, [rest], [], detections, POOL)
+
+
+@pytest.mark.parametrize(
+    ("frames", "score", "is_true"),
+    [
+        (range(60), 0.6, True),
+        ([k for k in range(60) if k % 3], 0.9, True),  # hidden again and again by balls around it
+        ([k for k in range(60) if k % 3], 0.6, False),
+        ([k for k in range(60) if k % 3 == 0], 0.9, False),  # part of a net
+        (range(20, 60), 0.9, True),  # a player hides it first
+        (range(20, 60), 0.6, False),
+        (range(40), 0.6, False),
+    ],
+)
+def test_an_object_that_appears_vanishes_or_flickers_is_a_ball_only_where_it_looks_like_one(
+    frames: list[int], score: float, is_true: bool
+) -> None:
+    (other, whole), detections, t = observe((0, np.full((60, 2), 0.9)), (0, np.full((60, 2), 0.5)))
+    detections = replace(detections, score=np.full(len(detections.row), score))
+    tracklet = make_tracklet(np.array(frames), whole.row[np.array(frames)], detections, t)
+    assert is_ball(other, replace(detections, score=0 * detections.score), t, overhead())
+    assert is_ball(tracklet, detections, t, overhead()) == is_true
