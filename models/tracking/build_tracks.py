@@ -27,7 +27,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.tracking.appearance import summarize_appearance
 from models.tracking.ball_classes import assign_ids, classify_balls, find_struck_ball
-from models.tracking.clutter_filter import is_ball, is_part_of_clutter, looks_like_ball, moves_like_ball
+from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_ball
 from models.tracking.hand_edits import (
     EditedBall,
     TrackPixels,
@@ -160,11 +160,6 @@ def _find_balls(
     # a hand that a ball's track continues would pass with it: every part has to move like a ball on its own
     likely = link_likely(select_balls(parts, link_likely(parts)))
     balls = select_balls(likely, likely)
-    balls = [
-        one
-        for one in balls
-        if is_placed(one) or not is_part_of_clutter(one, balls, clutter, table_detections, scene.table)
-    ]
     if not scene.table.pockets:
         balls = _select_lasting_balls(balls, len(t))
     if options.balls:

@@ -12,23 +12,12 @@ from models.core.scene import Scene, Table
 from models.core.typing import FloatArray
 from models.tracking.assignment_cost import CLOTH_COLOUR_DISTANCE
 from models.tracking.table_detections import TableDetections
-from models.tracking.tracklet_linking import (
-    LOOK_CHANGE,
-    MAX_DECELERATION,
-    MAX_GAP_FRAMES,
-    REST_SPEED,
-    Tracklet,
-    ends_in_pocket,
-)
+from models.tracking.tracklet_linking import MAX_DECELERATION, REST_SPEED, Tracklet, ends_in_pocket
 
 MIN_DETECTIONS = 5
 """Least number of detections of a ball."""
 MIN_FRAME_SHARE = 0.08
 """Least share of the frames with a detection, of a ball that does not fall into a pocket."""
-MAX_DEPARTURE = 6.0
-"""Standard deviations: median departure of a detection from between its neighbours; a hand exceeds it, a ball only at
-contacts.
-"""
 TIME_JITTER = 0.07
 """Error of a frame's time over the interval of its neighbours: containers round, and duplicate frames come irregularly.
 """
@@ -50,8 +39,6 @@ changes along a path."""
 MAX_OPEN_TURNS = 1
 """Changes of a ball's velocity far from any cushion and other ball: one may be a ball that is not detected. Of 15
 balls that move in real clips none has one; what is drawn or projected turns and stops anywhere."""
-LEAVE_RADII = 4.0
-"""Radii from a place beyond which an object has left it and hides nothing there."""
 MAX_MISSED_SHARE = 0.15
 """Largest share of missed frames of a ball that moves, or before it vanishes in the open."""
 STREAK_EXCESS_RADII, MAX_IMPOSSIBLE_SHARE = 2.2, 0.3
@@ -98,10 +85,7 @@ def is_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scen
         return False
     if not looks_like_ball(tracklet, detections, t, scene) or _is_pocket_lining(tracklet, detections, scene.table):
         return False
-    if (
-        _share_of_missed_frames(tracklet, detections, scene.table) > MAX_MISSED_SHARE
-        or _median_departure(tracklet, detections, t) > MAX_DEPARTURE
-    ):
+    if _share_of_missed_frames(tracklet, detections, scene.table) > MAX_MISSED_SHARE:
         return False
     flickers = int((np.diff(tracklet.frame_index) > 1).sum()) > MAX_GAP_SHARE * count
     comes_or_goes = _appears_late(tracklet, t) or _vanishes_in_open(tracklet, t, scene.table)
@@ -196,41 +180,6 @@ def _fit_velocity(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[Flo
     return tau @ xy / spread, float(np.sqrt((sigma**2).mean() / spread))
 
 
-def is_part_of_clutter(
-    one: Tracklet, balls: list[Tracklet], clutter: list[Tracklet], detections: TableDetections, table: Table
-) -> bool:
-    """Return whether something at rest came from elsewhere, or goes away, as an object that moves like no ball.
-
-    What hides a ball for a while is detected in its place too, but then the ball is there again, or leaves from there.
-    """
-    radius = table.ball_radius
-    if not _is_resting(one, detections, radius / 2):
-        return False
-    place = np.median(detections.xy[one.row], axis=0)
-
-    def gap(other: Tracklet, at: int) -> float:
-        return float(np.hypot(*(detections.xy[other.row[at]] - place)))
-
-    for sign, edge, near in ((1, -1, 0), (-1, 0, -1)):  # what follows begins near it; what precedes ends there
-
-        def delay(other: Tracklet, sign: int = sign, edge: int = edge, near: int = near) -> int:
-            return sign * int(other.frame_index[near] - one.frame_index[edge])
-
-        if any(delay(ball) > 0 and gap(ball, near) < 2 * radius for ball in balls):
-            continue
-        for other in clutter:
-            if float(np.hypot.reduce(other.colour - one.colour)) > LOOK_CHANGE:
-                continue
-            step = float(np.hypot(*(detections.xy[other.row[near + sign]] - detections.xy[other.row[near]])))
-            if (
-                0 < delay(other) <= MAX_GAP_FRAMES + 1
-                and gap(other, near) < 2 * radius + delay(other) * step
-                and gap(other, edge) > LEAVE_RADII * radius
-            ):
-                return True
-    return False
-
-
 def _is_near_other_ball(
     tracklet: Tracklet, others: list[Tracklet], detections: TableDetections, reach: float
 ) -> NDArray[np.bool_]:
@@ -249,11 +198,6 @@ def _share_of_missed_frames(tracklet: Tracklet, detections: TableDetections, tab
     gap_frames = np.diff(tracklet.frame_index) - 1
     missed = int(gap_frames[step > table.ball_radius].sum())
     return missed / (missed + len(tracklet.frame_index))
-
-
-def _median_departure(tracklet: Tracklet, detections: TableDetections, t: FloatArray) -> float:
-    """Return the median departure of a detection from between its neighbours, in standard deviations."""
-    return float(np.median(_chord_departures(tracklet, detections, t)[0])) if len(tracklet.frame_index) > 2 else 0.0
 
 
 def _chord_departures(tracklet: Tracklet, detections: TableDetections, t: FloatArray) -> tuple[FloatArray, FloatArray]:

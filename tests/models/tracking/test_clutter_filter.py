@@ -10,7 +10,7 @@ from support.tracking_shots import POOL, R, overhead
 
 from models.core.detections import Detections
 from models.core.typing import FloatArray
-from models.tracking.clutter_filter import is_ball, is_part_of_clutter, moves_like_ball
+from models.tracking.clutter_filter import is_ball, moves_like_ball
 from models.tracking.table_detections import TableDetections, project_detections
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
@@ -72,15 +72,6 @@ def test_an_object_that_turns_or_stops_twice_in_the_open_is_no_ball(
 ) -> None:
     (tracklet,), detections, t = observe((0, drag(stops)))
     assert moves_like_ball(tracklet, [], detections, t, POOL) == is_ball
-
-
-def test_what_leaves_its_place_as_clutter_is_no_ball_unless_one_is_there_again() -> None:
-    place, away = (0.8, 0.5), drag([(0.85, 0.5), (1.5, 0.6), (1.4, 0.9)])
-    still, later = drag([place, place]), drag([place, place])
-    (rest, clutter, again), detections, _ = observe((0, still), (14, away), (len(away) + 16, later))
-    assert is_part_of_clutter(rest, [rest], [clutter], detections, POOL)
-    assert not is_part_of_clutter(rest, [rest, again], [clutter], detections, POOL)
-    assert not is_part_of_clutter(rest, [rest], [], detections, POOL)
 
 
 @pytest.mark.parametrize(
