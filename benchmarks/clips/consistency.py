@@ -43,6 +43,7 @@ from pipeline.io.run_folder import list_folders_with
 from pipeline.io.run_views import read_shot_record
 from pipeline.reporting.pages.certificate_page import FALLS
 from pipeline.reporting.text.number_sentences import NUMBER_NAMES
+from pipeline.reporting.text.session_sentences import name_number
 from pipeline.terminal import command_line
 from video.overlay.close_up import draw_close_up
 
@@ -329,14 +330,15 @@ class RunStatements:
         """Read the numbers of compare, which are those of one shot, from its JSON and its terminal."""
         cue = numbers[0]["ball"] if numbers else ""
         of_cue_last = sorted(numbers, key=lambda one: one["ball"] == cue)  # compare has those of the cue ball
-        by_words = {NUMBER_NAMES[one["name"]]: one["ball"] for one in of_cue_last}
+        keys = {name_number(one["name"]): ("number", NUMBER_NAMES[one["name"]], one["ball"]) for one in of_cue_last}
         for one in document["groups"]["all"]:
-            if one["median"] is not None and NUMBER_NAMES.get(one["name"]) in by_words:
-                key = ("number", NUMBER_NAMES[one["name"]], by_words[NUMBER_NAMES[one["name"]]])
-                yield state(key, one["median"] * UNITS.get(one["unit"], 1), "JSON of compare")
+            if one["median"] is not None and name_number(one["name"]) in keys:
+                yield state(
+                    keys[name_number(one["name"])], one["median"] * UNITS.get(one["unit"], 1), "JSON of compare"
+                )
         for cells in rows:
-            if cells[0] in by_words and len(cells) > 4:
-                yield state(("number", cells[0], by_words[cells[0]]), cells[2], "terminal of compare")
+            if cells[0] in keys and len(cells) > 4:
+                yield state(keys[cells[0]], read_direction(self.identify(cells[2])), "terminal of compare")
 
     def read_session_page(self, rows: list[str], table: list[dict[str, str]], shots: list[Any]) -> Iterator[Statement]:
         """Read the shots on the page of compare, with their names, its CSV, and what scene.json has of them."""
@@ -347,20 +349,19 @@ class RunStatements:
             potted = "; ".join(f"«{one['ball']}» «{one['pocket']}»" for one in shot["potted"])
             yield state(("first of shot", f"{k}"), f"«{shot['first']}»" if shot["first"] else "", "scene.json")
             yield state(("potted in shot", f"{k}"), potted, "scene.json")
-            yield state(("spin in shot", f"{k}"), shot["spin_state"], "scene.json")
         for k, (row, one) in enumerate(zip(listed, table, strict=True)):
             shown = dict(zip(headings, row, strict=True))
             for name, heading, column in (("first of shot", "first ball", "first_name"),
                                           ("potted in shot", "potted", "potted_names"),
-                                          ("spin in shot", "spin there", "spin_state")):  # fmt: skip
+                                          ("spin in shot", "spin there", "spin_name")):  # fmt: skip
                 yield state((name, f"{k}"), self.identify(shown[heading]), "page of compare")
                 yield state((name, f"{k}"), self.identify(one[column]), "CSV of compare")
             if len(shots) == 1:
                 of_cue_last = sorted(shots[0]["numbers"], key=lambda one: one["ball"] == shots[0]["cue"])
-                by_words = {NUMBER_NAMES[number["name"]]: number["ball"] for number in of_cue_last}
-                for words in filter(by_words.get, headings):
-                    if shown[words]:
-                        yield state(("number", words, by_words[words]), shown[words], "page of compare")
+                for one in of_cue_last:
+                    if value := shown.get(name_number(one["name"])):
+                        key = ("number", NUMBER_NAMES[one["name"]], one["ball"])
+                        yield state(key, read_direction(self.identify(value)), "page of compare")
 
     def read_predictions(self, document: dict[str, Any], sentences: Iterable[str], table: Table) -> Iterator[Statement]:
         """Read motions, rests and places of predict from its JSON and its sentences."""

@@ -22,6 +22,7 @@ from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse
 from pipeline.io.shot_numbers_json import parse_shot_numbers
 from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
+from pipeline.reporting.text.number_sentences import name_heading, name_states
 from pipeline.reporting.text.session_sentences import SUMMARY_HEADINGS, list_summary_cells
 from pipeline.reporting.text.text_formatting import name_folders
 
@@ -87,7 +88,7 @@ def read_session(sources: Sequence[Path]) -> tuple[list[SessionShot], tuple[str,
     if not shots:
         if refusals:
             raise OptionError(refusals[0])
-        raise TrackError("no shot was struck in these folders; give runs of clips with a strike")
+        raise TrackError("no clip here shows a stroke of at least 50 % probability; give runs of clips that begin before it")
     return shots, tuple(refusals)
 
 
@@ -148,7 +149,7 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         "How do the shots of this session differ?",
         (f"{title}:",),
         quantities=tuple(Quantity(one.name, one.median, one.measurement, one.unit) for one in shown),
-        rows=(SUMMARY_HEADINGS, *map(list_summary_cells, shown)),
+        rows=(SUMMARY_HEADINGS, *(list_summary_cells(one, columns["heading"]) for one in shown)),
         notes=tuple(f"Note: {sentence}." for sentence in repetitions),
         refusals=refusals,
         document={"folder": str(folder), **document},
@@ -170,7 +171,7 @@ def _name_group(grouping: Grouping, one: SessionShot) -> str:
     """Name the group of a shot; balls and pockets by what a viewer calls them, since ids differ from clip to clip."""
     shot, naming = one.shot, one.naming
     if grouping == "spin":
-        return shot.spin_state
+        return name_states(shot)[0] if shot.first else "no ball"
     if grouping == "ball":
         return naming.name_ball(shot.first) or "no ball"
     if grouping == "pocket":
@@ -194,13 +195,21 @@ def tabulate_session(shots: Sequence[SessionShot], grouping: Grouping = "folder"
         `NAME_sigma`; NaN where it is not observable.
     """
     entries = [collect_session_numbers(one.shot) for one in shots]
+    groups = [_name_group(grouping, one) for one in shots]
+    if grouping == "folder":
+        names = {source: Path(source).resolve().name for source in groups}
+        groups = [names[source] if [*names.values()].count(names[source]) == 1 else source for source in groups]
     columns: Columns = {
-        "number": np.arange(1, len(shots) + 1),
-        "group": [_name_group(grouping, one) for one in shots], "folder": [str(one.folder) for one in shots],
+        "number": np.arange(1, len(shots) + 1), "group": groups, "folder": [str(one.folder) for one in shots],
         "t": np.array([one.shot.t for one in shots], np.float64),
         "cue": [one.shot.cue for one in shots], "first": [one.shot.first for one in shots],
         "first_name": [one.naming.name_ball(one.shot.first) for one in shots],
         "spin_state": [one.shot.spin_state for one in shots],
+        "spin_name": [name_states(one.shot)[0] if one.shot.first else "" for one in shots],
+        "heading": [
+            name_heading(entry["direction"][0], one.naming) if entry.get("direction", (0, 0, "", False))[3] else ""
+            for entry, one in zip(entries, shots, strict=True)
+        ],
         "potted": [_join_pots(one.shot.potted, one.shot.pockets) for one in shots],
         "potted_names": [
             _join_pots(map(one.naming.name_ball, one.shot.potted), map(one.naming.name_pocket, one.shot.pockets))

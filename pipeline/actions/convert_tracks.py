@@ -163,7 +163,8 @@ def find_output_format(path: Path, name: str | None = None) -> TrackFormat:
         return formats["track-folder"]
     endings = ", ".join(ending for one in formats.values() for ending in one.endings[:1] if ending)
     raise OptionError(
-        f"{escape_text(path)} could be several formats; end its name in {endings}, none for a folder, or --to"
+        f"{escape_text(path)} has the ending of no format; end its name in {endings}, in nothing for a track folder, or"
+        " give --to"
     )
 
 

@@ -16,6 +16,7 @@ from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
+from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import QUANTILES, compute_quantiles
 from models.estimation.shot_numbers.session_statistics import estimate_player_spread
 from models.estimation.table_learning.learned_table import LearnedTable
@@ -43,7 +44,8 @@ from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
 MIN_PROBABILITY = 0.5
 """Probability from which an event of the real shot counts."""
 SECONDS = 6.0
-"""s after the strike whose paths are drawn and listed."""
+"""s after the strike that every play lasts at least: most balls rest by then. A longer film is played to its end, so
+that the plays can score whatever it shows."""
 STEP_S = 0.02
 """s between rows of what_if.csv."""
 MAX_REPEATED_TURN = 5.0
@@ -131,12 +133,12 @@ def play_otherwise(
         fit = replace(fit, laws=load_laws(source, shot, cache, lambda: on_activity(words)))
     on_activity(f"playing the shot {draws} times as it was struck, and {draws} times otherwise")
     ensemble = draw_struck_ensemble(fit, solution, tracks, scene.table, stroke, draws, seed, learned)
-    t = np.arange(0.0, SECONDS + 1e-9, STEP_S)
+    t = list_play_times(float(tracks.t[-1]) - ensemble.t)
     real = play_changed_shot(ensemble, StrokeChange(), plan.spread, goal, t, seed)
     changed = play_changed_shot(ensemble, plan.change, plan.spread, goal, t, seed)
     document = summarize_changed_shot(
         ensemble, plan.change, plan.spread, plan.spread_source, goal, real, changed, fit.events,
-        (float(tracks.t[-1]), SECONDS), fit.shot_numbers[stroke : stroke + 2],
+        (float(tracks.t[-1]), float(t[-1])), fit.shot_numbers[stroke : stroke + 2],
     )  # fmt: skip
     require_writable_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -152,6 +154,11 @@ def play_otherwise(
         format_what_if_question(document, naming), format_what_if(document, naming), quantities=quantities,
         document={"folder": str(folder), **document}, figures=(str(folder / "what_if.png"),),
     )  # fmt: skip
+
+
+def list_play_times(filmed: float) -> FloatArray:
+    """List the times (T,) s after the strike of which a play is kept, for a film that ends so many seconds after it."""
+    return STEP_S * np.arange(np.ceil(max(SECONDS, filmed) / STEP_S) + 1)
 
 
 def _find_goal(plan: StrokePlan, tracks: Tracks, scene: Scene, naming: Naming) -> ShotGoal:
@@ -184,8 +191,8 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, 
         real = tracks.xy[tracks.t >= ensemble.t - 1e-9, tracks.ids.index(name)]
         fans.append(PredictionFan(name, real, plays, np.empty((0, 2))))
     title = (
-        f"Thick lines: the shot played otherwise, until the balls rest or {SECONDS:g} s after the strike; the stronger"
-        f" the shade, the more of {len(changed.members)} plays pass there.\n"
+        f"Thick lines: the shot played otherwise, until the balls rest or {changed.t[-1]:.1f} s after the strike; the"
+        f" stronger the shade, the more of {len(changed.members)} plays pass there.\n"
         "Thin lines: the real shot, until the clip ends."
     )
     return draw_changed_shot(ensemble.table, naming, fans, title)

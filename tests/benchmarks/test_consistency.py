@@ -228,7 +228,7 @@ def test_names_and_numbers_of_the_session_page_are_those_of_the_run(old: str, ne
         "<tr><td>1</td><td>yellow 1</td><td>follow</td><td></td><td>2.51 ± 0.01 m/s (9.0 km/h)</td></tr>"
     )
     assert old in page
-    table = [{"first_name": "yellow 1", "spin_state": "follow", "potted_names": ""}]
+    table = [{"first_name": "yellow 1", "spin_name": "follow", "potted_names": ""}]
     numbers = [{"name": "cue_speed", "ball": "cue"}]
     shot = {"cue": "cue", "first": "solid-1", "spin_state": "follow", "potted": [], "numbers": numbers}
     read = run.read_session_page(PageRows(page.replace(old, new)).rows(), table, [shot])

@@ -78,6 +78,12 @@ def lighten_for_text(colour: Colour) -> Colour:
     return colour if bright >= BRIGHT_LUMA else mix_colours(colour, WHITE, (BRIGHT_LUMA - bright) / (255 - bright))
 
 
+def darken_for_white(colour: Colour) -> Colour:
+    """Darken a colour until a line in it is visible on `WHITE`; the hue stays."""
+    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    return mix_colours(colour, (0, 0, 0), max(1 - MAX_LUMA_ON_WHITE / max(bright, 1.0), 0.0))
+
+
 def adapt_to_any_background(colour: Colour) -> Colour:
     """Lighten or darken a colour until a line in it is visible both on `INK` and on `WHITE`.
 
@@ -87,9 +93,8 @@ def adapt_to_any_background(colour: Colour) -> Colour:
     Returns:
         A colour of the same hue whose brightness lies between the limits for both backgrounds.
     """
+    colour = darken_for_white(colour)
     bright = float(np.array(colour) @ LUMA_WEIGHTS)
-    if bright > MAX_LUMA_ON_WHITE:
-        return mix_colours(colour, (0, 0, 0), 1 - MAX_LUMA_ON_WHITE / bright)
     return mix_colours(colour, WHITE, max(MIN_LUMA_ON_DARK - bright, 0.0) / (255 - bright))
 
 

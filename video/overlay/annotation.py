@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from models.core.fit_result import Fit, TrustLevel
+from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import drawing_scale
@@ -64,8 +64,6 @@ TABLE_COST, POCKET_COST, DETAIL_COST = 1.0, 2.0, 1.5
 """Costs of hidden table, pockets and image detail."""
 PANEL_GAP_RADII = 1.3
 """Ball radii around the centres of all balls, at any time, that no panel covers."""
-TRUST_WORDS: dict[TrustLevel, str] = {"green": "fit trusted", "amber": "fit with care", "red": "fit not trusted"}
-"""Texts of the trust levels on the clock panel."""
 
 
 DEFAULT_OPTIONS = RenderOptions()
@@ -318,7 +316,7 @@ def prepare_annotation(
     scale = drawing_scale(height)
     paths = tuple(sample_motion_path(timeline, fit, ball) for ball in range(len(tracks.ids)))
     inset = build_table_inset(timeline.scene, round(INSET_SHARE * width))
-    clock = ClockPanel(f"{slow:g}× slower", fit.trust.level, TRUST_WORDS[fit.trust.level])
+    clock = ClockPanel(f"{slow:g}× slower", fit.trust.level, f"trust: {fit.trust.level}")
     cost, crossed = _panel_cost_map(timeline, first), _trace_balls(timeline, paths)
     inset_place = place_panel(inset.size, (width, height), cost, crossed, 1 / COST_CELL_PX)
     avoided = np.vstack([crossed, inset_place])

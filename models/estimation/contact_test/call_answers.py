@@ -88,7 +88,7 @@ class CallAnswer:
     doubt_frame: float = math.nan
     """Frame around which sharp images would decide."""
     path: tuple[CandidateContact, ...] = ()
-    """Probable contacts of the ball in order of time, where the question is about their sequence."""
+    """Probable contacts of the ball in order of time, of the named balls where the question is about a contact."""
     parts: tuple[CallAnswer, ...] = ()
     """Answers that this one follows from."""
 
@@ -124,7 +124,9 @@ def answer_contact(record: ShotRecord, a: str, b: str) -> CallAnswer:
         raise ValueError(f"a contact is between two balls; got {a} twice")
     touches = list_touches(record, one, two)
     probability = 1 - math.prod(1 - touch.probability for touch in touches)
-    return build_answer(record, CallAnswer("contact", (a, b), probability, balls=(a, b)), select_touch(touches))
+    path = tuple(touch for touch in touches if touch.probability > 0.5)
+    answer = CallAnswer("contact", (a, b), probability, balls=(a, b), path=path)
+    return build_answer(record, answer, select_touch(touches))
 
 
 def list_touches(record: ShotRecord, one: int, two: int) -> list[CandidateContact]:
@@ -183,9 +185,8 @@ def answer_first_contact(record: ShotRecord, a: str) -> CallAnswer:
         ranked = ((name, probability), *(entry for entry in ranked if entry[0] != name))
     times = [t for t, _ in meetings if np.isfinite(t)]
     doubts = list_doubts(record, min(times, default=float(record.moments[0])), (a,), is_doubtful)
-    fitting = (entry for entry in candidates if entry.other == name)
-    best = max(fitting, key=lambda entry: (entry.probability, -entry.t), default=None)
-    best = _find_nearest_ball(record, one) if name == "none" else best
+    fitting = [entry for entry in candidates if entry.other == name]
+    best = select_touch(fitting) if fitting else _find_nearest_ball(record, one) if name == "none" else None
     balls = (a,) if best is None else (a, best.other)
     answer = CallAnswer("first", (a,), probability, balls=balls, met=name, alternatives=ranked, **doubts)
     return answer if best is None else build_answer(record, answer, best)
@@ -294,7 +295,7 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
     if not np.isfinite(distance).any():
         raise ValueError(f"{a} has too few detections for an answer")
     k = int(np.nanargmin(distance))
-    margin, sigma = float(distance[k]) - POCKET_MOUTH_RADII * record.table.ball_radius, float(record.path_sigma[k, one])
+    margin, sigma = float(distance[k]) - POCKET_MOUTH_RADII * record.table.ball_radius, record.place_sigma(one, k)
     falls = [
         (moment, hypothesis)
         for moment in record.explanation.moments
@@ -353,13 +354,13 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     side = 1.0 if along[observed[0]] > 0 else -1.0
     remaining = side * along - (record.table.ball_radius if edge else 0.0)  # > 0 while short of the line
     k = int(observed[np.argmin(remaining[observed])])
-    margin, sigma = float(remaining[k]), float(max(record.path_sigma[k, one], 1e-5))
+    margin, sigma = float(remaining[k]), record.place_sigma(one, k)
     unlisted = probability_of_unlisted_event(record, a)
     probability = float(np.clip(ndtr(-margin / sigma), unlisted, 1 - unlisted))
     beyond = observed[remaining[observed] <= 0]
     row = int(beyond[0]) if len(beyond) else k
     speed = abs(float(record.velocity[row, one, "xy".index(axis)]))
-    t_sigma = float(record.path_sigma[row, one]) / speed if len(beyond) and speed > REST_SPEED else float("nan")
+    t_sigma = record.place_sigma(one, row) / speed if len(beyond) and speed > REST_SPEED else float("nan")
     candidate = CandidateContact(one, axis, float(record.moments[row]), t_sigma, probability, margin, sigma)
     subject = (a, f"{axis}={at:g}", *(("edge",) if edge else ()))
     return build_answer(record, CallAnswer("line", subject, probability, balls=(a,)), candidate)

@@ -188,7 +188,7 @@ def _find_nearest_rail(record: ShotRecord, t: float) -> CandidateContact:
     gap[~(np.stack([-vx, vx, -vy, vy], axis=-1) > REST_SPEED)] = np.inf
     gap = np.nan_to_num(gap, nan=np.inf)
     row, ball, side = np.unravel_index(int(np.argmin(gap)), gap.shape)
-    sigma = float(np.hypot(record.path_sigma[after][row, ball], record.nose_sigma))
+    sigma = record.place_sigma(int(ball), int(np.flatnonzero(after)[row]))
     moment, least = float(record.moments[after][row]), float(gap[row, ball, side])
     return CandidateContact(
         int(ball), CUSHIONS[side], moment, math.nan, 0.0, least if math.isfinite(least) else math.nan, sigma

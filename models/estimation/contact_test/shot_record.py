@@ -57,7 +57,7 @@ class ShotRecord:
     """(K,) m."""
     events: Events
     moments: FloatArray
-    """(M,) s, even steps."""
+    """(M,) s, even steps but for the first and the last one."""
     path: FloatArray
     """(M, N, 2) m; NaN where a ball is absent."""
     velocity: FloatArray
@@ -109,6 +109,10 @@ class ShotRecord:
     def gap_sigma(self, one: int, two: int, k: int) -> float:
         """Return the standard deviation, m, of the gap of two balls at moment k."""
         return float(np.hypot(np.hypot(*self.path_sigma[k, [one, two]]), self.reach_sigma))
+
+    def place_sigma(self, ball: int, k: int) -> float:
+        """Return the standard deviation, m, of the distance of a ball from a cushion, pocket or line at moment k."""
+        return float(np.hypot(self.path_sigma[k, ball], self.nose_sigma))
 
     def speed_at(self, ball: int, t: float) -> float:
         """Return the speed, m/s, at t (s) on the fitted path; NaN where the ball is absent."""
@@ -179,6 +183,7 @@ def make_shot_record(
     row, ball = row[order], ball[order]
     sigma = np.sqrt((tracks.sigma[row, ball] ** 2 + tracks.sigma_along[row, ball] ** 2) / 2)
     t = np.arange(np.floor(tracks.t[0] * PATH_RATE), np.ceil(tracks.t[-1] * PATH_RATE) + 1) / PATH_RATE
+    t = np.clip(t, tracks.t[0], tracks.t[-1])  # a path has no place before the first frame, nor after the last one
     state = motion.at(t)
     spin_velocity = np.stack([state.w[..., 1], -state.w[..., 0]], axis=-1)
     return ShotRecord(

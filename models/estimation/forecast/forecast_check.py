@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.core.errors import TrackError
 from models.core.events import Events
+from models.core.fit_result import Fit
 from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.tracks import Tracks
@@ -22,7 +23,7 @@ from models.estimation.forecast.solution_state import (
     collect_captured_observations,
     estimate_lack_of_fit,
 )
-from models.estimation.forecast.state_estimate import StateEstimate
+from models.estimation.forecast.state_estimate import PARAMETERS_PER_BALL, StateEstimate
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import LearnedTable
@@ -95,7 +96,25 @@ def estimate_states(
         )
         for learned in tables
     )  # fmt: skip
-    return tuple(replace(state, t=t) for state in states)
+    return tuple(_adopt_measured_motion(replace(state, t=t), fit, observed_tracks) for state in states)
+
+
+def _adopt_measured_motion(state: StateEstimate, fit: Fit, tracks: Tracks) -> StateEstimate:
+    """Start balls whose last motion no fit explains where all outputs have them: rolling on the measured curve."""
+    mean, covariance, moving = state.mean.copy(), state.covariance.copy(), state.moving.copy()
+    state_at_t = fit.trajectory.at(state.t)
+    for row, name in enumerate(state.ids):
+        k = fit.trajectory.ids.index(name)
+        if not (state_at_t.measured[k] and np.isfinite(state_at_t.xy[k]).all()):
+            continue
+        moving[row] = fit.moving[-1, tracks.ids.index(name)]
+        here = slice(PARAMETERS_PER_BALL * row, PARAMETERS_PER_BALL * (row + 1))
+        side = covariance[here, here][-1, -1] if moving[row] else 0.0
+        spread = [state_at_t.sigma[k] ** 2] * 2 + [state_at_t.sigma_v[k] ** 2 if moving[row] else 0.0] * 2
+        mean[here] = [*state_at_t.xy[k], *(state_at_t.v[k] if moving[row] else (0.0, 0.0)), 0.0, 0.0, 0.0]
+        covariance[here], covariance[:, here] = 0.0, 0.0
+        covariance[here, here] = np.diag([*spread, 0.0, 0.0, side])
+    return replace(state, mean=mean, covariance=covariance, moving=moving)
 
 
 OBSERVED_SHARE = 1 / 3

@@ -205,10 +205,11 @@ def _note_capture_times(clock: CaptureClock) -> tuple[str, ...]:
 
 def _warn_of_unexplained_changes(explanation: ShotExplanation, naming: Naming) -> tuple[str, ...]:
     """Return a warning that names velocity changes whose most probable cause is unknown; empty without any."""
-    unknown = [one for one in explanation.moments if one.best.cause == "unexplained"]
+    moments = (one for one in explanation.moments if one.best.cause == "unexplained")
+    unknown = list(dict.fromkeys(f"{naming.say(one.ball)} at {format_time(one.t, one.t_sigma)}" for one in moments))
     if not unknown:
         return ()
-    places = ", ".join(f"{naming.say(one.ball)} at {format_time(one.t, one.t_sigma)}" for one in unknown[:_MAX_LISTED])
+    places = ", ".join(unknown[:_MAX_LISTED])
     more = f" and {len(unknown) - _MAX_LISTED} more" if len(unknown) > _MAX_LISTED else ""
     return (f"Changed speed or direction without a known cause: {places}{more}.",)
 

@@ -85,6 +85,9 @@ def summarize_series(name: str, unit: str, x: FloatArray, values: FloatArray, si
     x, values, sigmas = x[rows], values[rows], sigmas[rows]
     if not len(values):
         return SeriesSummary(name, unit, 0, *(float("nan"),) * 7)
+    if name == "direction":  # of 179 and -179 degrees, the middle is 180
+        around = np.degrees(np.angle(np.exp(1j * np.radians(values)).sum()))
+        values = around + (values - around + 180) % 360 - 180
     middle, measurement = float(np.median(values)), float(np.sqrt(np.median(sigmas**2)))
     spread = estimate_sigma(values) if len(values) > 1 else float("nan")
     own = float(np.sqrt(max(spread**2 - measurement**2, 0.0))) if np.isfinite(spread) else float("nan")
@@ -121,7 +124,6 @@ def estimate_player_spread(shots: Sequence[ShotNumbers]) -> tuple[float, float]:
         raise ValueError(f"two shots with an observable speed are needed; got {len(rows)}")
     speed, speed_sigma, direction, direction_sigma = np.array(rows).T
     shots_numbers = np.arange(len(rows), dtype=float)
-    turned = np.degrees(np.unwrap(np.radians(direction)))
     fast = summarize_series("cue_speed", "m/s", shots_numbers, speed, speed_sigma)
-    aim = summarize_series("direction", "deg", shots_numbers, turned, direction_sigma)
+    aim = summarize_series("direction", "deg", shots_numbers, direction, direction_sigma)
     return fast.own_spread / fast.median, aim.own_spread

@@ -22,7 +22,7 @@ from pipeline.reporting.text.text_formatting import (
     format_event_time,
     format_parameter_name,
 )
-from video.drawing.palette import INK, mix_colours
+from video.drawing.palette import darken_for_white
 
 PLOT_HZ = 60.0
 HOVER_TEMPLATE = (
@@ -39,8 +39,7 @@ AXIS_MARGIN = 0.15
 
 def style_line(look: BallLook) -> dict[str, str]:
     """Style the line of a ball on a white page: light colours are darkened, and striped balls have dashes."""
-    colour = mix_colours(look.colour, INK, 0.35 if min(look.colour) > 150 else 0.0)
-    return {"color": format_colour(colour), "dash": "dash" if look.is_striped else "solid"}
+    return {"color": format_colour(darken_for_white(look.colour)), "dash": "dash" if look.is_striped else "solid"}
 
 
 def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.Figure:

@@ -47,7 +47,7 @@ from pipeline.reporting.text.check_list import CheckPlace, select_check_places
 from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure
 from pipeline.reporting.text.correction_sentences import HAND_PREFIX
 from pipeline.reporting.text.number_sentences import list_number_rows
-from pipeline.reporting.text.shot_summary import ShotSummary, summarize_shots
+from pipeline.reporting.text.shot_summary import MIN_PROBABILITY, ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
@@ -121,6 +121,8 @@ def write_report(
     calls = answer_standard_questions(
         make_shot_record(tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
     )
+    probable = zip(fit.events.kind, fit.events.probability, strict=True)
+    likely = [kind for kind, p in probable if p >= MIN_PROBABILITY]
     is_guess = any(doubt.startswith(ALTERNATIVES_PREFIX) for doubt in scene.warnings)
     doubts = ["Lengths and speeds hold for the guessed table size (see above)."] if is_guess else []
     summaries = summarize_shots(tracks, fit, scene.table, doubts, calls)
@@ -138,7 +140,7 @@ def write_report(
         start=files.start,
         events=build_event_rows(fit, files, scene.table.ball_radius),
         no_events=format_no_events(fit),
-        counts=[fit.events.kind.count(kind) for kind in ("ball", "cushion", "pocket")],
+        counts=[likely.count(kind) for kind in ("ball", "cushion", "pocket")],
         least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
         checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
@@ -149,6 +151,8 @@ def write_report(
         terms=" ".join(f"{what} {value}" for _, rows in shot_numbers for what, _, value, _ in rows),
         prior_only=any(p.prior_only for p in fit.parameters),
         rail=fit.naming.rail_word,
+        near_diameters=f"{NEAR_MISS_DIAMETERS:g}",
+        near_count=MAX_NEAR_MISSES,
         plotly=pack_plotly_source(),
         parameter_plot=_embed_parameter_plot(fit),
         parameters=_list_parameters(fit),
@@ -263,9 +267,9 @@ def answer_standard_questions(record: ShotRecord) -> list[CallAnswer]:
     """Answer standard questions: first contact of each struck ball, pockets, a carom, fouls, and near misses."""
     rows = zip(record.events.kind, record.events.a, record.events.b, strict=True)
     events = [row for row in rows if row[1] in record.ids]
-    struck = dict.fromkeys(a for kind, a, _ in events if kind == "strike")
-    calls = [call_answers.answer_first_contact(record, a) for a in struck]
-    calls += [call_answers.answer_cushion_first(record, a) for a in struck]
+    struck = dict.fromkeys(a for kind, a, _ in events if kind == "strike") or [find_struck_ball(record)]
+    calls = [call_answers.answer_first_contact(record, a) for a in struck if a]
+    calls += [call_answers.answer_cushion_first(record, a) for a in struck if a]
     calls += [call_answers.answer_pocket(record, a, pocket) for kind, a, pocket in events if kind == "pocket"]
     return calls + _answer_rules(record) + _answer_near_misses(record)
 

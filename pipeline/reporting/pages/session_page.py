@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 
-from models.core.number_format import format_unit, format_value
+from models.core.number_format import format_unit
 from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import format_number
+from pipeline.reporting.text.number_sentences import TIP_SHARE, format_direction, format_number
 from pipeline.reporting.text.session_sentences import (
     format_level,
+    format_measurement,
     format_own_spread,
     format_spread,
     format_trend,
@@ -45,6 +47,7 @@ def write_session_page(
         path: File to write.
     """
     groups = [name for name in summaries if name]
+    owners = list(map(str, columns["group"]))
     shown = [one for one in summaries[""] if _is_shown(one)]
     figures = [
         (name_number(one.name), embed_figure(_trend(columns, one, groups), f"trend-{k}", _FIGURE_HEIGHT))
@@ -54,8 +57,11 @@ def write_session_page(
     html = render_template(
         "session.html",
         name=title,
-        groups=[(escape_text(name), [_describe_summary(one) for one in summaries[name] if _is_shown(one)])
-                for name in (["", *groups] if len(groups) > 1 else [""])],
+        groups=[
+            (escape_text(name), [_describe_summary(one, columns, name) for one in summaries[name] if _is_shown(one)])
+            for name in ("", *(name for name in groups if 1 < owners.count(name) < len(owners)))
+        ],
+        has_groups=owners != [Path(str(place)).name for place in columns["folder"]],
         headings=[name_number(one.name) for one in shown],
         shots=[_describe_shot(columns, row, shown) for row in range(len(columns["number"]))],
         figures=figures,
@@ -71,17 +77,21 @@ def _is_shown(one: SeriesSummary) -> bool:
 
 
 def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Figure:
-    label = f"{name_number(one.name)}{f' ({format_unit(one.unit)})' if one.unit else ''}"
-    return build_trend_figure(columns, one.name, one, groups, label)
+    if one.name == "direction":
+        turn = np.asarray(columns["direction"]) - one.median
+        columns = {**columns, "direction": (turn + 180) % 360 - 180}
+        return build_trend_figure(columns, one.name, replace(one, median=0.0), groups, "° to the right of the median")
+    return build_trend_figure(columns, one.name, one, groups, format_unit(one.unit))
 
 
-def _describe_summary(one: SeriesSummary) -> dict[str, str | bool | int]:
-    """Describe a summary as a table row."""
+def _describe_summary(one: SeriesSummary, columns: Columns, group: str) -> dict[str, str | bool | int]:
+    """Describe a summary as a table row, of one group or, where its name is empty, of all shots."""
+    owners = zip(columns["heading"], columns["group"], strict=True)
+    headings = [heading for heading, owner in owners if group in ("", owner)]
     return {
-        "name": name_number(one.name), "unit": format_unit(one.unit), "count": one.count, "median": format_level(one),
-        "spread": format_spread(one), "own": format_own_spread(one),
-        "measurement": format_value(one.measurement, 2), "has_trend": one.has_trend,
-        "trend": format_trend(one),
+        "name": name_number(one.name), "unit": format_unit(one.unit), "count": one.count,
+        "median": format_level(one, headings), "spread": format_spread(one), "own": format_own_spread(one),
+        "measurement": format_measurement(one), "has_trend": one.has_trend, "trend": format_trend(one),
     }  # fmt: skip
 
 
@@ -92,21 +102,25 @@ def _describe_shot(columns: Columns, row: int, shown: Sequence[SeriesSummary]) -
         "group": escape_text(str(columns["group"][row])),
         "folder": escape_text(Path(str(columns["folder"][row])).name),
         "first": columns["first_name"][row],
-        "state": columns["spin_state"][row],
+        "state": columns["spin_name"][row],
         "potted": columns["potted_names"][row],
-        "cells": [
-            format_number(ShotNumber(one.name, value, float(columns[f"{one.name}_sigma"][row]), one.unit, True))
-            if np.isfinite(value := float(columns[one.name][row]))
-            else ""
-            for one in shown
-        ],
+        "cells": [_format_cell(columns, row, one) for one in shown],
     }
+
+
+def _format_cell(columns: Columns, row: int, one: SeriesSummary) -> str:
+    """Format a number of a shot as the report of its run does; empty where it is not observable."""
+    number = ShotNumber(
+        one.name, float(columns[one.name][row]), float(columns[f"{one.name}_sigma"][row]), one.unit, True
+    )
+    if not np.isfinite(number.value):
+        return ""
+    is_direction = one.name == "direction"
+    return format_direction(number, str(columns["heading"][row])) if is_direction else format_number(number)
 
 
 GROUP_COLOURS = ("#0f5c42", "#b45309", "#1d4ed8", "#9d174d", "#4d7c0f", "#6d28d9", "#0e7490", "#7f1d1d")
 """Colours of the groups, dark enough on white."""
-TIP_OFFSET = 0.4
-"""Offset of the cue tip over the radius per R omega / v: a sphere that is struck at b turns with 5/2 b v / R^2."""
 MAX_TIP_OFFSET = 0.5
 """Offset, in radii, beyond which a tip slips off."""
 
@@ -173,7 +187,7 @@ def build_tip_figure(columns: Columns, groups: Sequence[str]) -> go.Figure:
     for k, group in enumerate(groups):
         rows = (owners == group) & np.isfinite(side) & np.isfinite(top)
         figure.add_scatter(
-            x=TIP_OFFSET * side[rows], y=TIP_OFFSET * top[rows], mode="markers", name=group, showlegend=len(groups) > 1,
+            x=TIP_SHARE * side[rows], y=TIP_SHARE * top[rows], mode="markers", name=group, showlegend=len(groups) > 1,
             marker={"color": _colour(k), "size": 9}, hovertemplate="right %{x:.2f} R, up %{y:.2f} R<extra></extra>",
         )  # fmt: skip
     figure.update_xaxes(title="to the right (radii)", range=[-1.1, 1.1])

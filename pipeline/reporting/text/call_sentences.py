@@ -154,7 +154,9 @@ def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str
     )
     when = f" at {moment}" if moment and not is_timeless else ""
     if not margin or _happens(call):
-        return "; ".join(filter(None, [text + when, margin]))
+        later = call.path[1:] if call.kind == "contact" else ()
+        again = " and ".join(format_time(one.t, one.t_sigma) for one in later)
+        return "; ".join(filter(None, [text + when, margin, again and f"again at {again}"]))
     is_tight = call.kind in ("contact", "score") and is_undecided(float(ndtr(-call.margin / call.margin_sigma)))
     return f"{text}; {margin}{when}{UNCHANGED if is_tight and call.verdict == 'no' else ''}"
 
@@ -233,8 +235,9 @@ def format_score(call: CallAnswer, naming: Naming, is_moving: bool) -> str:
 
 
 def format_sequence(call: CallAnswer, naming: Naming) -> str:
-    """Format the contacts of a ball in order of time, as a sentence; empty where there are none."""
-    contacts = [f"{naming.say(one.other)} at {format_time(one.t, one.t_sigma)}" for one in call.path]
+    """Format the contacts of a ball in order of time, as a sentence; empty where the question is of no sequence."""
+    path = call.path if call.kind == "score" else ()
+    contacts = [f"{naming.say(one.other)} at {format_time(one.t, one.t_sigma)}" for one in path]
     return f"In order, {naming.say(call.subject[0])} met {join_names(contacts)}." if contacts else ""
 
 

@@ -36,7 +36,7 @@ NUMBER_NAMES = {
     "pocket_offset": "Offset at the pocket",
     "pocket_speed": "Speed at the pocket",
     "length": "Length of the path",
-    "cushions": "Cushions",
+    "cushions": "Cushion contacts",
 }
 """Words by name of a number."""
 STATE_WORDS = {"draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll"}
@@ -117,7 +117,7 @@ def format_hit(shot: ShotNumbers) -> str:
         shown = f"{name} ({covered} % of the ball covered, cut angle {angle}°)"
         words.append(shown if is_known else f"fullness {NOT_OBSERVABLE}")
     if shot.spin_state_probabilities:
-        state, p = _name_states(shot)
+        state, p = name_states(shot)
         words.append(state if p else f"spin {state}")
     if side is not None and _is_sure(side):
         words.append(f"{SIDES[side.name][side.value < 0]} side")
@@ -160,19 +160,20 @@ def list_number_rows(shot: ShotNumbers, naming: Naming, radius: float) -> list[t
     for one in (number for number in shot.numbers if number.name not in ("length", "cushions")):
         ball = naming.name_ball(one.ball)
         subject = f"{ball}, {naming.name_pocket(one.place)}" if one.place else ball
-        value = format_direction(one, naming) if one.name == "direction" else format_number(one)
+        heading = name_heading(one.value, naming)
+        value = format_direction(one, heading) if one.name == "direction" else format_number(one)
         rows.append((NUMBER_NAMES[one.name], subject, value, one.observable))
         if one.name in TIP_NUMBERS and _is_sure(one):
             size, name = 1e3 * TIP_SHARE * radius, TIP_NUMBERS[one.name]
             tip = replace(one, name=name, value=size * one.value, sigma=size * one.sigma, unit="mm")
             rows.append((NUMBER_NAMES[name], subject, format_number(tip), True))
         if one.name == "contact_spin_share":
-            state, p = _name_states(shot)
+            state, p = name_states(shot)
             rows.append(("State at the first ball", ball, f"{state} ({format_probability(p)})" if p else state, p > 0))
     return rows
 
 
-def _name_states(shot: ShotNumbers) -> tuple[str, float]:
+def name_states(shot: ShotNumbers) -> tuple[str, float]:
     """Name the states of the cue ball at the first ball that are probable enough together, and state how probable."""
     ranked = sorted(zip(shot.spin_state_probabilities, SPIN_STATES, strict=False), reverse=True)
     for count in range(1, MAX_STATES + 1):
@@ -182,12 +183,18 @@ def _name_states(shot: ShotNumbers) -> tuple[str, float]:
     return NOT_OBSERVABLE, 0.0
 
 
-def format_direction(one: ShotNumber, naming: Naming) -> str:
-    """Format the direction of a shot by the rails that it leads towards, and its angle to the long ones."""
-    along, across = math.cos(math.radians(one.value)), math.sin(math.radians(one.value))
+def format_direction(one: ShotNumber, heading: str, *, has_sigma: bool = True) -> str:
+    """Format the direction of a shot by its angle to the long rails, and the rails that it leads towards."""
+    across, along = (abs(part(math.radians(one.value))) for part in (math.sin, math.cos))
+    value, sigma = format_measured(math.degrees(math.atan2(across, along)), one.sigma, DECIMALS["deg"])
+    return f"{value}{f' ± {sigma}' if sigma and has_sigma else ''}° {heading}"
+
+
+def name_heading(degrees: float, naming: Naming) -> str:
+    """Name the rails that a direction (degrees from the x axis towards y) leads towards, to follow its angle."""
+    along, across = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     rails = naming.say("right" if along > 0 else "left"), naming.say("bottom" if across > 0 else "top")
-    angle = format_with_sigma(math.degrees(math.atan2(abs(across), abs(along))), one.sigma, DECIMALS["deg"])
-    return f"{angle}° to the long {naming.rail_word}s, towards {rails[0]} and {rails[1]}"
+    return f"to the long {naming.rail_word}s, towards {rails[0]} and {rails[1]}"
 
 
 def format_cushions(count: float) -> str:

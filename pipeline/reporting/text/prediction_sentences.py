@@ -14,7 +14,7 @@ from models.core.number_format import (
 )
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
 from pipeline.reporting.text.table_words import format_place
-from pipeline.reporting.text.text_formatting import format_meeting
+from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 MAX_REST_SHIFT = 0.005
 """m, largest displacement of a ball that is described as staying at rest."""
@@ -37,24 +37,26 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
         12 cm (0.4 diamonds) from the near long rail and 64 cm (2.0 diamonds) from the left short rail, each ± 2 cm.`
     """
     state, table = prediction.state, prediction.state.table
-    name = naming.say(state.ids[k])
-    name = name[0].upper() + name[1:]
+    name = start_sentence(naming.say(state.ids[k]))
+    moves = state.moving[k]
     contacts = [
         f"{format_meeting(kind, other, naming)}{'' if kind == 'pocket' else ' first'}{format_doubt(p)}"
+        if moves else f"{naming.say(other)} touches it{format_doubt(p)}"
         for (kind, _, other), p in prediction.first_contacts[k][:2]
         if p >= MIN_REPORTED_PROBABILITY
-    ]
+    ]  # fmt: skip
     here = prediction.path[0, k]
     if stays_at_rest(prediction, k):
         moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)
         stays = format_doubt(float(np.mean(moved < MAX_REST_SHIFT)))
-        unless = f", unless it {' or '.join(contacts)}" if contacts else ""
+        unless = f", unless {' or '.join(contacts)}" if contacts else ""
         return f"{name} stays at rest{stays}, {format_place(here, np.nan, table, naming)}{unless}."
-    begin = f"{name} {'keeps moving' if state.moving[k] else 'is at rest'}"
+    begin = f"{name} {'keeps moving' if moves else 'is at rest'}"
     left = 1 - sum(p for _, p in prediction.first_contacts[k])
     if contacts:
-        begin += f", {' or '.join(contacts)}"
-        begin += f", or touches nothing ({format_probability(left)})" if left >= MIN_REPORTED_PROBABILITY else ""
+        begin += f"{',' if moves else ' until'} {' or '.join(contacts)}"
+        nothing = "touches nothing" if moves else "nothing touches it"
+        begin += f", or {nothing} ({format_probability(left)})" if left >= MIN_REPORTED_PROBABILITY else ""
     potted = 1 - float(prediction.on_table[-1, k])
     if potted > 1 - EXTREME_PROBABILITY:
         return f"{begin}, and is potted."

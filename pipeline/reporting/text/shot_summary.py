@@ -85,7 +85,7 @@ def summarize_shots(
     events = fit.events
     strikes = [k for k in likely if events.kind[k] == "strike" and events.a[k] in fit.trajectory.ids]
     starts: list[tuple[str, float, int | None]] = [(events.a[k], float(events.t[k]), k) for k in strikes]
-    if not strikes and (first_ball := _find_first_mover(tracks, fit, likely)) is not None:
+    if not strikes and (first_ball := _find_first_mover(tracks, fit, calls)) is not None:
         starts = [(first_ball, float(tracks.t[0]), None)]
     ends = [*(start for _, start, _ in starts[1:]), np.inf][: len(starts)]
     summaries = []
@@ -106,23 +106,12 @@ def summarize_shots(
     return summaries
 
 
-def _find_first_mover(tracks: Tracks, fit: Fit, likely: list[int]) -> str | None:
-    """Return the incoming ball of the first contact: the faster one, or one whose velocity is unknown.
-
-    Without a contact, return the ball that moves first; among several, a cue ball takes precedence.
-    """
-    events, ids = fit.events, fit.trajectory.ids
-    for k in likely:
-        if events.kind[k] == "ball" and {events.a[k], events.b[k]} <= set(ids):
-            pair = [events.a[k], events.b[k]]
-            v = fit.trajectory.at(float(events.t[k] + _contact_margins(events, k)[0])).v
-            speed = [float(np.nan_to_num(np.linalg.norm(v[ids.index(ball)]), nan=np.inf)) for ball in pair]
-            return pair[int(np.argmax(speed))]
+def _find_first_mover(tracks: Tracks, fit: Fit, calls: Sequence[CallAnswer]) -> str | None:
+    """Return the ball whose first contact was asked for; else the one that moves first, among several a cue ball."""
     moving = np.flatnonzero(fit.moving.any(axis=0))
-    started = [int(np.argmax(fit.moving[:, k])) for k in moving]
-    first = [int(k) for k, row in zip(moving, started, strict=True) if row == min(started)]
-    cue = [k for k in first if tracks.kinds[k] in CUE_KINDS]
-    return tracks.ids[(cue or first)[0]] if first else None
+    started = [(int(np.argmax(fit.moving[:, k])), tracks.kinds[k] not in CUE_KINDS, int(k)) for k in moving]
+    firsts = (one.subject[0] for one in calls if one.kind == "first")
+    return next(firsts, tracks.ids[min(started)[2]] if started else None)
 
 
 def _contact_margins(events: Events, k: int) -> FloatArray:
@@ -173,6 +162,10 @@ class _Stroke:
         if strike is not None:
             left = format_speed(events.speed[strike]) if np.isfinite(events.speed[strike]) else ""
             struck = f"{self.name} was struck at {format_event_time(events, strike)}{left and f' and left at {left}'}."
+        elif ("strike", self.ball) in (strokes := list(zip(events.kind, events.a, strict=True))):
+            k = strokes.index(("strike", self.ball))
+            chance = format_event_probability(events, k, self.fit.explanation, naming)
+            struck = f"{self.name} was perhaps struck at {format_event_time(events, k)} ({chance})."
         if touch is None:
             return ShotSummary(
                 self.start, f"{self.name} touched no other ball. {struck}",
@@ -338,7 +331,10 @@ class _Stroke:
             firsts = (one for one in self.calls if one.kind == "first" and one.subject == (self.ball,))
             called = (one.probability for one in firsts if abs(one.t - events.t[main]) < SAME_MOMENT_TIME)
             parts.append(f"{what}: {format_probability(next(called, float(events.probability[main])))}.")
-        others = {k for k in (*self.likely, self.strike) if k not in (None, main) and events.kind[k] != "rest"}
+        others = {
+            k for k in range(len(events))
+            if self.start <= events.t[k] < self.end and k != main and events.kind[k] != "rest"
+        }  # fmt: skip
         worst = format_least_sure(events, sorted(others), self.fit.explanation, self.fit.naming)
         if others:
             shown = f"Of the other contacts, the least sure: {worst}."

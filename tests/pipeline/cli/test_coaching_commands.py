@@ -132,12 +132,16 @@ def make_summary(name: str, unit: str, values: list[float], sigma: float) -> Ser
 def test_a_session_is_printed_with_the_digits_of_its_errors() -> None:
     few = make_summary("cue_speed", "m/s", [2.8813, 2.8814], 0.0025)
     level = format_level(few), format_own_spread(few), format_trend(few)
-    assert level == ("2.88 m/s (10.4 km/h)", "below 0.003", "needs 4 shots")
+    assert level == ("2.88 m/s (10.4 km/h)", "below 0.01", "needs 4 shots")
     assert format_spread(make_summary("cushions", "", [2.99, 2.99 + 4e-6], 0.09)) == "0"
     spin = make_summary("top_spin_share", "", [0.10, 0.20, 0.31, 0.40, 0.52], 0.01)
     assert "e-" not in format_trend(spin)
     assert format_trend(spin).startswith("0.10")
     assert float(format_own_spread(spin)) > 0.1
+    around = make_summary("direction", "deg", [179.0, -179.0, 179.5, -179.5], 0.07)
+    assert format_level(around, ["to the long rails"] * 4) == "0° to the long rails"
+    assert format_level(around, ["towards the left rail", "towards the right rail"]) == "of several directions"
+    assert float(format_spread(around)) < 2, "179 and -179 degrees are neighbours"
     direction = make_summary("direction", "deg", [-34.42, 15.38], 0.07)
     assert (format_spread(direction), format_own_spread(direction)) == ("36.9", "36.9"), "as in the report of a shot"
     assert format_level(make_summary("cushions", "", [2.99, 2.99], 0.05)) == "3"

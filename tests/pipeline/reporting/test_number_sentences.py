@@ -21,6 +21,7 @@ from pipeline.reporting.text.number_sentences import (
     format_number,
     format_shot_line,
     list_number_rows,
+    name_heading,
 )
 from pipeline.reporting.text.table_words import format_place
 
@@ -80,7 +81,8 @@ def test_a_spin_that_is_not_measured_has_no_place_of_the_tip() -> None:
     ],
 )
 def test_a_direction_is_that_of_the_rails_it_leads_to(degrees: float, angle: str, rails: str) -> None:
-    words = format_direction(ShotNumber("direction", degrees, 0.1, "deg", True, "cue"), NAMING)
+    number = ShotNumber("direction", degrees, 0.1, "deg", True, "cue")
+    words = format_direction(number, name_heading(degrees, NAMING))
     assert words == f"{angle} ± 0.1° to the long rails, towards {rails}"
 
 

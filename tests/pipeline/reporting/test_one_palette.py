@@ -14,15 +14,16 @@ from support.sample_clips import read_sample_truth
 
 from benchmarks.detection.ball_looks import UNPAINTED, collect_pixels, compare_colours, measure_colour
 from detectors.measurement.ball_paint import look_at_balls
-from models.core.ball_look import parse_colour
+from models.core.ball_look import BallLook, parse_colour
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Scene
+from models.core.srgb import decode_srgb
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import ByteArray, FloatArray
-from pipeline.reporting.figures.run_figures import build_plan_figure
+from pipeline.reporting.figures.run_figures import build_plan_figure, style_line
 from video.drawing.prediction_fan import PredictionFan, draw_changed_shot, draw_prediction_fans
 from video.drawing.table_plan import SHIFT, SUPERSAMPLE, build_empty_inset, build_table_inset, draw_table_plan
 from video.io.clip import open_clip, read_frames
@@ -132,3 +133,11 @@ def test_the_plan_of_the_report_draws_each_ball_in_its_colour_in_the_clip() -> N
     differences = compare_colours(drawn, shown)
     assert [trace.name for trace in markers] == list(tracks.ids)
     assert differences.max() < MAX_DIFFERENCE, dict(zip(tracks.ids, differences.round(1), strict=True))
+
+
+@pytest.mark.parametrize("colour", [(255, 255, 0), (252, 250, 236), (255, 193, 7), (44, 44, 50)])
+def test_a_line_of_every_colour_is_visible_on_a_white_page(colour: tuple[int, int, int]) -> None:
+    shown = parse_colour(style_line(BallLook("ball", colour))["color"])
+    light = np.array([0.2126, 0.7152, 0.0722]) @ decode_srgb(np.array(shown) / 255)
+    assert 1.05 / (light + 0.05) > 2.5, "3 to 1 for grey (WCAG 2.1, 1.4.11); pure yellow has 1.1"
+    assert colour != (44, 44, 50) or shown == colour, "a dark one stays"

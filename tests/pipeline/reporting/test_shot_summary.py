@@ -255,7 +255,17 @@ def test_a_clip_that_begins_after_the_stroke_describes_the_moving_cue_ball() -> 
     assert "after the stroke" not in summary.when
 
 
-def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came() -> None:
+def test_the_summary_is_of_the_ball_that_the_calls_ask_about_and_names_an_undecided_stroke() -> None:
+    tracks, fit = make_shot((0.0, 0.5))
+    call = CallAnswer("first", ("red",), 0.97, TOUCH, met="white")
+    unsure = replace(fit.events, probability=np.array([0.15, 0.97]), a=("red", "red"))
+    fit = replace(fit, events=unsure)
+    (summary,) = summarize_shots(tracks, fit, shot.make_scene().table, calls=(call,))
+    assert summary.first == "Red hit white first. Red was perhaps struck at 0.2000 s ± 1.0 ms (15 %)."
+    assert "the least sure: red is struck (15 %)" in summary.confidence
+
+
+def test_a_ball_that_was_not_seen_before_its_contact_has_no_speed_there() -> None:
     tracks, fit = make_shot((0.0, 0.5))
     motion = fit.trajectory
     rows = [2, 3, 4]
@@ -266,7 +276,9 @@ def test_of_two_that_meet_the_one_that_was_not_seen_before_is_the_one_that_came(
     events = fit.events
     late = Events(*(getattr(events, name)[1:] for name in ("kind", "t", "t_sigma", "frame", "a", "b", "xy",
                     "probability", "gap", "gap_sigma", "speed")))  # fmt: skip
-    (summary,) = summarize(tracks, replace(fit, events=late, trajectory=unseen))
+    call = CallAnswer("first", ("white",), 0.97, TOUCH, met="red")
+    fit = replace(fit, events=late, trajectory=unseen)
+    (summary,) = summarize_shots(tracks, fit, shot.make_scene().table, calls=(call,))
     assert summary.first.startswith("White hit red first.")
     assert "The speed of white before the contact was not observed" in summary.speed
     assert (

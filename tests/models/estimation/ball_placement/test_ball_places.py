@@ -44,6 +44,14 @@ def test_balls_are_where_the_path_has_them_with_their_speeds(record: ShotRecord)
     np.testing.assert_allclose(places.speed, [1.0, 0.0], atol=1e-6)
 
 
+@pytest.mark.parametrize("end", [0, -1])
+def test_at_the_first_and_the_last_frame_too_a_ball_lies_on_its_path(record: ShotRecord, end: int) -> None:
+    """The path is stored at full milliseconds, a frame at 3.5667 s lies beside them."""
+    assert record.moments[end] == record.shown[end]
+    assert np.isfinite(record.path[end]).all()
+    assert np.isfinite(locate_balls(record, float(record.shown[end])).speed).all()
+
+
 def test_a_gap_of_the_path_is_bridged_by_observations_and_a_longer_absence_is_reported(record: ShotRecord) -> None:
     path = record.path.copy()
     path[:, 1] = np.nan

@@ -12,7 +12,8 @@ from models.core.number_format import format_probability
 from models.core.shot_explanation import BallPremise, CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.candidate_contacts import CandidateContact
-from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.contact_test.shot_record import NOSE_SIGMA, ShotRecord, make_shot_record
+from pipeline.reporting.text.call_sentences import format_call, format_sequence
 
 
 def make_record(folder: Path, explanation: ShotExplanation) -> ShotRecord:
@@ -68,6 +69,33 @@ def test_a_first_contact_is_as_probable_as_the_touch_though_the_balls_meet_again
     assert format_probability(first.probability) == format_probability(touch.probability) == "99.8 %"
     assert dict(first.alternatives)["unknown"] == pytest.approx(1 - p, rel=0.01), "a small part was no ball"
     assert call_answers.answer_cushion_first(record, "white").probability < 0.01
+
+
+def test_a_contact_of_balls_that_meet_again_names_both_times_and_the_first_contact_is_the_earlier_one(
+    tmp_path: Path,
+) -> None:
+    """Two contacts are together surer than each, which nobody understands who reads of one."""
+    moments = tuple(
+        Moment("white", t, 1e-3, np.array([0.9, 0.5]), (CauseHypothesis("ball", "red", p),))
+        for t, p in ((0.3, 0.99), (0.6, 0.995))
+    )
+    record = make_record(tmp_path, ShotExplanation(moments))
+    contact = call_answers.answer_contact(record, "white", "red")
+    sentence = format_call(contact, record.naming).sentence
+    assert sentence.startswith("Yes (above 99.9 %): the white touched the red at 0.3000 s ± 1.0 ms, frame ")
+    assert sentence.endswith("again at 0.6000 s ± 1.0 ms.")
+    assert call_answers.answer_first_contact(record, "white").t == pytest.approx(0.3), "not the surer one"
+    assert format_sequence(contact, record.naming) == "", "a contact is no sequence"
+
+
+def test_the_distance_from_a_line_has_the_error_of_the_calibration(tmp_path: Path) -> None:
+    """The line is one of the table, which the camera finds to a few mm, however exact the path is."""
+    record = make_record(tmp_path, ShotExplanation())
+    beyond = float(np.nanmax(record.path[:, 0, 0])) + 1e-3
+    answer = call_answers.answer_line(record, "white", "x", beyond, edge=False)
+    assert answer.margin_sigma > record.path_sigma[0, 0]
+    assert answer.margin_sigma >= NOSE_SIGMA
+    assert answer.verdict == "inconclusive"
 
 
 def test_an_unknown_cause_beside_a_probable_cushion_was_no_ball(tmp_path: Path) -> None:

@@ -229,5 +229,5 @@ def test_a_ball_that_is_rather_not_touched_ends_where_it_lies_in_every_output(
     ball = summarize_prediction(prediction, 0, None, Naming())["balls"][1]
     assert (ball["end"]["x"], ball["end"]["y"]) == pytest.approx(resting[:2], abs=1e-6)
     assert ball["sentence"].startswith("B stays at rest (")
-    assert ("unless it touches a first" in ball["sentence"]) == (touched >= 0.1)
+    assert ("unless a touches it" in ball["sentence"]) == (touched >= 0.1)
     assert f"{100 * (TABLE.width - resting[1]):.1f} cm" in ball["sentence"]

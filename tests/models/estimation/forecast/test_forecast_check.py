@@ -12,9 +12,12 @@ from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.forecast_check import (
     OBSERVED_SHARE,
+    _adopt_measured_motion,
     compare_rest_of_shot,
     estimate_state,
 )
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, LearnedTable
 from models.physics.billiards.parameter_vector import ROLLING_MU, SLIDING_MU, neutral_parameters
 
@@ -101,3 +104,22 @@ def test_the_rest_of_a_shot_is_compared_with_a_prediction_from_its_first_part() 
     far = compare_rest_of_shot(moved, scene, events, learned)
     assert far is not None
     assert far.error.min() > 0.08, "the prediction uses no later frame"
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_ball_whose_motion_no_fit_explains_starts_where_all_outputs_have_it(moves: bool) -> None:
+    tracks, scene = rolling()
+    shot = explain(tracks, scene)
+    fit, t = view_shot(shot), float(tracks.t[-1])
+    state = estimate_state(tracks, scene, t, explain_past=lambda *_: shot)
+    position = fit.trajectory.position.copy()
+    position[:, 0] += [0.05, -0.02]
+    phase = ("measured",) * len(position)
+    fit = replace(fit, trajectory=replace(fit.trajectory, position=position, phase=phase))
+    fit = replace(fit, moving=np.full_like(fit.moving, moves))
+    adopted = _adopt_measured_motion(state, fit, tracks)
+    seen = fit.trajectory.at(t)
+    np.testing.assert_allclose(adopted.mean[:2], seen.xy[0])
+    np.testing.assert_allclose(adopted.mean[2:4], seen.v[0] if moves else 0.0)
+    assert adopted.moving[0] == moves
+    np.testing.assert_allclose(np.sqrt(np.diag(adopted.covariance)[:2]), seen.sigma[0])

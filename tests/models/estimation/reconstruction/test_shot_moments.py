@@ -14,6 +14,7 @@ from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanatio
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.reconstruction import event_list
+from models.estimation.reconstruction.shot_views import _warn_of_unexplained_changes
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
 
 
@@ -30,6 +31,17 @@ def test_a_ball_that_brakes_harder_than_cloth_can_is_unexplained(deceleration: f
     moments = mark_unexplained_motion(ShotExplanation(), braked, shot.tracks(times)).moments
     assert (len(moments) == 0) == is_explained
     assert all(one.ball == "cue" and 0.3 < one.t < 1.0 for one in moments)
+
+
+def test_a_change_without_a_cause_is_named_once_though_two_hypotheses_have_it() -> None:
+    """A ball that bends, and whose path jumps at the same time, did so once."""
+    cause = (CauseHypothesis("unexplained", "", 0.8), CauseHypothesis("cushion", "left", 0.2))
+    moments = tuple(Moment("cue", t, 1e-2, np.zeros(2), cause) for t in (0.5, 0.5, 0.7))
+    fit = shot.fit(np.arange(31) / shot.RATE)
+    assert _warn_of_unexplained_changes(ShotExplanation(moments), fit.naming) == (
+        f"Changed speed or direction without a known cause: {fit.naming.say('cue')} at 0.500 s ± 10 ms,"
+        f" {fit.naming.say('cue')} at 0.700 s ± 10 ms.",
+    )
 
 
 @pytest.mark.parametrize(("away", "concerns"), [(0.12, True), (0.18, False)])

@@ -21,7 +21,7 @@ from models.estimation.what_if.changed_shot import (
 )
 from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from pipeline.actions.play_otherwise import summarize_changed_shot
+from pipeline.actions.play_otherwise import list_play_times, summarize_changed_shot
 
 R = 0.028575
 STATE = np.array([0.5, 0.6, 2.0, 0.0, 0.0, 0.6 * 2.0 / R, -0.3 * 2.0 / R])
@@ -127,6 +127,11 @@ def test_a_what_if_states_the_stroke_of_the_run_and_where_it_states_none_that_of
     assert (real["speed"], real["top"], real["speed_sigma"]) == (2.29, -0.31, 0.02)
     assert real["side"] == pytest.approx(measure_stroke(balls.state[0], float(balls.radius[0]))[1])
     assert (changed["speed"], changed["top"], changed["side"]) == pytest.approx((0.9 * 2.29, -0.11, 0.3))
+
+
+@pytest.mark.parametrize(("filmed", "end"), [(2.0, 6.0), (7.93, 7.94)])
+def test_a_play_lasts_as_long_as_the_film_so_that_it_can_score_whatever_that_shows(filmed: float, end: float) -> None:
+    assert list_play_times(filmed)[-1] == pytest.approx(end)
 
 
 @pytest.mark.parametrize("change", [StrokeChange(), StrokeChange(angle=2.0)])
