@@ -525,7 +525,7 @@ def list_questions(events: list[dict[str, str]], balls: list[str], pockets: bool
 
 def collect_statements(folder: Path, commands: Iterable[str]) -> tuple[list[Statement], dict[str, str]]:
     """Collect the statements of all outputs of one run folder, and why commands refuse."""
-    record = read_shot_record(folder, 0, None)
+    record = read_shot_record(folder)
     with (folder / "events.csv").open(newline="", encoding="utf-8") as file:
         events = list(csv.DictReader(file))
     with (folder / "tracks.csv").open(newline="", encoding="utf-8") as file:

@@ -88,7 +88,7 @@ def read_session(sources: Sequence[Path]) -> tuple[list[SessionShot], tuple[str,
     if not shots:
         if refusals:
             raise OptionError(refusals[0])
-        raise TrackError("no clip here shows a stroke of at least 50 % probability; give runs of clips that begin before it")
+        raise TrackError("no stroke here is at least 50 % probable; give runs of clips that begin before the stroke")
     return shots, tuple(refusals)
 
 

@@ -11,9 +11,9 @@ from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
 from models.core.number_format import format_measured, format_moment
-from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.contact_test.shot_record import NOSE_SIGMA
 from models.estimation.forecast.ensemble_prediction import (
     QUANTILES,
     PredictedEvent,
@@ -33,7 +33,6 @@ from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.prediction_sentences import format_ball_prediction, stays_at_rest
 from pipeline.reporting.text.text_formatting import summarize_trust
-from video.calibration.camera_model import estimate_place_sigma
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 STEP_S = 0.02
@@ -88,30 +87,23 @@ def predict_shot(
          "-" if row["within_90"] is None else f"{100 * row['within_90']:.0f} %")
         for row in document["compared"] or ()
     ]  # fmt: skip
+    calibration = NOSE_SIGMA if scene.camera is not None else 0.0
     assumed = () if has_shot(source) else scene.notes
     why = state.trust.reasons[0] if state.trust.level == "red" else ""
     return Answer(
         f"Where do the balls go from {format_moment(t)} to {format_moment(times[-1])}?",
         tuple(ball["sentence"] for ball in document["balls"]),
         quantities=tuple(
-            Quantity(axis, ball["end"][axis], sigma, "m", ball["id"], naming.name_ball(ball["id"]))
+            Quantity(axis, ball["end"][axis], float(np.hypot(ball["end"]["sigma"], calibration)), "m", ball["id"],
+                     naming.name_ball(ball["id"]))
             for ball in document["balls"] if ball["end"]
-            for axis, sigma in zip("xy", _estimate_place_sigma(ball["end"], scene), strict=True)
+            for axis in "xy"
         ),
         rows=(("seen later", "at", "off by", "expected ±", "time inside the 90 % area"), *compared) if compared else (),
         notes=(*((f"Do not trust this: {why}",) if why else ()), *(f"Note: {note}." for note in assumed)),
         document={"folder": str(folder), "notes": list(assumed), **document},
         figures=(str(folder / "prediction.png"), str(folder / "prediction.csv")),
     )  # fmt: skip
-
-
-def _estimate_place_sigma(end: dict[str, float], scene: Scene) -> FloatArray:
-    """Estimate the standard deviation (2,) m of a predicted place on the table, that of the calibration included."""
-    sigma = np.full(2, end["sigma"])
-    if scene.camera is None:
-        return sigma
-    place = np.array([[end["x"], end["y"]]])
-    return np.asarray(np.hypot(sigma, estimate_place_sigma(scene.camera, scene.table, place)[0]))
 
 
 def _choose_start_time(tracks: Tracks, at: float | None) -> float:

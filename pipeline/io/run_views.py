@@ -114,12 +114,11 @@ def _format_possible_event(moment: Moment, hypothesis: CauseHypothesis, naming: 
     return f"{naming.say(moment.ball)} {what} at {when} ({format_probability(hypothesis.probability)})"
 
 
-def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = None) -> ShotRecord:
+def read_shot_record(folder: Path, cloth: ClothPriors | None = None) -> ShotRecord:
     """Record the saved shot of a run folder.
 
     Args:
         folder: Run folder.
-        number: Number of the shot; a run has shot 0 alone.
         cloth: What is known about the friction of the cloth, with which close passes are tested again; None for what
             the shot was explained with.
 
@@ -127,7 +126,7 @@ def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = 
         Observations and fitted motion of the N balls.
 
     Raises:
-        OptionError: The folder is missing, or holds no such shot.
+        OptionError: The folder is missing, or nothing in it moves.
     """
     if not folder.is_dir():
         raise OptionError(f"A run folder was expected; {folder} is none. Run the clip first: trueroll run CLIP")
@@ -135,7 +134,7 @@ def read_shot_record(folder: Path, number: int = 0, cloth: ClothPriors | None = 
     if cloth is not None:
         shot = replace(shot, passes=list_close_passes(shot, cloth))
     fit = view_run(shot)
-    if number or not len(fit.trajectory.start):
-        raise OptionError(f"{folder} has no motion of shot {number}")
+    if not len(fit.trajectory.start):
+        raise OptionError(f"{folder} holds no motion of a ball; run a clip in which balls move")
     scene = shot.scene
     return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)

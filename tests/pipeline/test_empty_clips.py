@@ -105,7 +105,7 @@ def test_questions_about_a_clip_without_a_stroke_have_true_answers(trueroll: Ter
         answer = trueroll(command, folder, *options, "-o", out)
         assert (answer.status, answer.err.strip().splitlines()[-1]) == (1, f"trueroll: {stroke}"), answer
     for command, words in (
-        ("compare", "no shot was struck in these folders; give runs of clips with a strike"),
+        ("compare", "no stroke here is at least 50 % probable; give runs of clips that begin before the stroke"),
         ("certify", "0 cushion contacts are too few to learn a table from; at least 8 are needed"),
     ):
         answer = trueroll(command, folder, "-o", out)

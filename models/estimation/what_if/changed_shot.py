@@ -185,7 +185,8 @@ def draw_struck_ensemble(
     """
     courses = list_shots(fit, solution, tracks)
     if not courses:
-        raise TrackError(NO_STROKE)
+        unsure = "no stroke of this clip is at least 50 % probable; choose a clip that begins before the stroke"
+        raise TrackError(unsure if fit.moving.any() else NO_STROKE)
     if shot >= len(courses):
         raise TrackError(f"the clip has {len(courses)} shots; shot {shot} is not among them")
     course, rng = courses[shot], np.random.default_rng(seed)

@@ -45,7 +45,6 @@ def call(
             help="Write a clip of ten seconds for phones too: the moment in slow motion, and its answer.",
         ),
     ] = None,
-    shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     profile: Annotated[
         cli.AnyPath | None,
         typer.Option(
@@ -59,7 +58,7 @@ def call(
     """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
     target = parse_output_path(folder if out is None else out)
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(Path(profile)))
-    record = read_shot_record(Path(folder), shot, cloth)
+    record = read_shot_record(Path(folder), cloth)
     if share is not None:
         on_activity("Rendering the clip to share")
     noted, shared = (None if one is None else Path(one) for one in (clip, share))

@@ -46,7 +46,6 @@ def put_back(
     clip: Annotated[
         cli.AnyPath | None, typer.Option("--clip", help="Video of the shot. Default: the one that the run noted.")
     ] = None,
-    shot: Annotated[int, typer.Option("--shot", help="Number of the shot in the folder.")] = 0,
     on_answer: Callable[[Answer], None] = ignore,
 ) -> Answer:
     """Show where every ball lay at a time, with its distances to the cushions, to lay the balls there again.
@@ -57,7 +56,7 @@ def put_back(
     place = Path(folder)
     target = place if out is None else parse_output_path(out)
     require_writable_folder(target)
-    wanted = locate_wanted_places(read_shot_record(place, shot), place, at, None if clip is None else Path(clip))
+    wanted = locate_wanted_places(read_shot_record(place), place, at, None if clip is None else Path(clip))
     answer = write_wanted_places(wanted, target)
     answers = iter([answer]) if live is None else _follow_live(wanted, place, str(live), updates, target, answer)
     for answer in answers:

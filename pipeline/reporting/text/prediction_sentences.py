@@ -20,6 +20,8 @@ MAX_REST_SHIFT = 0.005
 """m, largest displacement of a ball that is described as staying at rest."""
 MIN_REPORTED_PROBABILITY = 0.1
 """Least probability of an event that a sentence mentions."""
+MIN_TIMED_PROBABILITY = 0.5
+"""Probability above which the time of an event is that of the first contact in most plays."""
 MIN_REPORTED_POT = 0.02
 """Least probability of a pot that a sentence mentions."""
 
@@ -39,12 +41,14 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
     state, table = prediction.state, prediction.state.table
     name = start_sentence(naming.say(state.ids[k]))
     moves = state.moving[k]
-    contacts = [
-        f"{format_meeting(kind, other, naming)}{'' if kind == 'pocket' else ' first'}{format_doubt(p)}"
-        if moves else f"{naming.say(other)} touches it{format_doubt(p)}"
-        for (kind, _, other), p in prediction.first_contacts[k][:2]
-        if p >= MIN_REPORTED_PROBABILITY
-    ]  # fmt: skip
+    times = {frozenset(one.event): f" at {format_time(one.t, one.t_sigma)}" for one in prediction.events}
+    contacts = []
+    for event, p in prediction.first_contacts[k][:2]:
+        kind, _, other = event
+        met = f"{format_meeting(kind, other, naming)}{' first' * (kind != 'pocket')}"
+        what = met if moves else f"{naming.say(other)} touches it"
+        when = times.get(frozenset(event), "") if p > MIN_TIMED_PROBABILITY else ""
+        contacts += [f"{what}{when}{format_doubt(p)}"] * (p >= MIN_REPORTED_PROBABILITY)
     here = prediction.path[0, k]
     if stays_at_rest(prediction, k):
         moved = np.hypot(*(np.nan_to_num(prediction.members[:, -1, k], nan=9.0) - here).T)

@@ -53,7 +53,7 @@ def test_a_line_is_crossed_when_the_centre_or_the_edge_reaches_it(
     assert answer["verdict"] == "yes"
     assert answer["t"] == pytest.approx(at, abs=1.5e-3)
     assert answer["frame"] == pytest.approx(30 * at, abs=0.05)
-    assert 1e-4 < answer["t_sigma"] < 1e-3  # less than the 2 mm of one position at a metre per second
+    assert 2e-3 < answer["t_sigma"] < 2.1e-3  # the calibration has 2 mm, the path much less, at a metre per second
     beyond = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE - 0.635 + (0.03 if edge else 0.0)
     assert answer["margin_mm"] == pytest.approx(-1e3 * beyond, abs=1.5)
     assert answer["moved"] == ["white"]
@@ -98,7 +98,7 @@ def test_close_ups_show_the_moment_if_the_clip_is_known(trueroll: Terminal, fold
         (("contact", "white", "near"), "'near' is a cushion, not a ball"),
         (("touch", "white"), "contact A B"), (("line", "z=1", "white"), "in metres"),
         (("pocket", "white", "top"), "no pockets"), (("first", "white", "--edge"), "--edge belongs to line"),
-        (("first", "white", "--shot", "3"), "shot 3"), (("score",), "three balls; this clip has 2"),
+        (("score",), "three balls; this clip has 2"),
         (("foul",), "foul is a question of pool and snooker"),
         (("first", "white", "--on", "red"), "--on belongs to foul"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from math import erf, sqrt
 
@@ -213,6 +214,14 @@ def test_the_check_compares_every_later_place_with_the_prediction() -> None:
 def test_too_few_frames_raise_an_error() -> None:
     with pytest.raises(TrackError, match="at least 5"):
         estimate_state(make_filmed_tracks(0), SCENE, 0.02)
+
+
+def test_a_probable_contact_has_its_time_and_a_resting_ball_is_touched_rather_than_touches() -> None:
+    state = make_state([(0.4, 0.6, 0.8, 0.0), (1.0, 0.6, 0.0, 0.0)], [(1e-3, 1e-4), (1e-5, 0.0)])
+    prediction = forecast_shot(state, 1.0 + np.linspace(0, 4, 9), draws=256)
+    first, second = (ball["sentence"] for ball in summarize_prediction(prediction, 0, None, Naming())["balls"])
+    assert re.match(r"A keeps moving, touches b first at 1\.7\d* s ± \d+\.?\d* ms", first)
+    assert re.match(r"B is at rest until a touches it at 1\.7\d* s ± ", second)
 
 
 @pytest.mark.parametrize(("gap", "least", "most"), [(1.7e-3, 0.0, 0.1), (0.7e-3, 0.1, 0.5)])

@@ -62,6 +62,8 @@ def test_a_clip_in_which_nothing_moves_has_no_shot() -> None:
     assert measure_shots(fit, solution, still, SCENE.table) == ()
     with pytest.raises(TrackError, match="no ball moves"):
         draw_struck_ensemble(fit, solution, still, SCENE.table, 0, 4, 0)
+    with pytest.raises(TrackError, match="no stroke of this clip is at least 50 % probable"):
+        draw_struck_ensemble(replace(fit, moving=~fit.moving), solution, still, SCENE.table, 0, 4, 0)
 
 
 @pytest.mark.parametrize(("value", "state"), [(-0.5, "draw"), (0.0, "stun"), (0.5, "follow"), (1.0, "roll")])
