@@ -20,13 +20,14 @@ from models.core.trajectory import Trajectory
 from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
+from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
 from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_overlay import LABEL_LETTERS, Label
 from video.overlay.motion_paths import EVENT_STRENGTHS
 from video.overlay.poster import Poster
-from video.overlay.slow_motion import balls_at_times, find_output_times, render_slow_motion
+from video.overlay.slow_motion import CRF, SLOW_TUNING, balls_at_times, find_output_times, render_slow_motion
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
 
 
@@ -281,3 +282,21 @@ def test_where_balls_cross_every_place_of_a_panel_the_panels_lie_below_the_pictu
     assert extended.shape == (shot.HEIGHT + crowded.strip_height, shot.WIDTH, 3)
     assert extended.shape[0] % 2 == 0
     assert free.strip_height == 0 or free.inset_place[1] > shot.HEIGHT
+
+
+def test_a_slow_motion_is_encoded_as_closely_as_with_the_rate_factor(tmp_path: Path) -> None:
+    grain = np.random.default_rng(4).normal(0, 3, (4, shot.HEIGHT, shot.WIDTH, 3))
+    frames = [
+        np.clip(shot.film(0.3 + 0.005 * k) + grain[k // 8], 0, 255).astype(np.uint8)[: shot.HEIGHT // 2 * 2]
+        for k in range(32)
+    ]
+    errors = []
+    for tuning in (SLOW_TUNING, "me=dia:subme=0:cabac=0"):
+        path = tmp_path / "a.mp4"
+        with VideoWriter(path, shot.WIDTH, len(frames[0]), Fraction(30), crf=CRF, tuning=tuning) as writer:
+            for frame in frames:
+                writer.write(frame)
+        with av.open(str(path)) as film:
+            shown = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+        errors.append(float(np.mean([((a.astype(float) - b) ** 2).mean() for a, b in zip(shown, frames, strict=True)])))
+    assert errors[0] <= 1.05 * errors[1]
