@@ -75,10 +75,6 @@ class Table:
         return np.array([[0.0, 0.0], [half, 0.0], [length, 0.0], [0.0, width], [half, width], [length, width]])
 
 
-POCKET_MOUTH_RADII = 1.6
-"""Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops."""
-
-
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A calibrated pinhole camera above a table.

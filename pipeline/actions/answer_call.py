@@ -17,7 +17,7 @@ from PIL import Image
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TruerollError
 from models.core.naming import Naming
-from models.core.scene import POCKET_MOUTH_RADII, POCKETS, Camera
+from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
@@ -297,7 +297,7 @@ def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
     """
     if call.kind == "pocket":
         angle = np.linspace(0, 2 * np.pi, 2 * LINE_POINTS - 1)
-        circle = POCKET_MOUTH_RADII * record.table.ball_radius * np.stack([np.cos(angle), np.sin(angle)])
+        circle = call_answers.POCKET_MOUTH_RADII * record.table.ball_radius * np.stack([np.cos(angle), np.sin(angle)])
         return np.asarray(record.table.pocket_centres[POCKETS.index(call.subject[1])] + circle.T)
     if call.kind != "line":
         return np.empty((0, 2))

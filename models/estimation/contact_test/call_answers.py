@@ -16,7 +16,7 @@ from typing import Literal, TypedDict
 import numpy as np
 from scipy.special import ndtr
 
-from models.core.scene import CUSHIONS, POCKET_MOUTH_RADII, POCKETS
+from models.core.scene import CUSHIONS, POCKETS
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt, is_undecided
 from models.estimation.contact_test.candidate_contacts import (
     REST_SPEED,
@@ -39,6 +39,8 @@ DOUBT_TIME = 0.15
 VANISH_RADII = 6.0
 """Ball radii from a pocket's mouth, besides the way of three frames, within which a ball that vanishes may have
 fallen."""
+POCKET_MOUTH_RADII = 1.6
+"""Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops."""
 
 
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]

@@ -15,7 +15,7 @@ from models.core.fit_result import Fit, Parameter, Trust
 from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.naming import Naming
 from models.core.number_format import format_time
-from models.core.scene import POCKET_MOUTH_RADII, POCKETS, Table
+from models.core.scene import POCKETS, Table
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
 from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
 from models.core.tracks import Tracks
@@ -480,8 +480,7 @@ def _find_fall(
     reach = POCKET_REACH * table.ball_radius
     if here > reach + 2 * interval * speed or distance[:, pocket].min() > reach or speed < 0.02:
         return []
-    mouth = max(POCKET_MOUTH_RADII * table.ball_radius, distance[:, pocket].min() + 1e-4)
-    inside = np.flatnonzero(distance[:, pocket] < mouth)
+    inside = np.flatnonzero(distance[:, pocket] < max(1.0 * table.ball_radius, distance[:, pocket].min() + 1e-4))
     when = float(t[inside[0]])
     sigma = max(0.5 * interval, 0.5 * table.ball_radius / max(speed, 0.05))
     return [
