@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from models.estimation.track_evidence import (
     unwrap_angles,
 )
 from pipeline.io.shot_folder import has_shot
-from pipeline.io.text_table import NUMERIC_COLUMNS, TEXT_COLUMNS, UNITS, TextTable
+from pipeline.io.text_table import ALIASES, NUMERIC_COLUMNS, TEXT_COLUMNS, UNITS, TextTable
 from pipeline.reporting.text.text_formatting import escape_text
 
 MAX_NUMBER = 1e12
@@ -222,7 +223,9 @@ class _Interpretation:
                 order = np.argsort(frame[own], kind="stable")
                 is_numbered = has_frames and len(np.unique(frame[own])) == len(own)
                 if is_numbered and np.any(np.diff(self.t[own][order]) <= 0):
-                    self._leave_out(here, f"t must increase with frame; in shot {shot} it does not")
+                    self._leave_out(
+                        here, f"t must increase with frame, but in shot {shot} does not: correct or drop frame"
+                    )
                     break
             numbers[here] = np.unique(self.t[here], return_inverse=True)[1]
             if has_frames and self.is_usable[here].all():
@@ -324,13 +327,14 @@ class _Interpretation:
 
     def _find_unit_by_rate(self) -> str | None:
         """Find the unit of positions by a further column that is their rate, in the unit of its name, else in SI."""
-        paths = [(rows, self.t[rows], self.positions[rows]) for rows in self._list_bodies()] if self.scene.name else []
-        ours = {"shot", "frame", "t", *TEXT_COLUMNS, *NUMERIC_COLUMNS, *self.scene.coordinates}
+        ours = {*ALIASES, *chain.from_iterable(ALIASES.values()), *TEXT_COLUMNS, *NUMERIC_COLUMNS}
+        others = [name for name in self.columns if name not in ours and self.scene.name]
+        paths = [(rows, self.t[rows], self.positions[rows]) for rows in self._list_bodies()] if others else []
         units = ANGLE_UNITS if self.scene.name == "pendulum" else LENGTH_UNITS
-        for name in self.columns if paths else ():
+        for name in others:
             spelled = re.search(r"([a-z°]+)/s", name)
             own = UNITS.get(spelled[1]) if spelled else None
-            for k, axis in enumerate(self.names if name not in ours else ()):
+            for k, axis in enumerate(self.names):
                 ratio = measure_rate_ratio([(t, x[:, k], self.columns[name][rows]) for rows, t, x in paths])
                 size = units.get(own or "", 1.0) / ratio if ratio and ratio > 0 else np.nan
                 for unit, one in units.items():

@@ -91,6 +91,13 @@ def test_small_angles_are_said_to_be_assumed_unless_their_rate_shows_the_unit(tm
     assert np.allclose(both.recordings[0].positions[:, 0, 0], angle, atol=1e-7)
 
 
+def test_an_angle_under_another_name_is_not_its_own_rate(tmp_path: Path) -> None:
+    """What decays exponentially has a rate in proportion to itself: here 57.3 per second, as of degrees and rad/s."""
+    t = np.arange(100) / 400
+    read = read_columns(tmp_path / "a", {"t": t, "phi": 0.01 * np.exp(57.3 * (t - t[-1]))}, scene="pendulum")
+    assert not any("as its rate" in note for note in read.notes)
+
+
 def test_the_unit_of_positions_on_a_surface_is_said_to_be_assumed(tmp_path: Path) -> None:
     t = np.arange(40) / 40
     read = read_columns(tmp_path / "a", {"t": t, "x": 0.2 + t, "y": 0.1 + 0.5 * t}, scene="slide")
