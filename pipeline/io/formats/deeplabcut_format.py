@@ -25,7 +25,7 @@ def read(path: Path) -> PointTracks:
     """Read predicted or labelled points; a body is a bodypart, of several individuals `individual/bodypart`."""
     if path.suffix.lower() in (".h5", ".hdf5"):
         raise OptionError(f"{path} is HDF5, which is not read; export it from DeepLabCut as CSV")
-    rows = [row for row in csv.reader(read_text(path).splitlines()) if row]
+    rows = [row for row in csv.reader(read_text(path).splitlines(keepends=True)) if row]
     header = {row[0]: row for row in rows[: len(_HEADINGS)] if row[0] in _HEADINGS}
     body = rows[len(header) :]
     individuals, parts, coords = header.get("individuals"), header["bodyparts"], header["coords"]

@@ -139,7 +139,8 @@ def _build_ball(
         return [rvw[rows], motion[rows], t[rows]] if packed else {"states": [build_state(k) for k in rows]}
 
     params = {"m": table.ball_mass, "R": table.ball_radius}
-    return {"id": name, "state": build_state(len(t) - 1), "params": params, "history": build_history([0, len(t) - 1]),
+    ends = sorted({0, len(t) - 1})
+    return {"id": name, "state": build_state(len(t) - 1), "params": params, "history": build_history(ends),
             "history_cts": build_history(list(range(len(t))))}  # fmt: skip
 
 

@@ -22,7 +22,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 def read(path: Path) -> PointTracks:
     """Read an analysis CSV; a body is a track, of several nodes `track/node`."""
-    rows = list(csv.DictReader(read_text(path).splitlines()))
+    rows = list(csv.DictReader(read_text(path).splitlines(keepends=True)))
     if torn := next((k for k, row in enumerate(rows) if None in row or None in row.values()), None):
         raise MalformedTracks(f"row {torn + 1} has not as many values as its header has names")
     nodes = [name[:-2] for name in rows[0] if name.endswith(".x")]

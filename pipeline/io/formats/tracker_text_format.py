@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from pathlib import Path
 
@@ -26,7 +27,9 @@ def read(path: Path) -> PointTracks:
     """Read one track or several; positions are in m, y up, or in px where only those were exported."""
     lines = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
     delimiter = re.sub(r"[\"']", "", lines[1]).strip()[1]
-    names, header = ([cell.strip("\"' ") for cell in line.split(delimiter)] for line in lines[:2])
+    names, header = (
+        [re.sub("^'(.*)'$", r"\1", cell.strip()) for cell in row] for row in csv.reader(lines[:2], delimiter=delimiter)
+    )
     owners: list[str] = []
     for k, _ in enumerate(header):
         called = names[k] if k < len(names) else ""
@@ -65,7 +68,8 @@ def write(tracks: PointTracks, path: Path, provenance: Provenance) -> None:
     t, table = times[grid.first], grid.scatter(places)
     axes = "pixelx\tpixely" if is_px else "x\ty"
     lines = [_MULTIPLE] if len(names) > 1 else []
-    lines += ["\t" + "\t\t".join(names), "\t".join(["t", *[axes] * len(names)])]
+    plain = [" ".join(name.split()).replace('"', "'") for name in names]  # Tracker knows no quotes
+    lines += ["\t" + "\t\t".join(plain), "\t".join(["t", *[axes] * len(names)])]
     for time, values in zip(t.tolist(), table.reshape(len(t), -1).tolist(), strict=True):
         lines.append("\t".join([repr(time), *("" if np.isnan(value) else repr(value) for value in values)]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import random
 import re
@@ -78,6 +79,25 @@ def test_tracks_are_the_same_after_a_format_and_back(tmp_path: Path, ending: str
         assert np.allclose(first.columns[name], second.columns[name], atol=1e-6), name
     expected = ["1", "2"] if output.name == "mot" else ["cue", "red-2"]
     assert sorted(read.ids) == expected
+
+
+@pytest.mark.parametrize("ending", ENDINGS.values(), ids=ENDINGS)
+@pytest.mark.parametrize("names", [('mass A, 1; "x"', "tab\there", "Ünï 🎱", "#1", "nan", "=1+1"), ("1",)])
+def test_any_name_and_a_single_row_survive_a_format(tmp_path: Path, ending: str, names: tuple[str, ...]) -> None:
+    require_package(ending)
+    source = write_source(tmp_path / "source")
+    with (source / "tracks.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([
+            ("frame", "t", "id", "x", "y", "radius_px"),
+            *((0, 0.0, name, 0.2 + 0.1 * k, 0.5, 10) for k, name in enumerate(names)),
+        ])  # fmt: skip
+    target = tmp_path / (f"out{ending}" if ending else "out")
+    convert_tracks(source, target, ConvertOptions(), None, None)
+    read, expected = read_tracks(target)[0], read_tracks(source)[0]
+    assert len(read.columns["id"]) == len(expected.columns["id"])
+    if ".mot" not in ending:
+        plain = [" ".join(name.split()).replace('"', "'") for name in expected.ids]
+        assert [" ".join(name.split()).replace('"', "'") for name in read.ids] == plain
 
 
 @pytest.mark.parametrize("ending", ENDINGS.values(), ids=ENDINGS)
