@@ -23,7 +23,7 @@ from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 from pipeline.stages.read_stage import ReadOptions
-from video.io.frame_layout import stretch_to_square_pixels
+from video.io.square_pixels import stretch_to_square_pixels
 from video.io.video_options import CalibrateOptions
 
 

@@ -227,9 +227,9 @@ def count_determined(jacobian: FloatArray) -> int:
         values where there are many more residuals than parameters.
     """
     normal = jacobian.T @ jacobian
-    known = np.diag(normal) > MIN_INFORMATION
-    scale = 1 / np.sqrt(np.diag(normal)[known])
-    sizes = np.linalg.eigvalsh(normal[np.ix_(known, known)] * scale * scale[:, None])
+    is_known = np.diag(normal) > MIN_INFORMATION
+    scale = 1 / np.sqrt(np.diag(normal)[is_known])
+    sizes = np.linalg.eigvalsh(normal[np.ix_(is_known, is_known)] * scale * scale[:, None])
     return int((sizes > RIDGE).sum())
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from models.core.errors import ClipError, OptionError
 from models.core.typing import ImageArray
 from pipeline.engine.atomic_write import replace_file
-from video.io.frame_layout import stretch_to_square_pixels
+from video.io.square_pixels import stretch_to_square_pixels
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 

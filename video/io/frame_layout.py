@@ -7,13 +7,13 @@ from fractions import Fraction
 from typing import Any
 
 import av
-import cv2
 import numpy as np
 from av.video.reformatter import Colorspace, Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, ImageArray
 from video.io.colour_conversion import ColourConversion, expose_conversion, find_video_colours
+from video.io.square_pixels import compute_square_size, stretch_to_square_pixels
 
 LEAST_OBLONG_SHARE = 0.01
 """Deviation of the pixel aspect ratio from 1 that is applied: below, a ball of 20 px is 0.2 px wider than high, which
@@ -92,19 +92,6 @@ class FrameLayout:
 
 STORED_LAYOUT = FrameLayout(FrameOrientation(), Fraction(1), None)
 """Frames used as stored."""
-
-
-def compute_square_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
-    """Compute width and height of an image with square pixels, px; no side gets shorter."""
-    return round(width * max(aspect, Fraction(1))), round(height * max(1 / aspect, Fraction(1)))
-
-
-def stretch_to_square_pixels(image: NDArray[np.uint8], aspect: Fraction) -> NDArray[np.uint8]:
-    """Stretch an upright image (H, W[, 3]) whose pixels are `aspect` times as wide as high."""
-    size = compute_square_size(image.shape[1], image.shape[0], aspect)
-    if image.shape[1::-1] == size:
-        return image
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def read_layout(frame: Any, aspect: Fraction) -> FrameLayout:
