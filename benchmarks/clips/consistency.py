@@ -136,7 +136,7 @@ def state(key: tuple[str, ...], value: Any, source: str) -> Statement:
 
 def read_direction(shown: str) -> str:
     """Turn an angle to rails, towards two of them, into one from the x axis towards `bottom`; else leave the text."""
-    form = rf"({NUMBER}) ± [\d.]+° to the (long|short) \w+, towards «(\w+)» and «(\w+)»"
+    form = rf"({NUMBER})(?: ± [\d.]+)?° to the (long|short) \w+, towards «(\w+)» and «(\w+)»"
     if (found := re.fullmatch(form, shown)) is None:
         return shown
     angle = float(found[1]) if found[2] == "long" else 90 - float(found[1])
@@ -358,9 +358,9 @@ class RunStatements:
                 yield state((name, f"{k}"), self.identify(one[column]), "CSV of compare")
             if len(shots) == 1:
                 of_cue_last = sorted(shots[0]["numbers"], key=lambda one: one["ball"] == shots[0]["cue"])
-                for one in of_cue_last:
-                    if value := shown.get(name_number(one["name"])):
-                        key = ("number", NUMBER_NAMES[one["name"]], one["ball"])
+                for name, number in {one["name"]: one for one in of_cue_last}.items():
+                    if value := shown.get(name_number(name)):
+                        key = ("number", NUMBER_NAMES[name], number["ball"])
                         yield state(key, read_direction(self.identify(value)), "page of compare")
 
     def read_predictions(self, document: dict[str, Any], sentences: Iterable[str], table: Table) -> Iterator[Statement]:

@@ -125,7 +125,7 @@ def test_the_line_of_a_shot_tells_the_spin_off_the_cue_from_that_at_the_ball() -
     )
     line = format_shot_line(make_numbers(*numbers, chances=(0.0, 0.0, 0.0, 1.0)), NAMING, make_touch(np.nan))
     assert line == (
-        "the cue ball at about 0.5 s, spin off the cue 0.31 ± 0.01 back,"
+        "the cue ball at about 0.5 s, when it moves already, spin off the cue 0.31 ± 0.01 back,"
         " red 3 first (fullness not measurable, natural roll)"
     )
 
