@@ -132,7 +132,7 @@ class ViewMeter:
         fades = [(max(int(part[0]) - gap, first), int(part[-1])) for part in parts]
         views, begin = [], first
         for start, last in fades:
-            if self._block_change(start, last) >= MIN_FADE_RANGE:
+            if max(self._block_change(start, k) for k in range(start, last + 1)) >= MIN_FADE_RANGE:
                 views.append((begin, start + 1))
                 begin = last
         return [*views, (begin, stop)]

@@ -46,6 +46,16 @@ def test_the_frames_of_a_fade_belong_to_no_view(seconds: float) -> None:
     assert stop == count + len(SHOT)
 
 
+def test_a_fade_out_and_in_of_one_camera_separates_two_views() -> None:
+    shares = np.linspace(1, 0, 18)
+    fade = [np.asarray(image * share, np.uint8) for image in (SHOT[-1], SHOT[0]) for share in shares]
+    fade[18:] = fade[:17:-1]
+    views = find_views([*SHOT, *fade, *SHOT])
+    assert len(views) == 2
+    assert views[0] == [0, pytest.approx(90, abs=4)]
+    assert views[1] == [pytest.approx(126, abs=4), 216]
+
+
 def test_a_ball_a_person_and_an_exposure_that_adapts_are_one_view() -> None:
     images = [image.copy() for image in SHOT]
     for k in range(90):
