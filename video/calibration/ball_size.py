@@ -13,8 +13,8 @@ from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import BALL_RADIUS_RANGE
 from video.calibration.cloth_region import compare_with_cloth, estimate_local_cloth_colour
 
-PROBE_WIDTH_PX = 960
-"""px: balls are measured in images of at most this width."""
+PROBE_SIDE_PX = 960
+"""px: balls are measured in images whose longer side is at most this long."""
 MIN_ROUNDNESS = 0.75
 """Smallest 4 pi area / perimeter^2 of a blob's hull for a ball."""
 MIN_RIM_SHARE = 0.6
@@ -29,9 +29,14 @@ SHARED_SPREAD = 0.5
 """Share of the spread between balls that all of them share. With it and `SIZE_FLOOR_PX`, the errors of the 14 clips and
 of four broadcasts are 0.8 standard deviations (root mean square) and at most 2.1."""
 MIN_GROUP_COUNT, MIN_GROUP_SHARE = 3, 0.5
-"""Number of measured objects in the typical group, and their share of all, from which they count as the balls."""
+"""Number of measured objects in the typical group, and their share of all peers, from which they count as the balls."""
+MIN_PEER_SHARE = 0.6
+"""Radius, in that of the typical group, below which an object is no peer: no set has balls so unequal, and around one
+ball there may be more scraps (finger tips, chalk, the end of a cue) than balls."""
 SAME_PLACE_RADII = 0.7
 """Ball radii between the places of an object in two images within which it is the same object at rest."""
+SPOT_QUARTERS = (1, 2, 3)
+"""Spots on the cloth, in quarters of the length along the middle: stickers of a fifth to a half of a ball's radius."""
 RADIUS_RATIO_RANGE = (0.005, 0.025)
 """Range of ball radius over table length: 0.0073 on a 12 ft snooker table, 0.0156 on a small pool table."""
 
@@ -76,12 +81,12 @@ def measure_ball_sizes(images: list[ImageArray], background: ImageArray, camera:
     Returns:
         The typical radius relative to the length of the table.
     """
-    scale = min(1.0, PROBE_WIDTH_PX / camera.width_px)
+    scale = min(1.0, PROBE_SIDE_PX / max(camera.width_px, camera.height_px))
     cloth = estimate_local_cloth_colour(background, round(camera.width_px * scale), round(camera.height_px * scale))
     blobs = [ball for image in images for ball in _measure_round_blobs(image, camera, table, cloth)]
     if not blobs:
         return BallSizes(float("nan"), float("nan"), 0)
-    ratios, radii, x, y = np.array(blobs).T
+    ratios, radii, x, y = _remove_spots(np.array(blobs), table).T
     # Balls form the largest group of equal size; shadows, marks and heads are outliers.
     votes = np.array([np.sum(np.abs(np.log(ratios / ratio)) < 0.08) for ratio in ratios])
     group = np.abs(np.log(ratios / ratios[int(np.argmax(votes))])) < 0.08
@@ -89,12 +94,21 @@ def measure_ball_sizes(images: list[ImageArray], background: ImageArray, camera:
     ratio = float(np.median(ratios[group]))
     relative_sigma = np.hypot(EDGE_SIGMA_PX / float(np.median(radii[group])), 0.12 / count)
     size_sigma = float("nan")
-    if count >= MIN_GROUP_COUNT and count >= MIN_GROUP_SHARE * len(ratios):
+    peers = int(np.sum(ratios > MIN_PEER_SHARE * ratio))
+    if count >= MIN_GROUP_COUNT and count >= MIN_GROUP_SHARE * peers:
         places = np.column_stack([x, y])[group]
         spread = _measure_spread_of_balls(ratios[group], places, SAME_PLACE_RADII * table.ball_radius)
         floor = SIZE_FLOOR_PX / float(np.median(radii[group]))
         size_sigma = ratio * float(np.linalg.norm([floor, SHARED_SPREAD * spread, 0.12 / count]))
     return BallSizes(ratio, ratio * float(relative_sigma), count, size_sigma)
+
+
+def _remove_spots(blobs: FloatArray, table: Table) -> FloatArray:
+    """Remove objects (K, 4) that lie on a spot of the table and are too small to be balls beside the largest one."""
+    spots = np.array([[quarter * table.length / 4, table.width / 2] for quarter in SPOT_QUARTERS])
+    away = np.linalg.norm(blobs[:, None, 2:] - spots, axis=-1).min(axis=1)
+    is_small = blobs[:, 0] < MIN_PEER_SHARE * blobs[:, 0].max()
+    return np.asarray(blobs[~(is_small & (away < SAME_PLACE_RADII * table.ball_radius))])
 
 
 def _measure_spread_of_balls(ratios: FloatArray, places: FloatArray, reach: float) -> float:
@@ -121,7 +135,7 @@ def _measure_round_blobs(
     inside = np.zeros_like(foreign)
     cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
     # Lines on the cloth and cue tips that touch a ball are thinner than half of the smallest ball.
-    thin = max(3, round(0.6 * RADIUS_RATIO_RANGE[0] * float(np.ptp(corners[:, 0]))))
+    thin = max(3, round(0.6 * RADIUS_RATIO_RANGE[0] * float(np.ptp(corners, axis=0).max())))
     foreign = cv2.morphologyEx(
         foreign * inside, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thin, thin))
     )

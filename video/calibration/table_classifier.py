@@ -39,6 +39,9 @@ MIN_ALTERNATIVE_PROBABILITY = 0.05
 """Smallest probability of a reported alternative."""
 ALTERNATIVES_PREFIX = "The table size is a guess: it could also be "
 """First words of the warning about alternative tables."""
+EXPLAINED_SIGMAS = 2.0
+"""Standard deviations between a measured ball size and the nearest preset up to which a preset explains it. Beyond them
+none does: the set is another, and the sizes of presets vary as much as the nearest one is off."""
 D_TRUE_POSITIVE_RATE, D_FALSE_POSITIVE_RATE = 0.7, 0.02
 """Probability that a D is detected on a snooker table, and on another. Misses: no D on the cloth, lines too thin for a
 small image; false alarms: round shadows, rings of chalk."""
@@ -98,7 +101,10 @@ def classify_table(sizes: BallSizes, pockets: bool | None, has_d: bool) -> Table
     Returns:
         The most probable preset, with all probabilities.
     """
-    weights = {name: _posterior_weight(TABLE_PRESETS[name], sizes, pockets, has_d) for name in TABLE_PRIOR}
+    presets = [TABLE_PRESETS[name] for name in TABLE_PRIOR]
+    nearest = min(_deviation(table, sizes) for table in presets if pockets in (None, table.pockets))
+    spread = max(nearest / EXPLAINED_SIGMAS, 1.0)
+    weights = {table.name: _posterior_weight(table, sizes, spread, pockets, has_d) for table in presets}
     total = sum(weights.values())
     probabilities = {name: weight / total for name, weight in weights.items()}
     table = TABLE_PRESETS[max(weights, key=lambda name: weights[name])]
@@ -144,16 +150,20 @@ def _describe_difference(other: Table, table: Table) -> str:
     return f"every length and speed {abs(change)} % {'larger' if change > 0 else 'smaller'}"
 
 
-def _posterior_weight(table: Table, sizes: BallSizes, pockets: bool | None, has_d: bool) -> float:
-    """Return prior times likelihood of a preset, not normalised."""
+def _deviation(table: Table, sizes: BallSizes) -> float:
+    """Return the standard deviations between the measured size of the balls and a preset; 0 without a measurement."""
+    if not sizes.count:
+        return 0.0
+    return abs(math.log(_ball_ratio(table) / sizes.radius_ratio)) / (sizes.sigma / sizes.radius_ratio)
+
+
+def _posterior_weight(table: Table, sizes: BallSizes, spread: float, pockets: bool | None, has_d: bool) -> float:
+    """Return prior times likelihood of a preset, not normalised; `spread` widens the errors of sizes."""
     if pockets is not None and table.pockets != pockets:
         return 0.0
     detection_rate = D_TRUE_POSITIVE_RATE if table.game == "snooker" else D_FALSE_POSITIVE_RATE
     weight = TABLE_PRIOR[table.name] * (detection_rate if has_d else 1 - detection_rate)
-    if not sizes.count:
-        return weight
-    deviation = np.log(_ball_ratio(table) / sizes.radius_ratio) / (sizes.sigma / sizes.radius_ratio)
-    return weight * float(np.exp(-0.5 * min(deviation**2, 50.0)))
+    return weight * math.exp(-0.5 * min((_deviation(table, sizes) / spread) ** 2, 50.0))
 
 
 def measure_pocket_share(image: ImageArray, outer: FloatArray, noses: FloatArray, cloth: FloatArray) -> float:

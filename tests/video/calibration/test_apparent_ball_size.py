@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from support.sample_clips import NAMES, read_sample_truth
@@ -12,7 +13,7 @@ from support.table_images import TableColours, draw_table, look_at_table
 from models.core.scene import Scene
 from models.physics.billiards.nominal_ball_size import estimate_preset_ball_size
 from models.physics.billiards.tables import CAROM_BALL, TABLE_PRESETS, parse_table
-from video.calibration.ball_size import BallSizes
+from video.calibration.ball_size import BallSizes, measure_ball_sizes
 from video.calibration.table_classifier import classify_table
 from video.calibration.table_finder import calibrate_clip, calibrate_image
 from video.io.clip import open_clip
@@ -91,6 +92,26 @@ def test_too_few_objects_are_no_estimate() -> None:
     size = BallSizes(0.01125, 0.0005, 9, 0.0002).estimate_ball_size(TABLE)
     assert size is not None
     assert size.radius == pytest.approx(TABLE.ball_radius)
+
+
+def test_marks_and_scraps_do_not_outvote_the_only_ball() -> None:
+    home, rng = TABLE_PRESETS["home-4ft"], np.random.default_rng(4)
+    middle = np.array([home.length / 2, home.width / 2, 0.0])
+    camera = look_at_table(home, 900.0, (960, 540), middle + np.array([0.0, 0.0, 1.4]), middle, 0.0)
+    empty = draw_table(home, camera, TableColours())
+    spots = [(home.length / 4, home.width / 2, 0.3), (0.75 * home.length, home.width / 2, 0.3)]
+    images = []
+    for k in range(6):  # a ball that moves, beside two marks; finger tips and chalk come and go
+        scraps = [(*rng.uniform(0.1, 0.5, 2), share) for share in rng.uniform(0.3, 0.55, 1 + k % 2)]
+        image = empty.copy()
+        for x, y, share in [(0.3 + 0.12 * k, 0.15, 1.0), *spots, *scraps]:
+            place = np.rint(16 * camera.to_pixels(np.array([x, y]), home.ball_radius)).astype(int).tolist()
+            radius = share * float(camera.radius_px(np.array([x, y]), home.ball_radius))
+            cv2.circle(image, tuple(place), round(16 * radius), (240, 235, 220), -1, cv2.LINE_AA, 4)
+        images.append(cv2.GaussianBlur(image, (0, 0), 0.6))
+    sizes = measure_ball_sizes([np.asarray(image, np.uint8) for image in images], empty, camera, home)
+    assert sizes.radius_ratio == pytest.approx(home.ball_radius / home.length, rel=0.06)
+    assert sizes.estimate_ball_size(home) is not None
 
 
 @pytest.mark.parametrize("name", NAMES)

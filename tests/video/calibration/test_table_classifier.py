@@ -47,6 +47,13 @@ def test_a_table_that_may_be_eight_or_nine_feet_gives_a_warning_with_the_effect_
         assert "pool-8ft (every length and speed 12 % smaller)" in doubt
 
 
+def test_balls_that_no_preset_has_leave_the_nearest_table_and_say_that_it_is_a_guess() -> None:
+    guess = classify_table(_make_sizes("home-4ft", factor=1.4), pockets=True, has_d=False)
+    assert guess.table.name == "home-4ft", "not the most common of all tables"
+    (doubt,) = guess.warnings
+    assert doubt.startswith(ALTERNATIVES_PREFIX)
+
+
 def test_without_balls_the_most_common_table_is_chosen_with_a_warning() -> None:
     guess = classify_table(BallSizes(np.nan, np.nan, 0), pockets=True, has_d=False)
     assert guess.table.name == "pool-9ft"
