@@ -9,8 +9,8 @@ import numpy as np
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
 from models.core.typing import FloatArray
 
-FOCAL_PRIOR_WIDTHS = 0.8
-"""Prior mean of the focal length, in image widths: a horizontal field of view of 64 degrees."""
+FOCAL_PRIOR_SIDES = 0.8
+"""Prior mean of the focal length, in longer sides of the image: a field of view of 64 degrees, also held upright."""
 FOCAL_PRIOR_SIGMA = 0.35
 """Prior standard deviation of the logarithm of the focal length: 48 to 83 degrees, broadcast cameras to phones."""
 ASPECT_SIGMA = 0.01
@@ -69,14 +69,14 @@ def fit_perspective(
     Returns:
         The posterior mean of the focal length, and the misfit of the best one.
     """
-    focals = width_px * np.exp(np.linspace(np.log(0.35), np.log(8.0), 240))
+    focals = max(width_px, height_px) * np.exp(np.linspace(np.log(0.35), np.log(8.0), 240))
     cosine, ratio = _evaluate_shape(corners, width_px, height_px, focals)
     cosine_sigma, ratio_sigma = _estimate_shape_sigma(corners, width_px, height_px, focals, corner_sigma)
     cost = cosine**2 / (SQUARE_SIGMA**2 + cosine_sigma**2)
     usual = np.log(ratio / aspect) ** 2 / (ASPECT_SIGMA**2 + ratio_sigma**2)
     home = HOME_COST + np.log(ratio / (HOME_ASPECT * aspect)) ** 2 / (HOME_ASPECT_SIGMA**2 + ratio_sigma**2)
     cost += np.minimum(usual, home)
-    cost += (np.log(focals / (FOCAL_PRIOR_WIDTHS * width_px)) / FOCAL_PRIOR_SIGMA) ** 2
+    cost += (np.log(focals / (FOCAL_PRIOR_SIDES * max(width_px, height_px))) / FOCAL_PRIOR_SIGMA) ** 2
     weight = np.exp(-0.5 * (cost - cost.min()))
     weight /= weight.sum()
     mean = float(weight @ np.log(focals))
@@ -145,7 +145,7 @@ def estimate_shape(corners: FloatArray, covariance: FloatArray, width_px: int, h
         Angle and ratio with their standard deviations.
     """
     logs = FOCAL_PRIOR_SIGMA * np.linspace(-2.5, 2.5, 41)
-    focals = FOCAL_PRIOR_WIDTHS * width_px * np.exp(logs)
+    focals = FOCAL_PRIOR_SIDES * max(width_px, height_px) * np.exp(logs)
     weight = np.exp(-0.5 * (logs / FOCAL_PRIOR_SIGMA) ** 2)
     weight /= weight.sum()
     cosine, ratio = _evaluate_shape(corners, width_px, height_px, focals)

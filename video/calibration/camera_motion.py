@@ -13,8 +13,8 @@ from models.core.scene import Camera, apply_homography
 from models.core.typing import ByteArray, FloatArray
 from video.calibration.camera_model import homography_between
 
-REGISTRATION_WIDTH_PX = 640
-"""px: images are registered at about this width."""
+REGISTRATION_SIDE_PX = 640
+"""px: images are registered so that their longer side has about this length."""
 RAIL_RANGE = (-0.012, 0.075)
 """Ring that contains the features, in table lengths outside the noses: cushions, pockets, wood, diamonds."""
 MAX_FEATURES = 240
@@ -68,9 +68,9 @@ def select_reference_features(grey: ByteArray, corners: FloatArray) -> Reference
         corners: (4, 2) px, corners of the noses in the order of `Table.corners`.
 
     Returns:
-        The features, in an image reduced to `REGISTRATION_WIDTH_PX`.
+        The features, in an image reduced to `REGISTRATION_SIDE_PX`.
     """
-    scale = min(1.0, REGISTRATION_WIDTH_PX / grey.shape[1])
+    scale = min(1.0, REGISTRATION_SIDE_PX / max(grey.shape))
     small = _downscale_image(grey, scale)
     mask = _rail_mask(small.shape, (corners + 0.5) * scale - 0.5)
     points = cv2.goodFeaturesToTrack(small, MAX_FEATURES, 0.01, 5, mask=mask, blockSize=5)

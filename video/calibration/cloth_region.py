@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray, ImageArray
 from video.io.pixel_kernels import dot_products
 
-SEARCH_WIDTH_PX = 480
-"""Width in px of the reduced image in which the cloth is searched."""
+SEARCH_SIDE_PX = 480
+"""Longer side in px of the reduced image in which the cloth is searched: a turned image gives the turned table."""
 MIN_TABLE_SHARE = 0.06
 """Smallest share of the image that a table must cover to be measured."""
-ILLUMINATION_WIDTH_PX = 160
-"""Width in px of the reduced image from which the local cloth colour is taken: balls cover a few px there."""
+ILLUMINATION_SIDE_PX = 160
+"""Longer side in px of the reduced image from which the local cloth colour is taken: balls cover a few px there."""
 MIN_FILL_SHARE = 0.5
 """Smallest share of the quadrangle that must have the cloth's colour; players, shadows and balls cover the rest."""
 MAX_HUE_ANGLES = (0.07, 0.12, 0.2)
@@ -57,8 +57,9 @@ def find_cloth_regions(image: ImageArray, count: int = 3, is_cropped: bool = Fal
     Returns:
         Clearly different regions, the best first.
     """
-    scale = image.shape[1] / SEARCH_WIDTH_PX
-    small = cv2.resize(image, (SEARCH_WIDTH_PX, round(image.shape[0] / scale)), interpolation=cv2.INTER_AREA)
+    scale = max(image.shape) / SEARCH_SIDE_PX
+    size = (round(image.shape[1] / scale), round(image.shape[0] / scale))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     quadrangles = [
         quadrangle
         for colour in find_dominant_colours(small)
@@ -154,9 +155,8 @@ def estimate_local_cloth_colour(image: ImageArray, width: int, height: int) -> F
     Returns:
         (height, width, 3) RGB, without objects of a ball's size.
     """
-    thumbnail = cv2.resize(
-        image, (ILLUMINATION_WIDTH_PX, round(ILLUMINATION_WIDTH_PX * height / width)), interpolation=cv2.INTER_AREA
-    )
+    scale = ILLUMINATION_SIDE_PX / max(width, height)
+    thumbnail = cv2.resize(image, (round(scale * width), round(scale * height)), interpolation=cv2.INTER_AREA)
     smooth = cv2.medianBlur(thumbnail, 13)
     large = cv2.resize(smooth.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray(large, np.float64)

@@ -18,7 +18,7 @@ from video.calibration.camera_model import (
     homography_between,
     homography_from_unit_square,
 )
-from video.calibration.cloth_region import SEARCH_WIDTH_PX, intersect_lines, line_through
+from video.calibration.cloth_region import SEARCH_SIDE_PX, intersect_lines, line_through
 
 CUSHION_SIGMA = 0.25
 """Standard deviation of the logarithm of a cushion's width relative to `USUAL_CUSHION`."""
@@ -333,7 +333,7 @@ def refine_outer_corners(image: ImageArray, outer: FloatArray) -> FloatArray:
     Returns:
         Refined corners (4, 2) px, or the given ones where the lines are implausible.
     """
-    reach = 1.6 * image.shape[1] / SEARCH_WIDTH_PX
+    reach = 1.6 * max(image.shape) / SEARCH_SIDE_PX
     lines = []
     for k in range(4):
         px_per_length = sample_side_profiles(image, outer, k).step / (DEPTHS[1] - DEPTHS[0])

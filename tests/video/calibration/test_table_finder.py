@@ -58,6 +58,19 @@ def _random_balls(rng: np.random.Generator, count: int = 9) -> FloatArray:
     return rng.permutation(grid)[:count] + rng.uniform(-0.05, 0.05, (count, 2))
 
 
+@pytest.mark.parametrize("name", ["overhead", "side"])
+def test_a_turned_image_gives_the_turned_table(name: str) -> None:
+    camera, rng = _make_camera(name), np.random.default_rng(7)
+    image = draw_table(TABLE, camera, LOOKS["green"], _random_balls(rng), rng)
+    level, upright = (calibrate_image(np.ascontiguousarray(np.rot90(image, k)), CalibrateOptions()) for k in (0, 1))
+    x, y = level.camera.corners_px.T
+    turned = np.column_stack([y, SIZE[0] - 1 - x])
+    gap = np.linalg.norm(upright.camera.corners_px[:, None] - turned, axis=-1).min(axis=1)
+    assert gap.max() < 0.5
+    assert upright.table == level.table
+    assert upright.camera.height == pytest.approx(level.camera.height, rel=0.02), "a view is as wide held upright"
+
+
 def _calibrate_images(path: Path, images: list[ImageArray]) -> Scene:
     return calibrate_clip(open_clip(write_clip(path, images)), CalibrateOptions())
 
