@@ -108,7 +108,7 @@ class HoughDetector:
         candidates = candidates[values_at(touched, candidates)]
         discs = self._detect_discs(rgb, smooth, working, frame, candidates, remembered, scan)
         centre = self.view.frame_to_working(discs.centre, frame)
-        discs = discs.take(~self.cloth.is_lining(working, centre))
+        discs = discs.take(~self.cloth.is_lining(working, centre, values_at(self.view.radius, centre)))
         streaks = self._detect_streaks(rgb, find_streak_candidates(scan.moving, scan.strength, self.view), discs, frame)
         balls = suppress_overlaps(merge_discs_and_streaks(discs, streaks), self.view.scene, frame)
         shaded = select_shaded(rgb, balls)

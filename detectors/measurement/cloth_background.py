@@ -54,10 +54,16 @@ HOLE_RAYS, HOLE_HALF_ANGLE = 15, np.radians(25.0)
 """Rays from a pocket onto the table, and how far they turn from its axis: further on are the jaws."""
 MAX_SIDE_SHARE = 0.5
 """Largest reach of the hole of a side pocket, in that of a corner: 0.2 to 0.5 on tables with nets."""
+SIDE_SHIFTS = np.arange(-1.2, 1.3, 0.2)
+"""Ball radii along the cushion from the middle of a long side within which its hole may lie: in a squeezed image of a
+coin table the nets hung 0.8 beside it, on both sides."""
 HOLE_SLACK_RADII = 0.3
 """Ball radii within the edge of a hole in which a centre may still appear: errors of the calibration, and the shade of
 the edge. Nets were detected as balls up to 0.45 within the edge; of 256 balls on stills, the nearest to a corner lies
 0.8 outside."""
+MAX_LIGHT_CHANGE = 1.4
+"""Largest factor by which the light on a net changes in a clip: a player's shade took a fifth of it from white nets,
+more than the threshold. Beyond it, or in another hue, something else is seen: a ball that drops."""
 RIDGE = 1e-9
 """Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
 if all visible cloth is in one line."""
@@ -150,12 +156,15 @@ class ClothBackground:
         plain[is_marked] = self.plain_colour[np.searchsorted(self.marking_places, at[is_marked])]
         return contrast_strength(self._weight_shadows(working[row, column] - plain))
 
-    def is_lining(self, working: ByteArray, centre: FloatArray) -> BoolArray:
-        """Which objects at working px (n, 2) are parts of a net or a lining: they stand still over a hole."""
-        row, column = nearest_pixels(self.hole_area.shape, centre)
-        now, usual = working[row, column].astype(np.int64), self.median_image[row, column]
-        moved = np.abs(now - usual).max(axis=1, initial=0)
-        return np.asarray(self.hole_area[row, column] & (moved <= self.threshold))
+    def is_lining(self, working: ByteArray, centre: FloatArray, radius: FloatArray) -> BoolArray:
+        """Find the discs at working px (n, 2), of radii (n,), that are parts of a net: they stand still over a hole."""
+        place = nearest_pixels(self.hole_area.shape, centre[:, None] + radius[:, None, None] * DISC_SAMPLES)
+        # Means over the disc: single meshes of a net flicker, by video coding and where the camera is held by hand.
+        now, usual = (image[place].mean(axis=1) for image in (working, self.median_image))
+        light = (now * usual).sum(axis=1) / np.maximum((usual**2).sum(axis=1), 1.0)
+        light = np.clip(light, 1 / MAX_LIGHT_CHANGE, MAX_LIGHT_CHANGE)[:, None]
+        moved = np.abs(now - light * usual).max(axis=1)
+        return np.asarray(values_at(self.hole_area, centre) & (moved <= self.threshold))
 
     def measure_movement(self, working: ByteArray, part: tuple[slice, slice] = WHOLE_IMAGE) -> ByteArray:
         """Measure the difference (h, w) of a part of a working image from the median image, grey levels."""
@@ -200,18 +209,21 @@ def _find_holes(view: WorkingView, is_cloth: BoolArray) -> BoolArray:
     slack, is_corner = HOLE_SLACK_RADII * table.ball_radius, np.array(["-" in name for name in POCKETS])
     corners, sides = table.pocket_centres[is_corner], table.pocket_centres[~is_corner]
     corner = sorted(_measure_hole(view, is_cloth, pocket) for pocket in corners)[1]
-    side = min(*(_measure_hole(view, is_cloth, pocket) for pocket in sides), MAX_SIDE_SHARE * corner)
-    return view.is_centre_near(corners, corner - slack) | view.is_centre_near(sides, side - slack)
+    shifts = table.ball_radius * SIDE_SHIFTS[:, None] * [1.0, 0.0]
+    depth = [min(_measure_hole(view, is_cloth, side, shift) for side in sides) for shift in shifts]
+    side = np.tile(np.minimum(depth, MAX_SIDE_SHARE * corner), len(sides))
+    places = (sides[:, None] + shifts).reshape(-1, 2)
+    return view.is_centre_near(corners, np.full(4, corner - slack)) | view.is_centre_near(places, side - slack)
 
 
-def _measure_hole(view: WorkingView, is_cloth: BoolArray, pocket: FloatArray) -> float:
-    """Measure how far (m) the hole of a pocket reaches onto the table: to where plain cloth begins."""
+def _measure_hole(view: WorkingView, is_cloth: BoolArray, pocket: FloatArray, shift: FloatArray | float = 0.0) -> float:
+    """Measure how far (m) the hole of a pocket, seen `shift` m beside it, reaches onto the table: to plain cloth."""
     table, camera = view.scene.table, view.scene.camera
     inwards = np.sign(np.array([table.length / 2, table.width / 2]) - pocket)
     axis = np.arctan2(inwards[1], inwards[0])
     angle = axis + np.linspace(-HOLE_HALF_ANGLE, HOLE_HALF_ANGLE, HOLE_RAYS)
     rays = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    places = pocket + table.ball_radius * HOLE_STEPS[None, :, None] * rays[:, None]
+    places = pocket + shift + table.ball_radius * HOLE_STEPS[None, :, None] * rays[:, None]
     shown = values_at(is_cloth, view.to_working(camera.to_pixels(places, 0.0)))
     return table.ball_radius * float(np.median(HOLE_STEPS[_find_first_cloth(shown)]))
 

@@ -144,12 +144,13 @@ class WorkingView:
             *(each[part] for each in maps),
         )
 
-    def is_centre_near(self, places: FloatArray, reach: float) -> BoolArray:
-        """Where (h, w) the centre of a ball is within a reach (m) of one of some places (n, 2) of the table."""
+    def is_centre_near(self, places: FloatArray, reach: FloatArray) -> BoolArray:
+        """Where (h, w) the centre of a ball is within its reach (n,) m of one of some places (n, 2) of the table."""
         h, w = self.radius.shape
         px = _reference_grid(self.box, self.scale, w, h)
         xy = self.scene.camera.to_table(px, self.scene.table.ball_radius)
-        return np.asarray(np.any([_is_within_reach(xy, place, max(reach, 0.0)) for place in places], axis=0))
+        near = [_is_within_reach(xy, *one) for one in zip(places, np.maximum(reach, 0.0).tolist(), strict=True)]
+        return np.asarray(np.any(near, axis=0))
 
     def predict_radius(self, px: FloatArray) -> FloatArray:
         """Radius (...) px of a ball that appears at reference px (..., 2)."""

@@ -112,7 +112,8 @@ class NetworkDetector:
         age = 0 if touched.all() or memory is None else memory.age + 1
         remaining = candidates.take(~result.is_rejected)
         balls = result.detections
-        is_lining = self.cloth.is_lining(working, self.view.frame_to_working(balls.centre, frame))
+        centre = self.view.frame_to_working(balls.centre, frame)
+        is_lining = self.cloth.is_lining(working, centre, values_at(self.view.radius, centre))
         return balls.select_rows(~is_lining), NetworkMemory(searched, remaining, result.unclear, age)
 
     def _find_touched_places(self, working: ByteArray, memory: NetworkMemory | None) -> BoolArray:
