@@ -181,8 +181,8 @@ def _answer_no_rail(record: ShotRecord, first: CallAnswer) -> CallAnswer:
 
 
 def _find_nearest_rail(record: ShotRecord, t: float) -> CandidateContact:
-    """Find where a ball came nearest to a cushion that it moved towards after t, s."""
-    after, table = record.moments > t, record.table
+    """Find where a ball came nearest to a cushion that it moved towards after t, s; NaN if that is unknown."""
+    after, table = ~(record.moments <= t), record.table
     x, y, vx, vy = (part[after, :, k] for part in (record.path, record.velocity) for k in (0, 1))
     gap = np.stack([x, table.length - x, y, table.width - y], axis=-1) - table.ball_radius  # in the order of CUSHIONS
     gap[~(np.stack([-vx, vx, -vy, vy], axis=-1) > REST_SPEED)] = np.inf

@@ -120,7 +120,8 @@ def _list_contact_events(
     after = [segments[k].state for k in contact.after]
     if contact.kind == "strike":
         speed = float(np.hypot(*after[0][2:4]))
-        hitter = None if tracks.kinds[balls[0]] in CUE_KINDS else _find_hitting_ball(solution, contact, tracks, table)
+        is_cue = _is_cue_ball(solution, balls[0], tracks.kinds)
+        hitter = None if is_cue else _find_hitting_ball(solution, contact, tracks, table)
         if hitter is not None:
             sigma = max(sigma, 0.5 * float(np.median(np.diff(tracks.t))))
             return [
@@ -133,9 +134,9 @@ def _list_contact_events(
         gap = float(times[row] - times[row - 1]) if len(times) > 1 else 0.0
         sigma = float(np.hypot(sigma, _UNOBSERVED_TIME_SHARE * gap))
         distance = np.linalg.norm(end_state(solution, contact.after[0])[:2] - after[0][:2])
-        if tracks.kinds[balls[0]] not in CUE_KINDS and distance < NUDGE_RADII * table.ball_radius:
+        if not is_cue and distance < NUDGE_RADII * table.ball_radius:
             return []
-        category = "strike" if tracks.kinds[balls[0]] in CUE_KINDS else "object_strike"
+        category = "strike" if is_cue else "object_strike"
         return [EventRow("strike", contact.t, sigma, ids[balls[0]], "", after[0][:2], category, number, speed=speed)]
     before = [end_state(solution, k) for k in contact.before]
     if contact.kind == "cushion":
@@ -180,6 +181,15 @@ def _list_contact_events(
         )
     ]
     return events + _list_stopped_balls(solution, layout, number, contact, ids)
+
+
+def _is_cue_ball(solution: JointSolution, ball: int, kinds: tuple[str, ...]) -> bool:
+    """Return whether a ball is a cue ball: by class, and in a clip without such a ball the one that moves first."""
+    if any(kind in CUE_KINDS for kind in kinds):
+        return kinds[ball] in CUE_KINDS
+    graph = solution.graph
+    starts = [(graph.start_time(k), segment.ball) for k, segment in enumerate(graph.segments) if not segment.static]
+    return min(starts)[1] == ball
 
 
 def _find_unmodelled_contact(

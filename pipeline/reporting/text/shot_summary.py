@@ -18,6 +18,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
+from models.estimation.segmentation.contact_classification import CUE_KINDS
 from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
 from pipeline.reporting.text.number_sentences import NOT_OBSERVABLE, format_hit, format_number
@@ -36,7 +37,6 @@ MIN_PROBABILITY = 0.5
 """Probability from which an event is mentioned."""
 LOST_FRAMES = 2.0
 """Frames without a detection after which a ball is lost."""
-CUE_KINDS = ("cue", "white", "yellow")
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
 MOVING = "still moving"
 MAX_LATER_CONTACTS = 6

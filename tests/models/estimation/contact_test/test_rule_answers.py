@@ -150,6 +150,12 @@ def test_no_rail_after_contact_is_a_foul_and_says_how_near_a_ball_came() -> None
         answer_foul(carom)
 
 
+def test_a_rail_is_looked_for_in_the_whole_clip_where_the_time_of_the_contact_is_unknown() -> None:
+    _, record = film_pool((0.9, 0.6), (0.6, 0.0))
+    unknown, whole = (rule_answers._find_nearest_rail(record, t) for t in (np.nan, -1.0))
+    assert (unknown.ball, unknown.other, unknown.t) == (whole.ball, whole.other, whole.t)
+
+
 def test_a_ball_on_a_rail_after_the_contact_is_no_foul() -> None:
     _, record = film_carom(0, -0.02)
     verdict, parts = list_fouls(record, "solids")

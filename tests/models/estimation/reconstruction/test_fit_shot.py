@@ -123,6 +123,18 @@ def test_a_strike_is_the_cue_ball_leaving_its_place() -> None:
     assert fit.events.frame[row] == pytest.approx(shot.strike * 30, abs=0.15)
 
 
+@pytest.mark.parametrize(
+    ("kinds", "is_sure"), [(("solid",), True), (("solid", "stripe"), True), (("solid", "cue"), False)]
+)
+def test_the_first_ball_that_moves_was_struck_where_no_cue_ball_is(kinds: tuple[str, ...], is_sure: bool) -> None:
+    x, v, w = np.array([[0.5, 0.6], [2.2, 0.2]]), np.array([[1.5, 0.1], [0, 0]]), np.zeros((2, 3))
+    count = len(kinds)
+    shot = film(x[:count], v[:count], w[:count], np.random.default_rng(0), seconds=1.6)
+    fit = view_shot(explain(replace(shot.tracks, kinds=kinds), shot.scene))
+    strikes = [p for kind, p in zip(fit.events.kind, fit.events.probability, strict=True) if kind == "strike"]
+    assert (max(strikes, default=0.0) > 0.8) == is_sure
+
+
 def test_a_ball_into_a_corner_is_potted_there_and_ends() -> None:
     x = np.array([[0.5, 0.5], [0.3, 0.3]])
     direction = -np.array([1.0, 1.0]) / np.sqrt(2)
