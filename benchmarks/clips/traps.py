@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from benchmarks.clips.samples import SAMPLES
-from benchmarks.clips.varied_clips import VIEWS, draw_camera, draw_clip
+from benchmarks.clips.varied_clips import VIEWS, draw_camera, draw_clip, make
 from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT, RunFolder, read_columns, read_run, run_clip
 from models.core.scene import Camera, Table
@@ -380,16 +380,23 @@ def open_sample(seed: int, number: int) -> tuple[Stage, Iterator[ImageArray], di
     return Stage(table, camera, np.column_stack([rows["x"], rows["y"]])[first], None), read_images(), truth
 
 
-def write_clip(path: Path, images: Iterator[ImageArray], rate: Fraction | int) -> None:
-    """Encode images (H, W, 3) at an even rate."""
+def write_clip(path: Path, images: Iterator[ImageArray], rate: Fraction | int, times: FloatArray | None = None) -> None:
+    """Encode images (H, W, 3) at an even rate, or shown at `times` (T,) s."""
     part = path.with_suffix(".part.mp4")
     with av.open(str(part), "w") as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.pix_fmt, stream.options = "yuv420p", {"crf": "21", "preset": "fast"}
+        base = Fraction(1, make.CLOCK_HZ)
+        if times is not None:
+            stream.time_base = stream.codec_context.time_base = base
+            stream.options |= {"bf": "0", "x264-params": "force-cfr=1"}
         for k, image in enumerate(images):
             if k == 0:
                 stream.height, stream.width = image.shape[:2]
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+            if times is not None:
+                frame.pts, frame.time_base = round(float(times[k]) / base), base
+            container.mux(stream.encode(frame))
         container.mux(stream.encode())
     part.replace(path)
 

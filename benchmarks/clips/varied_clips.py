@@ -63,8 +63,10 @@ def draw_clip(seed: int, number: int) -> shots.Sample:
     )  # fmt: skip
 
 
-def draw_camera(table: Table, view: str, size: tuple[int, int], rng: np.random.Generator) -> Camera:
-    """Draw a camera whose image holds the whole table with its rails."""
+def draw_camera(
+    table: Table, view: str, size: tuple[int, int], rng: np.random.Generator, rail: float = RAIL_M
+) -> Camera:
+    """Draw a camera whose image holds the whole table with `rail` m of its rails."""
     middle = np.array([table.length / 2, table.width / 2, 0.0])
     if view == "above":
         up = (-1.0, 0.0, 0.0) if size[1] > size[0] else (0.0, -1.0 if rng.random() < 0.5 else 1.0, 0.0)
@@ -77,17 +79,17 @@ def draw_camera(table: Table, view: str, size: tuple[int, int], rng: np.random.G
         away = np.append(np.cos(elevation) * across[:2], np.sin(elevation))
     eye, target, focal = middle + 1.5 * table.length * away / np.linalg.norm(away), middle, 1000.0
     for _ in range(12):  # aim at the middle of what the image shows of the table, and zoom to it
-        corners = project_outline(table, look_at(table, eye, target, focal, *size, up=up))
+        corners = project_outline(table, look_at(table, eye, target, focal, *size, up=up), rail)
         low, high = corners.min(axis=0), corners.max(axis=0)
         focal *= FILLED * float(np.min(np.array(size) / (high - low)))
         target = np.append(look_at(table, eye, target, focal, *size, up=up).to_table((low + high) / 2, 0.0), 0.0)
     return look_at(table, eye, target, focal, *size, up=up)
 
 
-def project_outline(table: Table, camera: Camera) -> FloatArray:
-    """Project the corners (4, 2) px of the rails' outer edge."""
+def project_outline(table: Table, camera: Camera, rail: float) -> FloatArray:
+    """Project the corners (4, 2) px of a rectangle `rail` m outside of the noses."""
     middle = table.corners.mean(axis=0)
-    return camera.to_pixels(table.corners + RAIL_M * np.sign(table.corners - middle), 0.0)
+    return camera.to_pixels(table.corners + rail * np.sign(table.corners - middle), 0.0)
 
 
 def draw_balls(table: Table, rng: np.random.Generator) -> tuple[shots.Ball, ...]:
@@ -111,7 +113,7 @@ def draw_places(table: Table, count: int, rng: np.random.Generator) -> list[tupl
     while True:
         xy = rng.uniform(0.09, np.array([table.length, table.width]) - 0.09, (count, 2))
         apart = np.linalg.norm(xy[:, None] - xy, axis=-1) + 9 * np.eye(count)
-        if apart.min() > LEAST_APART_M and apart[0, 1] > 0.3:
+        if apart.min() > LEAST_APART_M and (count == 1 or apart[0, 1] > 0.3):
             return [(float(x), float(y)) for x, y in xy]
 
 
