@@ -174,6 +174,13 @@ class RunStatements:
     folder: Path
     naming: Naming
     events: list[dict[str, str]]
+    unexplained: tuple[str, ...] = ()
+    """Balls that moved without an event: what set them in motion is not known."""
+
+    @property
+    def bodies_that_moved(self) -> set[str]:
+        """Balls that lay in several places, and all else that events name."""
+        return {*self.unexplained, *(body for one in self.events for body in (one["a"], one["b"]))}
 
     def identify(self, text: str) -> str:
         """Replace the names of balls, rails and pockets by their ids in «»; a name that is unknown stays."""
@@ -314,7 +321,7 @@ class RunStatements:
     def read_places(self, document: dict[str, Any], rows: list[list[str]]) -> Iterator[Statement]:
         """Read the places of put-back from its JSON and from the table of its terminal."""
         rails = {self.naming.view.name_rail(one): one for one in CUSHIONS}
-        moved = {body for one in self.events for body in (one["a"], one["b"])}
+        moved = self.bodies_that_moved
         for ball in document["balls"]:
             for rail in CUSHIONS:
                 key = ("distance", ball["id"], rail, "at the start" if ball["id"] in moved else "always")
@@ -365,7 +372,7 @@ class RunStatements:
 
     def read_predictions(self, document: dict[str, Any], sentences: Iterable[str], table: Table) -> Iterator[Statement]:
         """Read motions, rests and places of predict from its JSON and its sentences."""
-        moved = {body for one in self.events for body in (one["a"], one["b"])}
+        moved = self.bodies_that_moved
         rests = {one["a"]: one["t"] for one in document["events"] if one["kind"] == "rest" and one["probability"] > 0.5}
         last = {body: one["kind"] for one in self.events for body in (one["a"], one["b"])}
         yield state(("end of the observations",), document["t"], "JSON of predict")
@@ -530,7 +537,7 @@ def collect_statements(folder: Path, commands: Iterable[str]) -> tuple[list[Stat
         events = list(csv.DictReader(file))
     with (folder / "tracks.csv").open(newline="", encoding="utf-8") as file:
         end = max(float(row["t"]) for row in csv.DictReader(file))
-    run = RunStatements(folder, record.naming, events)
+    run = RunStatements(folder, record.naming, events, tuple(one.ball for one in record.explanation.moments))
     shots = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["shot_numbers"]
     found = [*run.read_events(), state(("end of the observations",), end, "tracks.csv")]
     found += run.read_numbers([one for shot in shots[:1] for one in shot["numbers"]], "scene.json")
