@@ -292,6 +292,7 @@ class RunStatements:
     def read_calls(self, document: dict[str, Any], printed: str, figure: list[str]) -> Iterator[Statement]:
         """Read a call from its JSON, its terminal and its image."""
         about = document["asked"]
+        printed, _, _ = printed.partition("; again at ")  # later touches of the same balls
         verdict = re.match(rf"(.+?) \((?:.+?: )?({NUMBER} %)\): (.*)", printed)
         if verdict is None:
             yield state(("form", about), printed, "terminal of call")
