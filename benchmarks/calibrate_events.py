@@ -61,20 +61,20 @@ from models.estimation.shot_hypotheses.event_probability import (  # noqa: E402
     estimate_event_probability,
 )
 
+# Standard deviations of the Gaussian priors on the weights and on the biases.
 WEIGHT_SIGMA, BIAS_SIGMA = 2.0, 3.0
-"""Standard deviations of the Gaussian priors on the weights and on the biases."""
+# Frames within which a true rest makes a reported one true.
 REST_FRAMES = 15.0
-"""Frames within which a true rest makes a reported one true."""
+# Frames before the end of the clip from which the truth does not show whether a ball rests.
 LAST_REST_FRAMES = 5.0
-"""Frames before the end of the clip from which the truth does not show whether a ball rests."""
+# Share of the shots that are not damaged.
 UNDAMAGED_SHARE = 0.25
-"""Share of the shots that are not damaged."""
+# Share of clips with tracks or a calibration that are wrong: five of the 52 clips of others that were tried.
 FALSE_PREMISE_SHARE = 0.1
-"""Share of clips with tracks or a calibration that are wrong: five of the 52 clips of others that were tried."""
+# s of a shot that are fitted with false premises: most contacts are in them, and fits of long shots take longest.
 PREMISE_SECONDS = 2.0
-"""s of a shot that are fitted with false premises: most contacts are in them, and fits of long shots take longest."""
+# Fits of a shot with a false premise, beside the one without.
 FALSIFIED_FITS = 3
-"""Fits of a shot with a false premise, beside the one without."""
 
 
 @dataclass(frozen=True)

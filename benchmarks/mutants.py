@@ -55,8 +55,8 @@ from models.core.source_imports import find_discovered_packages, find_imports
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("models", "detectors", "diagnosis", "video", "pipeline")
 CONSTANT_NAME = re.compile(r"_?[A-Z][A-Z0-9_]*")
+# Modules whose constants are places and sizes in pictures and pages.
 DRAWING = re.compile(r"^(video\.(overlay|drawing|rendering)|pipeline\.reporting\.(pages|recording|figures))\b")
-"""Modules whose constants are places and sizes in pictures and pages."""
 NO_DECISION = re.compile(
     r"(^|_)(VERSION|COLOUR|COLOURS|WIDTH|CHARACTERS|LETTERS|DECIMALS|DIGITS|BYTES|MIB|SEED|CODE|DPI|FONT)(_|$)"
 )
@@ -64,12 +64,12 @@ DECIDING_CALLS = {"where", "clip", "minimum", "maximum", "min", "max"}
 DECIDING_ARGUMENT = re.compile(
     r"tol$|tolerance|limit|threshold|cutoff|bound|gate|weight|(^|_)(max|min|most|least)(_|imum)"
 )
+# Modules whose functions pass a constant on, as in `np.sqrt(MAX_CHI2)`.
 OPEN_MODULES = {"np", "math", "torch"}
-"""Modules whose functions pass a constant on, as in `np.sqrt(MAX_CHI2)`."""
+# Exit codes of pytest: all tests pass; there are only slow tests.
 PASSED = (0, 5)
-"""Exit codes of pytest: all tests pass; there are only slow tests."""
+# Additional CPU time of a mutant whose module is compiled into kernels.
 COMPILE_SECONDS = 300.0
-"""Additional CPU time of a mutant whose module is compiled into kernels."""
 
 
 @dataclass(frozen=True, slots=True)

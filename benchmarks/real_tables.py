@@ -56,12 +56,12 @@ from pipeline.engine.source_fingerprint import hash_sources  # noqa: E402
 from pipeline.engine.value_files import load_value, save_value  # noqa: E402
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot  # noqa: E402
 
+# Prediction horizons, s.
 AHEAD = (0.5, 1.0, 1.5, 3.0)
-"""Prediction horizons, s."""
+# m: error of a recorded place, mostly of the calibration (residuals of long free paths).
 MEASUREMENT_SIGMA = 1e-3
-"""m: error of a recorded place, mostly of the calibration (residuals of long free paths)."""
+# Columns of errors.
 RIVALS = ("learned", "published", "catalogue", "default", "network", "stays", "straight")
-"""Columns of errors."""
 
 
 @dataclass(frozen=True)

@@ -54,22 +54,22 @@ from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
 from models.estimation.reconstruction.shot_views import view_shot  # noqa: E402
 from models.tracking.build_tracks import build_tracks  # noqa: E402
 
+# Packages whose constants are varied.
 PACKAGES = ("models.tracking", "models.estimation.segmentation", "models.estimation.joint_fit",
             "models.estimation.structure_search", "models.estimation.reconstruction", "models.estimation.contact_test",
             "models.estimation.shot_hypotheses", "models.estimation.break_shot")  # fmt: skip
-"""Packages whose constants are varied."""
+# Top-level packages in which imported names are patched as well.
 ROOTS = ("models", "pipeline", "video", "detectors", "diagnosis", "benchmarks")
-"""Top-level packages in which imported names are patched as well."""
+# Decorators of functions that keep the value that a constant had when they were compiled.
 KERNEL = "compile_kernel|compile_inline_closure"
-"""Decorators of functions that keep the value that a constant had when they were compiled."""
+# Names of indices, array sizes and seeds, which are no thresholds; the codes of `range(5)` are none either.
 LAYOUT_NAME = re.compile(r"_(COLUMN|COUNT|SIZE|SEED)$")
-"""Names of indices, array sizes and seeds, which are no thresholds; the codes of `range(5)` are none either."""
+# Words of constants that stay below 1: where the multiple would not, the value goes half of the way to 1.
 AT_MOST_ONE = re.compile(r"probabilit|share|restitution|cosine|quantile|correlation", re.IGNORECASE)
-"""Words of constants that stay below 1: where the multiple would not, the value goes half of the way to 1."""
+# Largest distance in time of an event from itself in the unchanged run.
 SAME_TIME_FRAMES = 0.5
-"""Largest distance in time of an event from itself in the unchanged run."""
+# A case that takes longer than this multiple of its usual CPU time, plus these seconds, counts as a crash.
 SLOWDOWN, SLOWDOWN_SECONDS = 10.0, 20.0
-"""A case that takes longer than this multiple of its usual CPU time, plus these seconds, counts as a crash."""
 COLUMNS = ("constant", "value", "events changed, %", "sure events found", "false statements", "change of a probability",
            "cases that differ", "crashes", "unit and source")  # fmt: skip
 

@@ -25,15 +25,15 @@ from models.core.typing import ByteArray
 from models.numerics.executor import SERIAL, Executor
 from video.io.clip import Clip, read_frames
 
+# Frames, spread over the clip, from which the empty table is learnt.
 BACKGROUND_FRAMES = 15
-"""Frames, spread over the clip, from which the empty table is learnt."""
 
+# Parts of a clip that are searched independently of each other, and the fewest frames of a part. Their number does not
+# depend on the machine, because a search remembers the frame before: another division gives slightly other results.
 PARTS, LEAST_PART_FRAMES = 2, 24
-"""Parts of a clip that are searched independently of each other, and the fewest frames of a part. Their number does not
-depend on the machine, because a search remembers the frame before: another division gives slightly other results."""
 
+# Detects the balls of one scene; `detect_next` takes and returns what its search of a clip remembers.
 BallDetector = HoughDetector | NetworkDetector
-"""Detects the balls of one scene; `detect_next` takes and returns what its search of a clip remembers."""
 
 
 def detect_balls(
@@ -45,7 +45,6 @@ def detect_balls(
     moves, so that the errors of different frames are as independent as video coding allows.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         options: Which detector and network.
         progress: Called with the share that is done.
@@ -121,7 +120,6 @@ def prepare_detector(clip: Clip, scene: Scene, options: DetectOptions) -> BallDe
     """Prepare the detector of a clip.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         options: Which detector and network.
 

@@ -20,26 +20,25 @@ from models.core.scene import Scene
 from models.core.typing import ByteArray, FloatArray
 from video.io.clip import Clip, read_frames
 
+# px, standard deviation of a place that a person chose in the magnifier.
 HAND_SIGMA_PX = 1.0
-"""px, standard deviation of a place that a person chose in the magnifier."""
+# Ball radii: standard deviation of a place that the correlation with the chosen one gives. Guess: a tenth of the width
+# of its peak.
 FOLLOW_SIGMA_RADII = 0.05
-"""Ball radii: standard deviation of a place that the correlation with the chosen one gives. Guess: a tenth of the width
-of its peak."""
+# Least normalized correlation with the image of the placed ball. Noise and coding leave 0.9 and more of the same ball
+# at rest; cloth and other balls give less than 0.6.
 MIN_CORRELATION = 0.75
-"""Least normalized correlation with the image of the placed ball. Noise and coding leave 0.9 and more of the same ball
-at rest; cloth and other balls give less than 0.6."""
+# Share of a fitted outline from which it replaces the chosen place, as for the detector, and the largest move of it in
+# ball radii.
 MIN_SUPPORT, MAX_REFINEMENT_RADII = 0.6, 0.5
-"""Share of a fitted outline from which it replaces the chosen place, as for the detector, and the largest move of it in
-ball radii."""
+# Ball radii: distance of the places from which the outline is fitted. How far the results differ is part of the error.
 START_RADII, START_DIRECTIONS = 0.3, np.array([[0.0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-"""Ball radii: distance of the places from which the outline is fitted. How far the results differ is part of the error.
-"""
+# Half width of the compared image, and reach of the search about the predicted place, ball radii.
 PATCH_RADII, SEARCH_RADII = 1.3, 1.5
-"""Half width of the compared image, and reach of the search about the predicted place, ball radii."""
+# Ball radii within which a detection of the detector is the same ball: it is not placed twice.
 OTHER_RADII = 1.0
-"""Ball radii within which a detection of the detector is the same ball: it is not placed twice."""
+# Frames that are held in memory while a clip is read backward.
 BLOCK_FRAMES = 64
-"""Frames that are held in memory while a clip is read backward."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,6 @@ def add_placed_balls(
 
     Args:
         detections: Detections of all frames.
-        clip: The clip.
         scene: Table and camera.
         marks: The placed balls.
         progress: Called with the share that is done.

@@ -10,11 +10,11 @@ import numpy as np
 from detectors.detect_options import DetectOptions
 from models.core.scene import Scene
 
+# Elevation of the camera, degrees, below which balls hide each other and show their dark undersides: there the network,
+# which was trained on both, detects more balls. From straight above it has false positives in hands, tips and racks
+# that the circle detector does not have, and detects no more. Measured on rendered venues and on broadcasts
+# (docs/explanation/detection.md).
 OBLIQUE_ELEVATION_DEG = 50.0
-"""Elevation of the camera, degrees, below which balls hide each other and show their dark undersides: there the
-network, which was trained on both, detects more balls. From straight above it has false positives in hands, tips and
-racks that the circle detector does not have, and detects no more. Measured on rendered venues and on broadcasts
-(docs/explanation/detection.md)."""
 
 
 def select_detector(options: DetectOptions, scene: Scene, is_still: bool = False) -> Literal["hough", "onnx"]:

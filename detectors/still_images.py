@@ -21,10 +21,10 @@ from models.tracking.ball_classes import POOL_SET, assign_to_set, classify_balls
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
 
+# Kind of a ball without a table, by its appearance: the kinds of pool, which has all four appearances.
 KIND_OF_APPEARANCE = {"white": "cue", "black": "eight", "coloured": "solid", "striped": "stripe"}
-"""Kind of a ball without a table, by its appearance: the kinds of pool, which has all four appearances."""
+# Probability of an appearance from which the kind is named.
 MIN_APPEARANCE_PROBABILITY = 0.6
-"""Probability of an appearance from which the kind is named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +117,14 @@ def _sort_left_to_right(balls: StillDetections) -> StillDetections:
     return StillDetections(balls.centre[order], *columns, balls.note, balls.detector)
 
 
+# Scales of the image.
 SCALES = (1.0, 0.5, 0.25, 0.125)
-"""Scales of the image."""
+# Radii that are accepted at one scale: neighbouring scales overlap a little.
 ACCEPTED_RADII_PX = (4.3, 10.5)
-"""Radii that are accepted at one scale: neighbouring scales overlap a little."""
+# Least confidence score.
 MIN_SCORE = 0.5
-"""Least confidence score."""
+# Least side of a scaled image.
 MIN_SIDE_PX = 48
-"""Least side of a scaled image."""
 
 
 def detect_without_table(rgb: ByteArray, model: BallModel) -> CandidateDetections:

@@ -20,10 +20,10 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 
+# Probability that a body at rest appears to move.
 _FALSE_MOTION_PROBABILITY = 1e-4
-"""Probability that a body at rest appears to move."""
+# s between frames beyond which no motion is followed: bodies land, stop or swing back within a second.
 _MAX_FRAME_INTERVAL = 1.0
-"""s between frames beyond which no motion is followed: bodies land, stop or swing back within a second."""
 
 
 def diagnose(
@@ -112,14 +112,14 @@ def _has_motion(recording: Recording) -> bool:
     return False
 
 
+# Steps on either side from which the speed of a body is estimated.
 _SIDE_STEPS = 5
-"""Steps on either side from which the speed of a body is estimated."""
+# Least number of rows on either side for an estimate of speed.
 _MIN_SIDE_ROWS = 3
-"""Least number of rows on either side for an estimate of speed."""
+# Ratio to the speed on either side from which a step is a jump: a contact changes a speed, not a position.
 _JUMP_SPEED_RATIO = 2.0
-"""Ratio to the speed on either side from which a step is a jump: a contact changes a speed, not a position."""
+# Additional length of a jump, standard deviations.
 _JUMP_SIGMAS = 10.0
-"""Additional length of a jump, standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,6 +58,7 @@ from video.io.clip import Clip, require_readable_file
 from video.io.clip_digest import compute_clip_digest, read_file_state
 from video.io.frame_memory import FrameMemory
 
+# Files of a run folder by the stage that writes them.
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "export": ("tracks.csv", "events.csv", "trajectory.csv", "scene.json"),
     "poster": ("poster.png",),
@@ -65,7 +66,6 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
     "record": ("recording.rrd",),
     "render": ("slow.mp4",),
 }
-"""Files of a run folder by the stage that writes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,6 @@ def run_shot_graph(graph: StageGraph, cache: ResultCache, watcher: RunWatcher) -
 
     Args:
         graph: A graph with the stages up to the shot.
-        cache: The cache.
         watcher: Follows the run.
 
     Returns:
@@ -212,7 +211,6 @@ def run_tables(
         clip: Path of the clip.
         folder: Folder of the results.
         options: Options of all stages.
-        cache: The cache.
         watcher: Follows the run.
         shot: The shot of the clip to run; None for the whole clip.
         publishes: Whether to write to the folder at all.
@@ -281,7 +279,6 @@ def run_clip(
         clip: Path of the clip.
         folder: Folder of the results.
         options: Options of all stages.
-        cache: The cache.
         watcher: Follows the run.
         snapshot: The project's code when this process started; see `StageGraph.run`.
         shot: The shot of the clip to run; None for the whole clip.

@@ -60,7 +60,6 @@ def find_recording_shots(
     Args:
         clip: Path of the recording.
         options: Options of all stages.
-        cache: The cache.
         watcher: Follows the search.
         snapshot: The project's code when this process started; see `StageGraph.run`.
         memory: Keeps the decoded frames for the stages; None decodes the recording in each.
@@ -99,7 +98,6 @@ def read_recording_shot(
         options: Options of all stages.
         span: First frame of the shot, and the frame after its last.
         number: Number of the shot, from 0.
-        cache: The cache.
         watcher: Follows the run.
 
     Returns:
@@ -195,7 +193,6 @@ def run_chosen_shot(
         clip: Path of the clip.
         folder: Folder of the results.
         options: Options of all stages.
-        cache: The cache.
         watcher: Follows the run.
         choice: The shot to run.
         how: Further arguments of `run_clip`.

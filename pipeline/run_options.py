@@ -17,12 +17,12 @@ from pipeline.settings import Setting, collect_settings, replace_setting, set_va
 from pipeline.stages.read_stage import ReadOptions
 from video.io.video_options import CalibrateOptions, RenderOptions
 
+# Stages with options, in the order of the help.
 OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render")
-"""Stages with options, in the order of the help."""
+# Settings that a person can correct; fields of `Corrections` have the same names.
 CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
-"""Settings that a person can correct; fields of `Corrections` have the same names."""
+# Settings whose value is the content of a file.
 FILE_SETTINGS = ("profile", "looks")
-"""Settings whose value is the content of a file."""
 
 
 @dataclass(frozen=True, slots=True)

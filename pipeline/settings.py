@@ -12,8 +12,8 @@ from models.core.options import OptionSpec, list_option_specs
 from pipeline.stages.read_stage import ReadOptions
 from video.io.video_options import CalibrateOptions
 
+# A frozen dataclass with the options of one stage in each field.
 Options = TypeVar("Options")
-"""A frozen dataclass with the options of one stage in each field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,6 @@ def set_value(options: Options, setting: Setting, value: Any) -> Options:
 
     Args:
         options: Options of all stages.
-        setting: The setting.
         value: The value that the user gave.
 
     Returns:

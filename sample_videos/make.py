@@ -33,12 +33,12 @@ ImageArray = NDArray[np.uint8]
 HERE = Path(__file__).resolve().parent
 WORLD_SCRIPT = HERE.parent / "worlds" / "billiards.py"
 WORLD_HZ = 2000
+# Hz, clock of the timestamps of a clip with variable frame rate.
 CLOCK_HZ = 90_000
-"""Hz, clock of the timestamps of a clip with variable frame rate."""
+# Frames that the phone with variable frame rate never delivered.
 MISSING_FRAMES = (17, 18, 41)
-"""Frames that the phone with variable frame rate never delivered."""
+# s, standard deviation of the phone's capture times around its nominal rate.
 JITTER_SIGMA_S = 0.0025
-"""s, standard deviation of the phone's capture times around its nominal rate."""
 
 
 def build_world_shot(sample: Sample) -> dict[str, Any]:

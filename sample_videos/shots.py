@@ -11,6 +11,7 @@ from models.core.scene import Camera, Table
 from video.rendering.pinhole_camera import look_at
 from video.rendering.scene_appearance import BallAppearance, Lamp, SceneAppearance, carom_ball, pool_ball, snooker_ball
 
+# Plain physics: sliding, then rolling; no friction between balls; little friction at cushions.
 PLAIN_EFFECTS = {
     "sliding_friction": {"mu": 0.2},
     "rolling_resistance": {"mu": 0.01},
@@ -19,9 +20,9 @@ PLAIN_EFFECTS = {
     "cushion_friction": {"mu": 0.05},
     "ball_restitution": {"e": 0.95},
 }
-"""Plain physics: sliding, then rolling; no friction between balls; little friction at cushions."""
+# Contact laws of plain physics.
 PLAIN_LAWS = {"cushion": "mirror", "ball": "inelastic"}
-"""Contact laws of plain physics."""
+# Physics with friction between balls and restitution that falls with speed.
 FOREIGN_EFFECTS = {
     "sliding_friction": {"mu": 0.21},
     "rolling_resistance": {"mu": 0.009},
@@ -31,9 +32,8 @@ FOREIGN_EFFECTS = {
     "cushion_friction": {"mu": 0.16},
     "ball_restitution": {"e": 0.94},
 }
-"""Physics with friction between balls and restitution that falls with speed."""
+# Contact laws that differ from those of plain physics.
 FOREIGN_LAWS = {"cushion": "mathavan_2010", "ball": "alciatore"}
-"""Contact laws that differ from those of plain physics."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,29 +32,29 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# Store compiled code on disk only for the script: it cannot load code that an import compiled under another name.
 CACHE_COMPILED = __name__ == "__main__"
-"""Store compiled code on disk only for the script: it cannot load code that an import compiled under another name."""
+# m/s2.
 GRAVITY = 9.81
-"""m/s2."""
+# Step, s: at 5 m/s a ball moves 0.1 mm in one.
 STEP = 2e-5
-"""Step, s: at 5 m/s a ball moves 0.1 mm in one."""
+# Height of the nose above the cloth in ball radii (WPA equipment rules: 63.5 % of the diameter).
 NOSE_HEIGHT_RADII = 1.27
-"""Height of the nose above the cloth in ball radii (WPA equipment rules: 63.5 % of the diameter)."""
+# Radius of a sticky patch, m.
 PATCH_RADIUS = 0.3
-"""Radius of a sticky patch, m."""
+# Friction between ball and cloth while the nose presses the ball down (Mathavan 2010, section 4).
 CLOTH_UNDER_CUSHION = 0.21
-"""Friction between ball and cloth while the nose presses the ball down (Mathavan 2010, section 4)."""
+# Distance from the pocket's point on the nose rectangle within which a ball drops, m.
 MOUTH_CORNER, MOUTH_SIDE = 0.045, 0.040
-"""Distance from the pocket's point on the nose rectangle within which a ball drops, m."""
+# Distance along the rail from a pocket within which there is no cushion, m.
 JAW_CORNER, JAW_SIDE = 0.080, 0.062
-"""Distance along the rail from a pocket within which there is no cushion, m."""
+# Distance behind the noses at which the leather of a pocket stops the centre of a falling ball, m.
 POCKET_BACK = 0.012
-"""Distance behind the noses at which the leather of a pocket stops the centre of a falling ball, m."""
+# Indices in `KINDS`.
 STRIKE, BALL, CUSHION, POCKET, REST = range(5)
-"""Indices in `KINDS`."""
 MOST_EVENTS = 20_000
+# Closing speed below which a contact of touching balls is no event, m/s.
 RESTING_CLOSING = 1e-3
-"""Closing speed below which a contact of touching balls is no event, m/s."""
 
 CUSHIONS = ("left", "right", "top", "bottom")
 POCKETS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")

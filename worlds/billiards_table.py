@@ -33,13 +33,13 @@ from table_camera import TableCamera
 Floats = NDArray[np.float64]
 
 PHYSICS = Path(__file__).resolve().parent / "billiards.py"
+# m, of a nine-foot pool table and its balls.
 LENGTH, WIDTH, RADIUS = 2.54, 1.27, 0.028575
-"""m, of a nine-foot pool table and its balls."""
 TABLE_EFFECTS = ("unequal_mass", "unequal_radius", "ageing")
+# Seconds, and frames, that a shot is simulated beyond its film, for late capture times.
 EXTRA_SECONDS, EXTRA_FRAMES = 0.2, 4
-"""Seconds, and frames, that a shot is simulated beyond its film, for late capture times."""
+# Speed of shots that are all alike, m/s.
 ALONG_SPEED = 1.5
-"""Speed of shots that are all alike, m/s."""
 
 
 @dataclass(frozen=True, kw_only=True)

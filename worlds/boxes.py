@@ -28,25 +28,25 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 ROWS, COLUMNS = 10, 5
+# Size of a box, px.
 WIDE, TALL = 24.0, 30.0
-"""Size of a box, px."""
+# Centre of the first column, and distance between columns, px.
 FIRST_COLUMN, PITCH = 200.0, 40.0
-"""Centre of the first column, and distance between columns, px."""
+# Positions of the boundary, px.
 FLOOR, LEFT, RIGHT, TOP = 330.0, -60.0, 640.0, -400.0
-"""Positions of the boundary, px."""
 BALL = (0.0, 165.0)
 BALL_RADIUS, BALL_MASS = 15.0, 8.0
 FRICTION, RESTITUTION = 0.5, 0.3
+# Steps of the engine: a multiple of 60, 30 and 15 Hz; at 1600 px/s a body moves 0.7 px in one.
 STEPS_PER_SECOND = 2400
-"""Steps of the engine: a multiple of 60, 30 and 15 Hz; at 1600 px/s a body moves 0.7 px in one."""
+# Iterations of the engine's solver; with fewer, a column of ten boxes sinks together.
 ITERATIONS = 30
-"""Iterations of the engine's solver; with fewer, a column of ten boxes sinks together."""
+# Overlap that the engine allows, px; its default of 0.1 would be visible.
 SLOP = 0.01
-"""Overlap that the engine allows, px; its default of 0.1 would be visible."""
+# Time that the wall stands before the throw, s.
 SETTLING = 0.5
-"""Time that the wall stands before the throw, s."""
+# Least recorded impulse, mass px/s: of a box that falls 0.5 px; the weight of a resting box gives 0.4 per step.
 LEAST_IMPULSE = 30.0
-"""Least recorded impulse, mass px/s: of a box that falls 0.5 px; the weight of a resting box gives 0.4 per step."""
 
 
 @dataclass(frozen=True)

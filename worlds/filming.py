@@ -30,14 +30,14 @@ from scipy.signal import savgol_filter
 
 Floats = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
+# Speed (m/s) and angle (rad) that are not redrawn.
 Throw = Mapping[str, float]
-"""Speed (m/s) and angle (rad) that are not redrawn."""
+# Maps time, position (D,) and velocity (D,) to an acceleration (D,).
 Force = Callable[[float, Floats, Floats], Floats]
-"""Maps time, position (D,) and velocity (D,) to an acceleration (D,)."""
 
 TOLERANCE = 1e-10
+# Size of an outlier in standard deviations of the noise.
 OUTLIER_SIGMAS = 20.0
-"""Size of an outlier in standard deviations of the noise."""
 
 
 @dataclass(frozen=True, kw_only=True)

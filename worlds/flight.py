@@ -13,8 +13,8 @@ import numpy as np
 from filming import STILL, Effects, Floats, Throw, Waves, integrate_motion, run_script
 
 GRAVITY = 9.81
+# Drag with which wind acts on a body without other drag, 1/s.
 LEAST_DRAG = 0.1
-"""Drag with which wind acts on a body without other drag, 1/s."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "air_drag": ("k",),
     "viscous_drag": ("k",),

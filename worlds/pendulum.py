@@ -15,10 +15,10 @@ import numpy as np
 from filming import STILL, Effects, Floats, Throw, Waves, integrate_motion, run_script
 
 GRAVITY, LENGTH = 9.81, 0.3
+# Restoring acceleration of a uniform rod, 1/s2.
 PULL = 1.5 * GRAVITY / LENGTH
-"""Restoring acceleration of a uniform rod, 1/s2."""
+# Speed below which dry friction is smoothed, rad/s, so that a swing stops without a jump.
 TURNING = 1e-3
-"""Speed below which dry friction is smoothed, rad/s, so that a swing stops without a jump."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "joint_friction": ("viscous", "dry"),
     "air_drag": ("k",),

@@ -14,10 +14,10 @@ import numpy as np
 from filming import Effects, Floats, Throw, run_script
 
 GRAVITY, LENGTH, MASS = 9.81, 0.3, 0.1
+# kg m2, of a uniform rod about its end; friction and drag are given per inertia.
 INERTIA = MASS * LENGTH**2 / 3
-"""kg m2, of a uniform rod about its end; friction and drag are given per inertia."""
+# Largest step, s.
 STEP = 5e-4
-"""Largest step, s."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "joint_friction": ("viscous", "dry"),
     "air_drag": ("k",),
@@ -34,8 +34,8 @@ ROD = """
   </worldbody>
 </mujoco>
 """
+# Time constant of dry friction, s.
 SOFT = 2e-3
-"""Time constant of dry friction, s."""
 
 
 def build_rod(effects: Effects, step: float) -> mujoco.MjModel:

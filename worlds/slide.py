@@ -21,12 +21,12 @@ from filming import STILL, TOLERANCE, Effects, Floats, Force, Throw, Waves, inte
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
+# Speed at which a body stops, m/s.
 STOP_SPEED = 1e-4
-"""Speed at which a body stops, m/s."""
+# Speed below which friction of a driven body is smoothed, m/s.
 SOFT_SPEED = 1e-3
-"""Speed below which friction of a driven body is smoothed, m/s."""
+# Radius of a sticky patch, m.
 PATCH_RADIUS = 0.3
-"""Radius of a sticky patch, m."""
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "sliding_friction": ("mu",),
     "viscous_drag": ("k",),

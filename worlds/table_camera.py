@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
 
+# `lens_fourth` is r (1 + k2 r^4); `seen` is the relative error of the assumed size of the table.
 EFFECTS: Mapping[str, tuple[str, ...]] = {
     "lens_distortion": ("k1",),
     "lens_fourth": ("k2",),
@@ -23,9 +24,8 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     "rolling_shutter": ("readout",),
     "dropped_frames": ("frames",),
 }
-"""`lens_fourth` is r (1 + k2 r^4); `seen` is the relative error of the assumed size of the table."""
+# Least number of samples per second; the finer rate is for a rolling shutter.
 RATE, FINER = 1000, 5000
-"""Least number of samples per second; the finer rate is for a rolling shutter."""
 
 
 @dataclass(frozen=True)

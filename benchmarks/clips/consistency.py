@@ -50,11 +50,12 @@ from video.overlay.close_up import draw_close_up
 COMMANDS = ("call", "put-back", "compare", "predict", "what-if", "certify")
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "%": 1e-2, "°": 1.0,
          "rad/s": 1.0, "": 1.0}  # fmt: skip
+# Of what `above 99.9 %` means, from the number.
 BOUNDS = {"above ": (0.0, 100.0), "below ": (-100.0, 0.0)}
-"""Of what `above 99.9 %` means, from the number."""
 NUMBER = r"(?:above |below )?-?\d+(?:\.\d+)?"
 UNIT = r"(?:mm|cm|ms|m/s|m|s|km/h|%|°|rad/s)(?![\w/])"
 SIGNS = {"right": 1, "left": -1, "top": 1, "back": -1}
+# Clauses on an event, by its kind; names are ids in «».
 EVENT_VERBS = {
     "strike": r"«(?P<a>[^»]+)» (?:is|was) struck",
     "ball": r"«(?P<a>[^»]+)» (?:and «(?P<b>[^»]+)» touch|touch(?:es|ed) «(?P<c>[^»]+)»|hit «(?P<d>[^»]+)» first)",
@@ -62,21 +63,20 @@ EVENT_VERBS = {
     "pocket": r"«(?P<a>[^»]+)» (?:(?:falls|fell) )?into the «(?P<b>[^»]+)»",
     "rest": r"«(?P<a>[^»]+)» (?:comes|came) to rest",
 }
-"""Clauses on an event, by its kind; names are ids in «»."""
+# Values that a row with one event states of it.
 ROW_VALUES = {
     "time": rf"(?<!± )({NUMBER} s)(?: ±|,| \(|\b)", "time sigma": rf"\d s ± ({NUMBER} m?s)",
     "speed": rf"at ({NUMBER} m/s)", "speed in km/h": rf"\(({NUMBER} km/h)\)",
     "probability": rf"({NUMBER} %)(?! of the ball)",
     "gap": rf"({NUMBER}(?: ± {NUMBER})? mm) from a (?:miss|touch)", "frame": rf"(?<!around )frame ({NUMBER})",
 }  # fmt: skip
-"""Values that a row with one event states of it."""
 PLACE = rf"({NUMBER} cm)(?: \([^)]*\))? from «(\w+)»"
 CLOSE_UP = "pipeline.actions.answer_call.draw_close_up"
+# Numbers of a certificate in its sentence, with their standard deviations.
 CERTIFICATE_CLAUSES = {
     "restitution": rf"its cushions return ({NUMBER}) ± ({NUMBER}) of the speed",
     "roll_out": rf"a ball of 2 m/s rolls ({NUMBER}) ± ({NUMBER}) m",
 }
-"""Numbers of a certificate in its sentence, with their standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -36,15 +36,15 @@ from video.io.video_writer import VideoWriter
 
 Image = NDArray[np.uint8]
 
+# Frames of a clip before the fault: two thirds of a second, from shortly before the strike on.
 FRAMES = 40
-"""Frames of a clip before the fault: two thirds of a second, from shortly before the strike on."""
+# Frames per second up to which a sample clip is played twice as fast.
 SLOW_RATE = 50
-"""Frames per second up to which a sample clip is played twice as fast."""
 NONE = "none"
 SMALL_CRF, TIME_BASE = 18, Fraction(1, 90_000)
 GOAL = 0.95
+# One round through all faults.
 QUICK_CLIPS = 14
-"""One round through all faults."""
 
 
 @dataclass(frozen=True)
@@ -251,15 +251,15 @@ def keep_part(part: FilmedPart, rng: np.random.Generator) -> tuple[FilmedPart, f
     return part, 0.0
 
 
+# Faults by the code of the measurement that should name them.
 FAULTS: dict[str, Callable[[FilmedPart, np.random.Generator], tuple[FilmedPart, float]]] = {
     NONE: keep_part, "exposure": darken, "clipping": overexpose, "flicker": flicker, "glare": add_glare,
     "motion_blur": blur_motion, "frame_rate": drop_rate, "duplicates": repeat_frames, "irregular_times": jitter_times,
     "corners": cut_table, "ball_size": shrink_balls, "camera_drift": move_camera, "compression": compress,
     "focus": defocus,
 }  # fmt: skip
-"""Faults by the code of the measurement that should name them."""
+# Sample clips with regular times.
 SAMPLES = ("overhead_pool", "oblique_pool", "carom_match", "snooker_reds", "many_contacts")
-"""Sample clips with regular times."""
 
 
 def _crop_middle(image: Image) -> Image:

@@ -11,10 +11,10 @@ from benchmarks.support.run_folder import RunFolder
 
 CLASSES_OF_COLOUR = {"WHITE": ("cue",), "RED": ("red",)}
 CUSHION_OF_LETTER = {"L": "left", "R": "right", "T": "top", "B": "bottom"}
+# Frame offsets, from the notes of the footage, that replace the estimate in the truth file.
 SNOOKER_OFFSET = {"snooker_simulation_vs_reality_1_0008_0011": 0}
-"""Frame offsets, from the notes of the footage, that replace the estimate in the truth file."""
+# Marks whose position is wrong according to the notes of the footage.
 MARKS_WITH_WRONG_POSITION = {("snooker_gleitreibungskoeffizient_0000_0005", "rest")}
-"""Marks whose position is wrong according to the notes of the footage."""
 MARKS_WITH_WRONG_FRAME: set[tuple[str, str]] = {("snooker_gleitreibungskoeffizient_0000_0005", "rest")}
 
 
@@ -153,8 +153,8 @@ def _score_carom_events(run: RunFolder, marks: list[dict[str, Any]]) -> tuple[in
 # pool: boxes of the first and the last frame
 
 
+# Ball class of each class number of the boxes.
 CLASS_OF_BOX = {1: "cue", 2: "eight", 3: "solid", 4: "stripe"}
-"""Ball class of each class number of the boxes."""
 
 
 def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
@@ -188,11 +188,11 @@ def score_pool(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:
 # events labelled by eye
 
 
+# Frames around a labelled interval, and px from its place, within which an event is the labelled one: the balls of two
+# contacts of a kind at one moment are farther apart, and the place of a contact may be that of either ball.
 LABEL_FRAMES, LABEL_PX = 2.0, 120.0
-"""Frames around a labelled interval, and px from its place, within which an event is the labelled one: the balls of two
-contacts of a kind at one moment are farther apart, and the place of a contact may be that of either ball."""
+# Probabilities from which an event counts as reported, and from which one that did not happen counts as false.
 LISTED_PROBABILITY, SURE_PROBABILITY = 0.5, 0.9
-"""Probabilities from which an event counts as reported, and from which one that did not happen counts as false."""
 
 
 def score_labelled_events(stem: str, run: RunFolder, truth: dict[str, Any]) -> MarkScore:

@@ -40,21 +40,21 @@ sys.path.insert(0, str(ROOT / "sample_videos"))
 import make
 import shots
 
+# (3/2 H, W) luma and chroma of one frame, yuv420p.
 Planes = NDArray[np.uint8]
-"""(3/2 H, W) luma and chroma of one frame, yuv420p."""
 
 RATE = 30
 FOOTAGE = ROOT.parent / "shared" / "data"
+# Samples whose camera films new shots, how many, and px: larger frames take longer to render than to search.
 SERIES_CAMERAS, SERIES_SHOTS, SERIES_WIDTH = ("overhead_pool", "carom_match"), 4, 640
-"""Samples whose camera films new shots, how many, and px: larger frames take longer to render than to search."""
+# Samples that are shown forwards and backwards in one view, with stillness between.
 LONG_VIEWS = ("overhead_pool", "carom_match", "potted_phone")
-"""Samples that are shown forwards and backwards in one view, with stillness between."""
+# Real clips that one camera took.
 FIXED_CAMERA = ("snooker_simulation_vs_reality", "snooker_video", "snooker_gleitreibungskoeffizient")
-"""Real clips that one camera took."""
+# Axes of cv2.flip, in the order in which a clip is shown again.
 FLIPS = (None, 1, 0, -1)
-"""Axes of cv2.flip, in the order in which a clip is shown again."""
+# Frames by which a span may differ from the truth where a fade is its border.
 SAME_FRAME = 2
-"""Frames by which a span may differ from the truth where a fade is its border."""
 
 
 @dataclass(frozen=True)

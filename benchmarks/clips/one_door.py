@@ -40,11 +40,11 @@ from pipeline.run_options import RunOptions
 from video.calibration.table_finder import calibrate_clip, calibrate_image
 from video.io.clip import open_clip, read_frames
 
+# Frames of a rendered clip: `check` needs 12, and the strike is in the tenth at the latest.
 RENDERED_FRAMES = 14
-"""Frames of a rendered clip: `check` needs 12, and the strike is in the tenth at the latest."""
+# Distance of a corner up to which a still image shows the table where the clip does: what covers a rail is gone in the
+# median of a clip, and a corner of USER_CORNER_SIGMA_PX = 2 px is a good one.
 SAME_CORNERS_PX = 3.0
-"""Distance of a corner up to which a still image shows the table where the clip does: what covers a rail is gone in the
-median of a clip, and a corner of USER_CORNER_SIGMA_PX = 2 px is a good one."""
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,10 @@ from video.overlay.frame_overlay import FrameBalls
 from video.overlay.slow_motion import find_output_times, synthesize_frames
 from video.synthesis.frame_synthesis import FrameInterval, estimate_clip_appearance
 
+# Time before and after a contact in which its balls count, also the one that still rests, s.
 CONTACT_SECONDS = 0.05
-"""Time before and after a contact in which its balls count, also the one that still rests, s."""
+# Edge of a ball that is mixed with the cloth, px.
 EDGE_PX = 1.0
-"""Edge of a ball that is mixed with the cloth, px."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,6 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     """Count the hidden pixels of balls over the frames of a slow motion.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         tracks: Tracks of the balls.
         fit: Fitted motion and events.

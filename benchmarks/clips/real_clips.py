@@ -32,8 +32,8 @@ from benchmarks.support.run_folder import FOOTAGE, ROOT, Outcome, RunFolder, rea
 
 SEED = 2022
 SCORERS = {"snooker": score_snooker, "carom": score_carom, "pool8": score_pool}
+# Clips for `--quick`: one of each game, the shortest to process.
 QUICK_CLIPS = ("carom_F3", "pool8_game3_clip1", "snooker_video_13_0030_0034")
-"""Clips for `--quick`: one of each game, the shortest to process."""
 
 
 def print_table(title: str, header: tuple[str, ...], scores: list[MarkScore]) -> None:

@@ -29,15 +29,15 @@ from benchmarks.support.figures import (
 from benchmarks.support.run_folder import ROOT, RunFolder, read_columns, read_run, run_clip
 
 SAMPLES = ROOT / "sample_videos"
+# Clips for `--quick`, the first with the contact models of the fit, the second with others.
 QUICK_CLIPS = ("many_contacts", "carom_match")
-"""Clips for `--quick`, the first with the contact models of the fit, the second with others."""
+# Parts of the path of a ball that count as cases of the noise: errors of successive frames are correlated.
 PATH_PARTS = 5
-"""Parts of the path of a ball that count as cases of the noise: errors of successive frames are correlated."""
+# Largest time between a reported and a true contact of the same balls that still match, s.
 MATCHING_SECONDS = 0.1
-"""Largest time between a reported and a true contact of the same balls that still match, s."""
 MODEL_LABELS = {False: "same", True: "other"}
+# Speed above which a ball counts as moving, m/s.
 MOVING_SPEED = 0.02
-"""Speed above which a ball counts as moving, m/s."""
 
 
 @dataclass(frozen=True)

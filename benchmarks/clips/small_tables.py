@@ -37,16 +37,16 @@ from models.core.typing import BoolArray, FloatArray, ImageArray
 from video.rendering.scene_renderer import render_image
 from video.rendering.table_rendering import HOLE_BACK_CORNER, HOLE_BACK_SIDE, HOLE_RADIUS
 
+# px, three of four held upright.
 SIZES = ((334, 616), (400, 712), (640, 360), (540, 960))
-"""px, three of four held upright."""
+# Lengths of tables for children and of four to four and a half feet, and radii of the balls that come with them.
 LENGTHS_M, RADII_M = (0.95, 1.4), (0.019, 0.0286)
-"""Lengths of tables for children and of four to four and a half feet, and radii of the balls that come with them."""
+# Width of what the image shows outside of the noses.
 RAILS_M = (0.05, 0.12)
-"""Width of what the image shows outside of the noses."""
+# Apparent length over width of the table, with pixels that are not square; trueroll refuses a few percent more.
 ASPECTS = (1.93, 2.25)
-"""Apparent length over width of the table, with pixels that are not square; trueroll refuses a few percent more."""
+# Distance of a net behind the noses, in that of a rendered hole: the nets of small tables reach further inwards.
 BACK_SHARE = 0.4
-"""Distance of a net behind the noses, in that of a rendered hole: the nets of small tables reach further inwards."""
 
 
 @dataclass(frozen=True)

@@ -31,13 +31,13 @@ from models.core.typing import FloatArray, ImageArray
 from video.rendering.player_props import draw_rods, make_cue_rods, make_hand_rods
 from video.rendering.scene_renderer import BallPoses, SceneView, apply_sensor_model, build_view, render_exposure
 
+# px, frames and frames per second of a clip: 2.2 s.
 SIZE, FRAMES, RATE = (640, 360), 56, 25
-"""px, frames and frames per second of a clip: 2.2 s."""
+# Frames of a sample clip that are used; its stroke falls within the first half second.
 SAMPLE_FRAMES = 75
-"""Frames of a sample clip that are used; its stroke falls within the first half second."""
 LIKELY, SURE = 0.9, 0.99
+# Largest time and distance between a reported and a true event that match.
 MATCHING_SECONDS, MATCHING_RADII = 0.12, 4.0
-"""Largest time and distance between a reported and a true event that match."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class Stage:
     """None over a sample clip."""
 
 
+# Paints the thing over an image (H, W, 3) of a moment, 0 to 1 through the clip.
 Painter = Callable[[ImageArray, float], ImageArray]
-"""Paints the thing over an image (H, W, 3) of a moment, 0 to 1 through the clip."""
 TrapMaker = Callable[[Stage, np.random.Generator], Painter]
 
 
@@ -308,8 +308,8 @@ TRAPS: dict[str, TrapMaker] = {
     "drawing": make_drawing, "net": make_net, "hand": make_hand, "reflection": make_reflection,
     "scoreboard": make_scoreboard, "knock": make_knock, "damage": make_damage,
 }  # fmt: skip
+# One clip in so many is made over a sample clip.
 SAMPLE_SHARE = 4
-"""One clip in so many is made over a sample clip."""
 
 
 def make_trap(seed: int, number: int, path: Path) -> tuple[str, dict[str, Any]]:

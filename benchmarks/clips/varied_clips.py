@@ -30,11 +30,11 @@ import make
 import shots
 
 TABLES = (shots.POOL_9FT, shots.POOL_8FT, shots.POOL_7FT, shots.CAROM, shots.SNOOKER)
+# px, of films held level, and of a phone held upright, from above or from an end.
 SIZES, UPRIGHT_SIZE = ((640, 360), (640, 480), (960, 540)), (640, 800)
-"""px, of films held level, and of a phone held upright, from above or from an end."""
 VIEWS = ("above", "end", "side", "corner")
+# Width of the rail, m, and the share of the image that table and rails fill.
 RAIL_M, FILLED = 0.16, 0.92
-"""Width of the rail, m, and the share of the image that table and rails fill."""
 MARKS: dict[str, ClothMarks] = {"pool": "pool", "snooker": "snooker", "carom": "carom"}
 CLOTH_HUES = (0.36, 0.42, 0.55, 0.60, 0.98)
 LEAST_APART_M = 0.09

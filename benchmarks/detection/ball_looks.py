@@ -32,19 +32,19 @@ from pipeline.editing.edited_clip import find_edited_clip
 from pipeline.io.shot_folder import read_shot
 from video.io.clip import open_clip, read_frames
 
+# Colours of the numbers 1 to 7, and of 9 to 15; 4 and 12 are pink in sets for television.
 COLOURS = ({"yellow"}, {"blue"}, {"red"}, {"purple", "pink"}, {"orange"}, {"green"}, {"maroon", "brown"})
-"""Colours of the numbers 1 to 7, and of 9 to 15; 4 and 12 are pink in sets for television."""
+# Ball class by the number of the class of a box.
 BOX_KINDS = ("", "cue", "eight", "solid", "stripe")
-"""Ball class by the number of the class of a box."""
+# Classes of balls that are white.
 UNPAINTED = ("cue", "white")
-"""Classes of balls that are white."""
+# Level from which two channels of a pixel no longer show its hue; share of the other pixels from which they count.
 OVEREXPOSED, MIN_EXPOSED = 250, 0.1
-"""Level from which two channels of a pixel no longer show its hue; share of the other pixels from which they count."""
+# Share of the pixels of a ball in shade, and of those in the highlight.
 SHADE, HIGHLIGHT = 0.4, 0.1
-"""Share of the pixels of a ball in shade, and of those in the highlight."""
+# Distance from white, with half the weight of L*, as a share of the largest of a ball, below which a pixel is white or
+# mixed with it in the coded picture.
 UNMIXED = 0.75
-"""Distance from white, with half the weight of L*, as a share of the largest of a ball, below which a pixel is white or
-mixed with it in the coded picture."""
 
 
 def collect_pixels(frames: dict[int, ByteArray], tracks: Tracks, rows: IntArray, ball: int) -> FloatArray:

@@ -23,18 +23,18 @@ from video.rendering.scene_renderer import build_view
 from video.rendering.training_images import render_training_image
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+# Visible share of a rendered ball from which on it must be found.
 LEAST_VISIBLE = 0.5
-"""Visible share of a rendered ball from which on it must be found."""
+# Elevations of low broadcast cameras, where balls occlude each other, and of overhead cameras, degrees.
 LOW_ELEVATION, HIGH_ELEVATION = (18.0, 25.0), (75.0, 88.0)
-"""Elevations of low broadcast cameras, where balls occlude each other, and of overhead cameras, degrees."""
+# Rendered images of one table; the detectors estimate the empty table from them too.
 IMAGES_PER_SCENE = 3
-"""Rendered images of one table; the detectors estimate the empty table from them too."""
+# Frames of a clip from which the detectors estimate the empty table.
 BACKGROUND_FRAMES = 9
-"""Frames of a clip from which the detectors estimate the empty table."""
+# Stride of the scored carom frames.
 CAROM_EVERY = 12
-"""Stride of the scored carom frames."""
+# The marks of the stills are measured from the corner of the first pixel, px.
 MARK_OFFSET = 0.5
-"""The marks of the stills are measured from the corner of the first pixel, px."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ def read_still_cases() -> Iterator[DetectorCase]:
         yield DetectorCase(scene, [(0, rgb)], rgb, 0, centre, *_resting_marks(len(centre), 15.0))
 
 
+# Ball class of a labelled colour, where it is not the name of the colour.
 CLASS_OF_LABEL = {"WHITE": "cue"}
-"""Ball class of a labelled colour, where it is not the name of the colour."""
 
 
 def match_still_classes(reach_px: float = 8.0) -> Iterator[tuple[str, str]]:

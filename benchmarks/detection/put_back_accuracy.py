@@ -45,18 +45,18 @@ from video.rendering.ball_arrangement import BallArrangement, arrange_balls
 from video.rendering.random_scene import RandomScene, generate_scene
 from video.rendering.scene_renderer import build_view, render_image
 
+# Degrees.
 ELEVATIONS = (25.0, 90.0)
-"""Degrees."""
 WIDTHS_PX = (1280, 1920)
+# m, largest distance of a ball from its wanted place in the second image.
 MAX_MOVE_M = 0.03
-"""m, largest distance of a ball from its wanted place in the second image."""
+# Least number of balls of a hall.
 MIN_BALLS = 3
-"""Least number of balls of a hall."""
+# Degrees, ranges of elevations that are summarised.
 BANDS = ((25.0, 45.0), (45.0, 90.0))
-"""Degrees, ranges of elevations that are summarised."""
 STILL_TABLE = "1.881x0.943"
+# mm, from the origin of the marks, the middle of the table, to the noses.
 STILL_HALF_SIZE = np.array([940.5, 471.5])
-"""mm, from the origin of the marks, the middle of the table, to the noses."""
 
 
 @dataclass

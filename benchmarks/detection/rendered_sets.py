@@ -32,14 +32,14 @@ from video.rendering.scene_renderer import BallPoses, build_view, render_image
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.170, True)
 MIDDLE = np.array([TABLE.length / 2, TABLE.width / 2, 0.0])
+# Colours of the numbers 1 to 7 as the renderer paints them.
 COLOURS = ("yellow", "blue", "red", "purple", "orange", "green", "maroon")
-"""Colours of the numbers 1 to 7 as the renderer paints them."""
 FRAMES = 6
 CLOTHS = ((0.13, 0.47, 0.68), (0.10, 0.50, 0.27), (0.62, 0.50, 0.33), (0.55, 0.10, 0.20))
 LIGHTS = ((1.0, 1.0, 1.0), (1.0, 0.85, 0.6), (0.85, 1.0, 0.8))
 BRIGHTNESSES = (1.2, 1.0, 1.6)
+# Widths of frames, px; tilts of the view, degrees; constant rate factors of H.264.
 WIDTHS, TILTS, QUALITIES = (640, 896, 1280), (0.0, 50.0), (20, 26)
-"""Widths of frames, px; tilts of the view, degrees; constant rate factors of H.264."""
 
 
 @dataclass(frozen=True)

@@ -35,15 +35,15 @@ from video.io.video_options import CalibrateOptions
 from video.rendering.scene_appearance import SceneAppearance
 from video.rendering.scene_renderer import BallPoses, build_view, render_image
 
+# px, of the longer side.
 WIDTHS = (1280, 1920, 2560, 4032, 6000, 8000)
-"""px, of the longer side."""
 RENDERED_SIZES = ((4000, 3000), (6000, 4000), (8000, 6000))
+# Side of the tiles that are rendered at once, which limits the memory, and by how much they overlap.
 TILE_PX, SEAM_PX = 1500, 24
-"""Side of the tiles that are rendered at once, which limits the memory, and by how much they overlap."""
+# Largest distance of a detection from its ball; and of a nearer ball that hides one, which then need not be found.
 MATCHING_RADII, HIDDEN_RADII = 0.5, 1.2
-"""Largest distance of a detection from its ball; and of a nearer ball that hides one, which then need not be found."""
+# Radius of the balls of the stills with marks.
 STILL_RADIUS_PX = 15.0
-"""Radius of the balls of the stills with marks."""
 SNOOKER_STILL = "still_snooker.jpg"
 SNOOKER_KINDS = ("red",) * 9 + ("cue", "yellow", "green", "brown", "blue", "pink", "black")
 

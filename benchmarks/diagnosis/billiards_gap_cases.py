@@ -26,12 +26,12 @@ from pipeline.experiments.gapcheck.billiards_cases import (
 from pipeline.experiments.gapcheck.blind_case import simulate_experiment
 from pipeline.io.track_folder import read_track_folders
 
+# Frame rate; a frame is 16 samples of the simulator.
 FPS = 62.5
-"""Frame rate; a frame is 16 samples of the simulator."""
+# Effects that a table or a camera may lack entirely.
 OPTIONAL_EFFECTS = SINGLE_EFFECTS[:13]
-"""Effects that a table or a camera may lack entirely."""
+# Standard deviations of a strength just above the noise.
 NEAR = (4.0, 6.0)
-"""Standard deviations of a strength just above the noise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRAG, DRIVEN_KINDS, FRICTION, WALL_KINDS, BodyKind
 
+# Standard deviations of a strength just above the noise.
 NEAR = (4.0, 6.0)
-"""Standard deviations of a strength just above the noise."""
+# True frame rate over the stated one.
 SLOW_CLOCK = 1.04
-"""True frame rate over the stated one."""
 
 
+# Kinds whose shots are alike in everything that would show the cause: the right answer names none, or a group.
 TRAP_KINDS = (
     BodyKind(
         "slide, slope along the one way of all bodies",
@@ -23,7 +24,6 @@ TRAP_KINDS = (
     ),
     BodyKind("flight, air drag at one speed and angle", "flight", DRAG, throw={"speed": 9.0, "angle": 1.2}),
 )
-"""Kinds whose shots are alike in everything that would show the cause: the right answer names none, or a group."""
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,10 @@ from pipeline.experiments.gapcheck.blind_case import WORLDS, Oracle, build_oracl
 from pipeline.io.track_folder import TrackFolder, read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
+# Share of its natural strength that a disabled effect may have.
 POWERLESS = 1e-9
-"""Share of its natural strength that a disabled effect may have."""
+# Further shots of the same simulator that test the interval of the closed share.
 FRESH = 24
-"""Further shots of the same simulator that test the interval of the closed share."""
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,11 @@ from pipeline.experiments.gapcheck.case_scores import Proportion
 from pipeline.io.track_folder_scene import build_gap_scene
 
 SCENES = ("slide", "billiards")
+# m, of every patch.
 RADIUS = 0.3
-"""m, of every patch."""
 QUICK_SEEDS = range(408, 411)
+# m/s^2.
 GRAVITY = 9.81
-"""m/s^2."""
 GOAL_OVERLAP, GOAL_STRENGTH, GOAL_BIAS = 0.5, 0.2, 0.3
 
 

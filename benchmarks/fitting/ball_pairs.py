@@ -22,8 +22,8 @@ GRAVITY = 9.81
 R, LENGTH, WIDTH = 0.028575, 2.54, 1.27
 PX_PER_M = 350.0
 HZ = 1000
+# Shots that one process of the simulator plays.
 SHOTS_PER_PROCESS = 50
-"""Shots that one process of the simulator plays."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,12 +44,12 @@ LAWS: dict[str, CushionLaw] = {
     "mathavan_2010": mathavan_2010.rebound,
     "stronge": stronge.rebound,
 }
+# More iterations change no figure of the table.
 FIT_OPTIONS = ShootingOptions(iterations=15, shot_iterations=6)
-"""More iterations change no figure of the table."""
+# Share of bootstraps above which one model counts as better than another.
 SURE_SHARE = 0.95
-"""Share of bootstraps above which one model counts as better than another."""
+# Predicted length of the path after a cushion, s at the guessed frame rate.
 PREDICTED_SECONDS = 1.0
-"""Predicted length of the path after a cushion, s at the guessed frame rate."""
 
 
 @dataclass(frozen=True)

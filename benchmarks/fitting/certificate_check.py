@@ -29,14 +29,14 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.certificate_files import compare_certificates, describe_certificate
 from pipeline.io.explained_shot import explain_tracks
 
+# mm/m, and factor, of the other table.
 MORE_SLOPE, LESS_RESTITUTION = 1.0, 0.98
-"""mm/m, and factor, of the other table."""
+# Cushion models that are compared: fewer than in `certify`, to save time.
 LAWS = ("mirror", "mathavan_2010")
-"""Cushion models that are compared: fewer than in `certify`, to save time."""
+# Trials of `--quick`, and shots of a session.
 QUICK_TRIALS, QUICK_SHOTS = (20,), 6
-"""Trials of `--quick`, and shots of a session."""
+# Numbers that are checked.
 CHECKED = ("slope_x", "slope_y", "roll_out", "restitution", "sliding_friction", "length", "width")
-"""Numbers that are checked."""
 
 
 @dataclass(frozen=True)

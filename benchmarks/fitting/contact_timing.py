@@ -50,8 +50,8 @@ from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematic
 RATES, QUICK_RATES = (30, 60, 240), (30, 60)
 QUICK_SEEDS = 10
 NOISE, CLOSING = 1e-3, 1.0
+# Step of the central differences for the Fisher information.
 FISHER_STEP = 1e-6
-"""Step of the central differences for the Fisher information."""
 
 
 def draw_isolated(rng: np.random.Generator) -> Meeting:
@@ -92,12 +92,12 @@ def _turn_left(n: np.ndarray) -> np.ndarray:
     return np.array([-n[1], n[0]])
 
 
+# Functions that draw meetings, and the goal of the fit as a multiple of the bound.
 CASES: dict[str, tuple[Callable[[np.random.Generator], Meeting], float]] = {
     "one at rest": (draw_isolated, 1.3),
     "both moving": (draw_both_moving, 1.7),
     "sliding": (draw_sliding, 1.7),
 }
-"""Functions that draw meetings, and the goal of the fit as a multiple of the bound."""
 
 
 def paths_at(p: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -28,19 +28,19 @@ from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# A cushion contact model: vn, vt, wn, wt, wz, radius, mass and p to the first five after the contact.
 CushionLaw = Callable[..., tuple[complex, complex, complex, complex, complex]]
-"""A cushion contact model: vn, vt, wn, wt, wz, radius, mass and p to the first five after the contact."""
 
+# Scatter of real cushions about every model, as a share of the speed, per component of velocity, slip and surface speed
+# of side spin.
 REBOUND_SCATTER = 0.05
-"""Scatter of real cushions about every model, as a share of the speed, per component of velocity, slip and surface
-speed of side spin."""
+# m, scatter of the position after a cushion.
 POSITION_SCATTER = 0.001
-"""m, scatter of the position after a cushion."""
 _COMPLEX_STEP = 1e-30
 _NEWTON_ITERATIONS = 12
+# Inputs of a contact model among state and shared parameters: velocity, slip, side spin, sliding friction, restitution,
+# cushion friction.
 _LAW_INPUTS = (2, 3, 4, 5, 6, 7, 9, 10)
-"""Inputs of a contact model among state and shared parameters: velocity, slip, side spin, sliding friction,
-restitution, cushion friction."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, False)
+# Frame rate and scale; a frame is 16 samples of the simulator, in whole steps of 20 us.
 FPS, PX_PER_M = 62.5, 350.0
-"""Frame rate and scale; a frame is 16 samples of the simulator, in whole steps of 20 us."""
 HZ, EVERY = 1000, 16
 IDS = ("cue", "yellow", "red")
 

@@ -29,18 +29,18 @@ from models.physics.billiards.cloth.closed_form_motion import (
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# m/s: slower balls stop within the window; a window that begins at rest would push a resting ball.
 MIN_WINDOW_SPEED = 0.05
-"""m/s: slower balls stop within the window; a window that begins at rest would push a resting ball."""
+# Prior standard deviation of the slip after a contact, over the speed.
 SLIP_SIGMA = 0.7
-"""Prior standard deviation of the slip after a contact, over the speed."""
+# Initial guesses of the slip over the velocity: without slip, the derivative by it vanishes.
 _SLIP_GUESSES = (-0.7, -0.2, 0.2, 0.7)
-"""Initial guesses of the slip over the velocity: without slip, the derivative by it vanishes."""
+# Surface speed, over its velocity, that a resting ball takes from a ball that hits it: throw.
 SPIN_TRANSFER = 0.1
-"""Surface speed, over its velocity, that a resting ball takes from a ball that hits it: throw."""
+# m, m/s, m/s: the state continues from window to window; the push of the cloth is new in each.
 _LINK_SIGMA = np.repeat([2e-5, 2e-4, 1e-3, np.inf], 2)
-"""m, m/s, m/s: the state continues from window to window; the push of the cloth is new in each."""
+# Samples from which a path constrains more than its start.
 _MIN_SAMPLES = 5
-"""Samples from which a path constrains more than its start."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,8 +35,8 @@ from models.physics.billiards.simulation.parametrised_shot import (
 )
 
 NOISE = 1.0 / PX_PER_M
+# Seeds per cushion model, and length of a shot (s), of `--quick`.
 QUICK_SEEDS, QUICK_SECONDS = range(20, 26), 4.0
-"""Seeds per cushion model, and length of a shot (s), of `--quick`."""
 LAWS = ("mirror", "mathavan_2010")
 CANDIDATE_MODELS = tuple(ContactModels(cushion, "inelastic") for cushion in LAWS)
 

@@ -7,14 +7,14 @@ import numpy as np
 from models.core.events import Events
 from models.core.typing import FloatArray
 
+# Samples on either side of a contact: 8 ms at 1 kHz, over which a quadratic is a path to a few micrometres.
 SAMPLES = 8
-"""Samples on either side of a contact: 8 ms at 1 kHz, over which a quadratic is a path to a few micrometres."""
+# s between the samples and the contact: first of the event, whose time may differ, then of the bend so found.
 GUARDS = 6e-3, 1e-3
-"""s between the samples and the contact: first of the event, whose time may differ, then of the bend so found."""
+# s around the contact within which the bend is looked for.
 HORIZON = 12e-3
-"""s around the contact within which the bend is looked for."""
+# m/s: coordinates with six decimals show no smaller bend to a twentieth of a millisecond.
 MIN_VELOCITY_CHANGE = 0.05
-"""m/s: coordinates with six decimals show no smaller bend to a twentieth of a millisecond."""
 
 
 def measure_bends(events: Events, t: FloatArray, xy: FloatArray, ids: tuple[str, ...]) -> FloatArray:

@@ -30,14 +30,14 @@ from models.estimation.forecast.forecast_check import check_prediction, estimate
 from models.estimation.forecast.state_estimate import StateEstimate
 from pipeline.io.observed_shot import read_observed_shot
 
+# Prediction horizons, s.
 AHEAD = (0.25, 0.5, 1.0, 2.0, 3.0)
-"""Prediction horizons, s."""
+# Shots per cushion model of `--quick`, and its horizon, s.
 QUICK_SEEDS, QUICK_AHEAD = 6, 1.0
-"""Shots per cushion model of `--quick`, and its horizon, s."""
+# Motion below which a ball, observed and predicted, is no test of a prediction, m.
 LEAST_MOTION = 5e-3
-"""Motion below which a ball, observed and predicted, is no test of a prediction, m."""
+# Moments of a real clip from which it is predicted, as shares of its frames.
 MOMENTS = (0.25, 0.4, 0.55, 0.7)
-"""Moments of a real clip from which it is predicted, as shares of its frames."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
+# Frames per second, noise in m per axis, seconds filmed before the strike.
 FPS, NOISE, LEAD = 60.0, 1e-3, 0.2
-"""Frames per second, noise in m per axis, seconds filmed before the strike."""
 HZ, SECONDS = 1000, 6.0
 IDS = ("cue", "yellow", "red")
 LAWS = ("mirror", "mathavan_2010")

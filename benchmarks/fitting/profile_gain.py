@@ -29,15 +29,15 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.explained_shot import explain_tracks
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 
+# s from the strike to the prediction, and from the strike to its end.
 AHEAD_S, PREDICTED_S = 0.5, 14.0
-"""s from the strike to the prediction, and from the strike to its end."""
+# m/s after the strike of the fourth shot.
 SLOW_SPEEDS = (0.7, 1.4)
-"""m/s after the strike of the fourth shot."""
 QUICK_SETS = range(40, 43)
+# Ensemble members.
 DRAWS = 128
-"""Ensemble members."""
+# Cushion models that are compared: fewer than in `fit-table`, to save time.
 LAWS = ("mirror", "mathavan_2010")
-"""Cushion models that are compared: fewer than in `fit-table`, to save time."""
 
 
 @dataclass(frozen=True)

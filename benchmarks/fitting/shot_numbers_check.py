@@ -34,8 +34,9 @@ from models.estimation.shot_numbers.measure_shots import CONTACT_NUMBERS, evalua
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts
 
+# Of each cushion model.
 QUICK_SEEDS = range(30, 34)
-"""Of each cushion model."""
+# Numbers that nearly every shot determines, and their units.
 QUICK_NUMBERS = {
     "cue_speed": "m/s",
     "top_spin_share": "",
@@ -43,13 +44,12 @@ QUICK_NUMBERS = {
     "cut_angle": "deg",
     "object_speed": "m/s",
 }
-"""Numbers that nearly every shot determines, and their units."""
+# s that are filmed.
 SECONDS = 4.0
-"""s that are filmed."""
+# Least standard deviation, in the unit of each number: a rolling ball has a spin share of 1 without any error.
 RESOLUTION = 1e-3
-"""Least standard deviation, in the unit of each number: a rolling ball has a spin share of 1 without any error."""
+# s between the true and the measured first contact, at most: farther apart, another contact was measured.
 SAME_CONTACT = 0.03
-"""s between the true and the measured first contact, at most: farther apart, another contact was measured."""
 STRIKE_NUMBERS = ("cue_speed", "top_spin", "top_spin_share", "side_spin", "side_spin_share")
 STATE_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz")
 

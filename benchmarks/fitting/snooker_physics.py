@@ -32,18 +32,18 @@ from models.estimation.multiple_shooting.shooting_fit import ShootingFit, conver
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 
+# Paths shorter than this do not constrain friction, m.
 LEAST_MOTION = 0.02
-"""Paths shorter than this do not constrain friction, m."""
+# Prior standard deviation of the slope of a level table, mm/m.
 LEVEL_SLOPE_SIGMA = 1e-3
-"""Prior standard deviation of the slope of a level table, mm/m."""
+# Candidate unevenness of the cloth, m/s^2.
 UNEVENNESS_CANDIDATES = (0.006, 0.012, 0.02)
-"""Candidate unevenness of the cloth, m/s^2."""
+# Candidate factors on the sigmas of the tracks, which include errors that are constant along a path.
 NOISE_FACTORS = (0.3, 0.4, 0.6)
-"""Candidate factors on the sigmas of the tracks, which include errors that are constant along a path."""
+# Time before a rest from which a ball is within a millimetre of its rest position, s.
 REST_SECONDS = 0.1
-"""Time before a rest from which a ball is within a millimetre of its rest position, s."""
+# Least number of samples after the last contact for a prediction.
 LEAST_SAMPLES = 3
-"""Least number of samples after the last contact for a prediction."""
 
 
 @dataclass(frozen=True)

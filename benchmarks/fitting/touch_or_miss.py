@@ -30,18 +30,18 @@ from models.estimation.contact_test.contact_moment import PossibleContact, make_
 from models.estimation.contact_test.contact_probability import evaluate_contact, predict_gap
 from models.estimation.segmentation.track_segmentation import BallSamples
 
+# Least distance of the surfaces on contact-free paths, negative for overlaps, mm.
 GAPS_MM = (-1.0, -0.3, -0.1, -0.03, 0.1, 0.3, 1.0)
-"""Least distance of the surfaces on contact-free paths, negative for overlaps, mm."""
+# Largest gap or overlap of close calls, m.
 CLOSE_GAP = 1e-3
-"""Largest gap or overlap of close calls, m."""
+# Uncertainty of the sum of the radii, m: the simulated balls are exact.
 REACH_SIGMA = 2e-5
-"""Uncertainty of the sum of the radii, m: the simulated balls are exact."""
 NOISE = 1e-3
 HALF_WINDOW = 0.3
+# Overlap and gap, passes of each, and close calls of `--quick`.
 QUICK_GAP_MM, QUICK_SEEDS, QUICK_CALLS = 0.1, 15, 60
-"""Overlap and gap, passes of each, and close calls of `--quick`."""
+# Seconds simulated before and after the moment.
 WORLD_SECONDS = 0.32
-"""Seconds simulated before and after the moment."""
 
 
 @dataclass(frozen=True, slots=True)

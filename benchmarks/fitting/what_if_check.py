@@ -44,8 +44,8 @@ from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_s
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 
 SPREAD = PlayerSpread(0.02, 0.5)
+# s that are simulated and filmed.
 SECONDS, FILMED = 8.0, 4.0
-"""s that are simulated and filmed."""
 LENGTH, WIDTH, R, HZ = 2.54, 1.27, 0.028575, 1000
 DRAWS = 300
 QUICK_SHOTS, QUICK_PLAYS = range(100, 105), 4

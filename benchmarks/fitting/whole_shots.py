@@ -27,13 +27,13 @@ from models.physics.billiards.simulation.parametrised_shot import ContactModels
 SECONDS, SHOTS = 2.0, 3
 LAWS = ("mirror", "mathavan_2010")
 QUICK_SEEDS, QUICK_NOISE_PX = range(20, 25), 0.3
+# Parameters that the shots of every table of `--quick` determine.
 QUICK_PARAMETERS = (
     "sliding_friction.mu", "rolling_resistance.mu", "cushion_restitution.e", "cushion_friction.mu",
     "ball_restitution.e",
 )  # fmt: skip
-"""Parameters that the shots of every table of `--quick` determine."""
+# Cloth friction of worlds/billiards.py under a ball that a nose presses down.
 PRESSED_CLOTH_MU = 0.21
-"""Cloth friction of worlds/billiards.py under a ball that a nose presses down."""
 
 
 def normalise_errors(fitted: TableFit, effects: dict[str, dict[str, float]]) -> dict[str, float]:

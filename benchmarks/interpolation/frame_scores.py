@@ -9,15 +9,14 @@ import numpy as np
 
 from benchmarks.interpolation.withheld_truth import Passing, path_masks
 
+# Shares of a ball's contrast against the table.
+#
+# A ball is missing if its median strength is below the first; it is doubled if a ghost above the second remains.
 MISSING, DOUBLED = 0.5, 0.35
-"""Shares of a ball's contrast against the table.
-
-A ball is missing if its median strength is below the first; it is doubled if a ghost above the second remains.
-"""
+# Least contrast of a pixel that is used to detect a ball, as a share of the mean contrast of the ball.
 CONTRAST_SHARE = 0.5
-"""Least contrast of a pixel that is used to detect a ball, as a share of the mean contrast of the ball."""
+# Difference of the neighbouring visible frames, in levels of 255, above which an area counts as changing.
 CHANGE_LEVELS = 12.0
-"""Difference of the neighbouring visible frames, in levels of 255, above which an area counts as changing."""
 
 
 @dataclass

@@ -52,12 +52,12 @@ from video.io.pixel_kernels import subsample_chroma
 CLIPS = ("carom_F1", "pool8_game2_clip1", "snooker_video_13_0030_0034")
 SEED, RANDOM, WORST = 7, 8, 12
 RIVALS = ("blend", "DIS both ways", "minterpolate", "RIFE")
+# Sample clip and number of scored frames for `--quick`.
 QUICK_CLIP, QUICK_GAPS = "carom_match", 10
-"""Sample clip and number of scored frames for `--quick`."""
+# Frames by method and index.
 FramesByMethod = dict[str, dict[int, np.ndarray]]
-"""Frames by method and index."""
+# Tallies by method and class.
 Tallies = dict[str, dict[str, FrameTally]]
-"""Tallies by method and class."""
 
 
 def load_or_make_rivals(stem: Path, reuse: bool, make: Callable[[], FramesByMethod]) -> FramesByMethod:

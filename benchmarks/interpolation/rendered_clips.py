@@ -25,15 +25,15 @@ import make
 import shots
 
 STEP = 2
+# Length of a film after the strike, s; later there is mostly slow rolling.
 SECONDS = 2.2
-"""Length of a film after the strike, s; later there is mostly slow rolling."""
 MEETINGS = ("strike", "ball", "cushion")
+# Positions along the path of a ball through a gap.
 POINTS = 9
-"""Positions along the path of a ball through a gap."""
+# Changes of a new shot: direction (rad) and speed (factor) of the strike, positions of the balls (m).
 TURN, FASTER, MOVED = 0.35, (0.8, 1.3), 0.06
-"""Changes of a new shot: direction (rad) and speed (factor) of the strike, positions of the balls (m)."""
+# Longest exposure as a share of the frame interval.
 LONGEST_EXPOSURE = 0.9
-"""Longest exposure as a share of the frame interval."""
 
 
 @dataclass(frozen=True)

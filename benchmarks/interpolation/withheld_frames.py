@@ -14,8 +14,8 @@ from PIL import Image
 
 from video.io.clip import Clip, open_clip, read_frames
 
+# Largest deviation of a withheld frame from an even division of its gap, as a share of the frame interval.
 EVEN_SHARE = 0.15
-"""Largest deviation of a withheld frame from an even division of its gap, as a share of the frame interval."""
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,21 @@ import numpy as np
 from benchmarks.interpolation.withheld_frames import WithheldClip
 from benchmarks.support.run_folder import RunFolder
 
+# Classes of a ball in a gap: it has a contact; it moves further than its radius; it moves less far.
 CLASSES = ("contact", "fast", "slow")
-"""Classes of a ball in a gap: it has a contact; it moves further than its radius; it moves less far."""
+# Motion in a gap below which a ball rests, px: measured positions of resting balls vary by nearly as much.
 LEAST_PATH = 1.0
-"""Motion in a gap below which a ball rests, px: measured positions of resting balls vary by nearly as much."""
+# Half widths in ball radii of the path of a ball, and of the area outside which the frame is `elsewhere`.
 PATH_RADII, AROUND_RADII = 1.25, 2.2
-"""Half widths in ball radii of the path of a ball, and of the area outside which the frame is `elsewhere`."""
+# Frames for the background plate, and radii around a ball that are excluded in them.
 PLATE_FRAMES, UNDER_RADII = 25, 1.5
-"""Frames for the background plate, and radii around a ball that are excluded in them."""
+# Offsets around the observed position at which the oracle tries a ball, px.
 SHIFTS = np.mgrid[-1:1.01:0.25, -1:1.01:0.25].reshape(2, -1).T
-"""Offsets around the observed position at which the oracle tries a ball, px."""
+# Candidate radii of the sprite of the oracle, in ball radii.
 CUTS = (1.1, 1.5, 1.9)
-"""Candidate radii of the sprite of the oracle, in ball radii."""
 
+# Maps a frame index to the centres (2,) px and radii px of all balls.
 BallLocator = Callable[[int], list[tuple[np.ndarray, float]]]
-"""Maps a frame index to the centres (2,) px and radii px of all balls."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from models.neural.networks.neural_runge_kutta import FOURIER_NET, SMOOTH_NET
 
 SECONDS, FUTURE = 2.5, 1.0
 ADAM = TrainingSchedule(adam_steps=3000)
+# Variants with one change each, added to the last one; steps and Fourier features are added to the end correction.
 CHANGES: tuple[MotionMethod, ...] = (
     replace(SMOOTH_NET, name="tanh 64, Adam alone", schedule=ADAM, corrects_end_error=False),
     replace(SMOOTH_NET, name="tanh 64, L-BFGS", corrects_end_error=False),
@@ -43,7 +44,6 @@ CHANGES: tuple[MotionMethod, ...] = (
     replace(SECOND_ORDER, name="net(x, v), Adam alone", schedule=ADAM),
     SECOND_ORDER,
 )
-"""Variants with one change each, added to the last one; steps and Fourier features are added to the end correction."""
 QUICK_METHODS, QUICK_SEEDS = (SMOOTH_NET, HAMILTONIAN), range(100, 102)
 CHEAP = tuple(method for method in COMPETING_METHODS if method is not CONSTRAINT_NET)
 

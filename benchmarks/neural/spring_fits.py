@@ -23,10 +23,10 @@ CASES = [
     ("stiff", 30, 0.1),
 ]
 PAIRS = [[0, 1], [1, 2]]
+# Extrapolated time, s.
 FUTURE_SECONDS = 5.0
-"""Extrapolated time, s."""
+# Error at which an extrapolation counts as lost, px.
 LOST_PX = 10.0
-"""Error at which an extrapolation counts as lost, px."""
 
 
 @dataclass(frozen=True)

@@ -45,12 +45,12 @@ from pipeline.experiments.thesis.scenes.double_pendulum_scene import STARTS, bui
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, mean_squared_error
 
 RATES = (60.0, 30.0, 15.0)
+# Length of the scenes of networks and boxes, and of springs, s; a fit may take as many CPU seconds as its scene.
 SECONDS, FIT_SECONDS = 2.5, 10.0
-"""Length of the scenes of networks and boxes, and of springs, s; a fit may take as many CPU seconds as its scene."""
+# Goals: factors below cubic, by rate and noise, for soft and medium springs.
 SPRINGS_GOALS = {(30, 0.1): 300.0, (30, 0.5): 30.0, (15, 0.1): 100.0}
-"""Goals: factors below cubic, by rate and noise, for soft and medium springs."""
+# Seeds of `--quick`, the network with two of them, and the share of its training.
 QUICK_SEEDS, QUICK_EFFORT = range(960, 963), 0.25
-"""Seeds of `--quick`, the network with two of them, and the share of its training."""
 QUICK_SPRINGS, QUICK_SPRINGS_SEEDS = (("soft", 30, 0.5), ("stiff", 30, 0.1)), range(960, 968)
 STIFF_GOAL, NETWORK_GOAL, BOXES_GOAL, AKIMA_GOAL, REAL_GOAL = 5.0, 100.0, 3.0, 6, 10.0
 

@@ -25,15 +25,15 @@ from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stron
 
 CUSHIONS = {"han_2005": han_2005, "mathavan_2010": mathavan_2010, "stronge": stronge}
 RADIUS, MASS = 0.028575, 0.17
+# Angles between path and normal, degrees.
 ANGLES = (0.0, 20.0, 40.0, 60.0, 75.0)
-"""Angles between path and normal, degrees."""
+# Forward roll and side spin, in units of v / R.
 SPINS = {"stun": (0.0, 0.0), "roll": (1.0, 0.0), "draw": (-1.0, 0.0), "running": (1.0, -1.0), "check": (1.0, 1.0)}
-"""Forward roll and side spin, in units of v / R."""
 ROW = 2 * RADIUS * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+# Places (3, 2) of a ball that meets a touching row of two, and the middle of two, m.
 WEDGE = 2 * RADIUS * np.array([[-np.cos(np.pi / 6), 0.0], [0.0, 0.5], [0.0, -0.5]])
-"""Places (3, 2) of a ball that meets a touching row of two, and the middle of two, m."""
+# Spring stiffnesses, N/m; phenolic balls at 1 m/s are near 2e7.
 STIFFNESS = (1e4, 1e5, 1e6, 1e7, 1e8)
-"""Spring stiffnesses, N/m; phenolic balls at 1 m/s are near 2e7."""
 
 
 def make_parameters(e: float, mu: float, cloth: float) -> FloatArray:

@@ -47,30 +47,31 @@ ROOT = Path(__file__).resolve().parents[2]
 WORLD = ROOT / "worlds" / "billiards.py"
 TABLE, POOL = TABLE_PRESETS["carom-match"], TABLE_PRESETS["pool-9ft"]
 RADIUS, MASS = 0.03, 0.2
+# Shots per pair of contact models, and breaks, of `--quick`.
 QUICK_SHOTS, QUICK_BREAKS = 6, 5
-"""Shots per pair of contact models, and breaks, of `--quick`."""
+# Share of energy or momentum, and distance of mirrored and shifted shots, that rounding may cause.
 CONSERVED, SYMMETRIC_MM = 1e-8, 1e-6
-"""Share of energy or momentum, and distance of mirrored and shifted shots, that rounding may cause."""
+# Time after the second contact until which positions are compared, s.
 AFTER_SECOND_CONTACT = 0.3
-"""Time after the second contact until which positions are compared, s."""
 HZ = 250
+# Shift of all balls, m.
 TABLE_SHIFT = np.array([0.013, -0.007])
-"""Shift of all balls, m."""
+# The same shift of the left, right, top and bottom nose, m outwards.
 NOSES_SHIFTED = np.array([-0.013, 0.013, 0.007, -0.007])
-"""The same shift of the left, right, top and bottom nose, m outwards."""
+# Sliding friction equals the 0.21 that the cushion model of worlds/billiards.py has under the nose.
 EFFECTS = {
     "sliding_friction": {"mu": 0.21}, "rolling_resistance": {"mu": 0.01}, "spin_decay": {"rate": 10.0},
     "slope": {"slope_x": 1.0, "slope_y": -0.5}, "cushion_restitution": {"e": 0.85}, "cushion_friction": {"mu": 0.2},
     "ball_restitution": {"e": 0.95},
 }  # fmt: skip
-"""Sliding friction equals the 0.21 that the cushion model of worlds/billiards.py has under the nose."""
+# Pairs of contact models that worlds/billiards.py has too.
 SHARED_MODELS = (
     ("mirror", "inelastic"),
     ("mirror", "alciatore"),
     ("mathavan_2010", "inelastic"),
     ("han_2005", "inelastic"),
 )
-"""Pairs of contact models that worlds/billiards.py has too."""
+# Script that prints the CPU milliseconds of the first shot of a process.
 FRESH_BREAK = """
 import time
 from benchmarks.physics.engine import POOL, build_physics, draw_rack, simulate
@@ -78,7 +79,6 @@ begun = time.process_time()
 simulate(draw_rack(1), POOL, build_physics("mathavan_2010", "inelastic", level=True), 10.0)
 print(1e3 * (time.process_time() - begun))
 """
-"""Script that prints the CPU milliseconds of the first shot of a process."""
 
 
 def build_physics(cushion: str, ball: str, level: bool = False) -> Physics:

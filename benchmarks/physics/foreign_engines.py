@@ -32,10 +32,10 @@ from models.physics.billiards.ball_cushion.cushion_contact import (
 
 POOLTOOL = RivalEnvironment("pooltool", PACKAGES)
 SURFACE = np.array([1.0, 1.0, RADIUS, RADIUS, RADIUS])
+# Random contacts per model; fewer where pooltool integrates in many steps.
 CONTACTS, INTEGRATED_CONTACTS, EULER_STEPS = 400, 100, (1000, 100_000)
-"""Random contacts per model; fewer where pooltool integrates in many steps."""
+# Share of the normal speed up to which two solutions of the same equations count as equal.
 EQUAL = 1e-6
-"""Share of the normal speed up to which two solutions of the same equations count as equal."""
 
 
 def draw_cushion_contacts(count: int) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -42,8 +42,8 @@ from benchmarks.pipeline.video_passes import measure_cpu, measure_least_cost  # 
 from benchmarks.support.machine import MachineCeiling  # noqa: E402
 
 BAD_SHARE = 0.05
+# Clips of different content; the others are copies under other names, with pages and recordings of their own.
 DISTINCT = 8
-"""Clips of different content; the others are copies under other names, with pages and recordings of their own."""
 Line = tuple[str, str, str, bool]
 
 

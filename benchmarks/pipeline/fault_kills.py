@@ -27,8 +27,8 @@ from benchmarks.pipeline.fault_runs import (
     wait_for_end,
 )
 
+# Seconds a scheduler may take to start on a busy machine.
 START_S = 300.0
-"""Seconds a scheduler may take to start on a busy machine."""
 
 
 class LocalWorkers:

@@ -17,8 +17,8 @@ import psutil
 from benchmarks.pipeline.fault_runs import BatchFolder, find_leftovers, find_torn_files, hash_contents, process_tree
 
 Line = tuple[str, str, str, bool]
+# Size of the full disk: the read stages fit, the pages do not.
 SMALL_DISK = "3m"
-"""Size of the full disk: the read stages fit, the pages do not."""
 
 
 def run_all(folder: Path, whole: dict[str, str]) -> list[Line]:

@@ -14,8 +14,8 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = "from pipeline.cli.main import main; main()"
+# File types that equal runs write byte for byte; recordings, pages and logs contain times and random names.
 COMPARED = (".csv", ".json", ".npz", ".png", ".mp4")
-"""File types that equal runs write byte for byte; recordings, pages and logs contain times and random names."""
 QUICK = ("--quick", "--slow", "1")
 
 

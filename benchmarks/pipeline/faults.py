@@ -25,8 +25,8 @@ from benchmarks.pipeline.fuzzed_batch import run_fuzzed_batch
 from benchmarks.pipeline.small_clips import write_clips
 
 CLIPS = 3
+# Check, goal, result, and whether the goal is met.
 Line = tuple[str, str, str, bool]
-"""Check, goal, result, and whether the goal is met."""
 
 
 def kill_lines(title: str, report: KillReport) -> list[Line]:

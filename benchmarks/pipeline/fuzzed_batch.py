@@ -16,10 +16,10 @@ from benchmarks.pipeline.fuzzed_inputs import write_inputs
 
 Line = tuple[str, str, str, bool]
 
+# Time limit per input, s; a clip of a table takes a few seconds, more on a shared machine.
 LIMIT_S = 120
-"""Time limit per input, s; a clip of a table takes a few seconds, more on a shared machine."""
+# Memory limit per input, MB.
 LIMIT_MB = 3000
-"""Memory limit per input, MB."""
 
 
 def run_fuzzed_batch(folder: Path, inputs: int, rng: np.random.Generator) -> list[Line]:

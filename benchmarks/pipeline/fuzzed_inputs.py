@@ -17,13 +17,13 @@ from benchmarks.pipeline.small_clips import SAMPLES, write_small
 SPOILT = ("flip", "truncate", "splice", "zero", "size", "repeat", "delete", "header")
 
 
+# Videos of a shot: corruption in them reaches the later stages as frames.
 TABLES = (
     ("table.mp4", "libx264", "yuv420p"), ("table.mkv", "libx264", "yuv420p"), ("table.mov", "mpeg4", "yuv420p"),
     ("table.avi", "mjpeg", "yuvj420p"), ("table.webm", "libvpx-vp9", "yuv420p"), ("table.ts", "mpeg2video", "yuv420p"),
 )  # fmt: skip
-"""Videos of a shot: corruption in them reaches the later stages as frames."""
+# One in so many corrupted copies is of a video of a table, which takes a hundred times as long as one without.
 TABLE_EVERY = 8
-"""One in so many corrupted copies is of a video of a table, which takes a hundred times as long as one without."""
 
 av.logging.set_level(None)
 

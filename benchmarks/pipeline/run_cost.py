@@ -31,8 +31,8 @@ from benchmarks.support.figures import Figure, add_quick_option, run_quick, stat
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 5.0
 ANSWER_ONLY = ("--quick", "--no-video")
+# Peak memory varies with how the allocator and two decoding threads interleave.
 MEMORY_FACTOR = 1.25
-"""Peak memory varies with how the allocator and two decoding threads interleave."""
 
 
 @dataclass(frozen=True)

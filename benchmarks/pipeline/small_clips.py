@@ -9,8 +9,8 @@ import av
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_videos"
+# Samples and the second at which their piece begins: a few balls, one of them struck.
 SOURCES = (("carom_match", 0.3), ("overhead_pool", 0.1))
-"""Samples and the second at which their piece begins: a few balls, one of them struck."""
 
 
 def write_small(

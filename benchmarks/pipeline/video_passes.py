@@ -50,7 +50,6 @@ def measure_least_cost(clip: Path, slow: Path, target: Path) -> tuple[float, flo
     """Measure decoding a clip once, and encoding its slow motion once without decoding it.
 
     Args:
-        clip: The clip.
         slow: Its slow motion.
         target: File of the second encoding.
 

@@ -12,20 +12,20 @@ from benchmarks.stress_cases.stress_chain import FittedShot
 from models.core.events import Events
 from models.core.typing import FloatArray, IntArray
 
+# Largest distances of a track from the labelled ball, from the labelled place of the contact of the other ball, and
+# from a true path, in ball radii.
 BALL_RADII, OTHER_RADII, PATH_RADII = 2.5, 3.5, 1.5
-"""Largest distances of a track from the labelled ball, from the labelled place of the contact of the other ball, and
-from a true path, in ball radii."""
+# Distance that a wrong ball class, or another track than usual for the name, is worth, in ball radii.
 CLASS_RADII, VOTE_RADII = 2.0, 1.0
-"""Distance that a wrong ball class, or another track than usual for the name, is worth, in ball radii."""
+# Frames before its first and after its last detection at which a track still takes part in events.
 PRESENT_FRAMES = 2.0
-"""Frames before its first and after its last detection at which a track still takes part in events."""
+# Largest distance of a reported from a labelled event whose ball has no track, in ball radii.
 PLACE_RADII = 4.0
-"""Largest distance of a reported from a labelled event whose ball has no track, in ball radii."""
+# Ball classes that a word of a label may mean; the most specific words come first in `ball_class_words`.
 CLASSES_OF_WORD = {
     "white": ("cue", "white"), "solid": ("solid",), "stripe": ("stripe",), "red": ("red",), "yellow": ("yellow",),
     "black": ("black", "eight"),
 }  # fmt: skip
-"""Ball classes that a word of a label may mean; the most specific words come first in `ball_class_words`."""
 
 
 @dataclass(frozen=True, slots=True)

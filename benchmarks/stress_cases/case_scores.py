@@ -13,8 +13,8 @@ from benchmarks.stress_cases.uncaused_motion import find_speed_changes
 from models.core.events import Events
 from models.core.typing import IntArray
 
+# Distance within which the nearest true event is named beside a wrong one.
 NEAR_FRAMES = 30.0
-"""Distance within which the nearest true event is named beside a wrong one."""
 
 
 @dataclass(frozen=True, slots=True)

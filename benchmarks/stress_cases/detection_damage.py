@@ -14,14 +14,14 @@ from benchmarks.stress_cases.stress_chain import FittedShot, Recording
 from models.core.detections import Detections
 from models.core.typing import IntArray
 
+# Length and number of the gaps of one ball.
 GAP_FRAMES, GAPS = 3, 3
-"""Length and number of the gaps of one ball."""
+# Distance from a pocket within which detections are removed, in ball radii.
 POCKET_RADII = 4.0
-"""Distance from a pocket within which detections are removed, in ball radii."""
+# Number of false detections over that of true ones.
 FALSE_SHARE = 0.05
-"""Number of false detections over that of true ones."""
+# Streak up to which a detection is sharp.
 SHARP_PX = 1.0
-"""Streak up to which a detection is sharp."""
 
 
 class NothingToDamage(Exception):
@@ -144,6 +144,7 @@ def _drop(recording: Recording, remove: NDArray[np.bool_]) -> Damaged:
     return Damaged(replace(recording, detections=recording.detections.select_rows(~remove)))
 
 
+# Damages by the name of the option.
 DETECTION_DAMAGES: dict[str, DetectionDamage] = {
     "second-frames": remove_every_second_frame,
     "contacts": hide_contacts,
@@ -152,4 +153,3 @@ DETECTION_DAMAGES: dict[str, DetectionDamage] = {
     "false-balls": add_false_detections,
     "late-start": cut_start,
 }
-"""Damages by the name of the option."""

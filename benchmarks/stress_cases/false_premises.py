@@ -17,17 +17,17 @@ from models.core.scene import apply_homography
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 
+# Most objects that are added to a shot.
 MAX_OBJECTS = 6
-"""Most objects that are added to a shot."""
+# Largest shift of a calibrated corner, in lengths of the table: a corner taken for the next ball of the rail, or a
+# table of the wrong proportions.
 MAX_CORNER_SHIFT = 0.04
-"""Largest shift of a calibrated corner, in lengths of the table: a corner taken for the next ball of the rail, or a
-table of the wrong proportions."""
+# m/s of hands, cursors and lights on the cloth.
 OBJECT_SPEED = (0.1, 2.0)
-"""m/s of hands, cursors and lights on the cloth."""
+# m: largest distance of a reflection, or a shadow, from its ball.
 REFLECTION_SHIFT = 0.25
-"""m: largest distance of a reflection, or a shadow, from its ball."""
+# Ball radii that a knock moves the image by: 1 to 15 px where a ball is 40 px wide.
 KNOCK_RADII = (0.05, 0.8)
-"""Ball radii that a knock moves the image by: 1 to 15 px where a ball is 40 px wide."""
 
 FalsePremise = Callable[[FittedShot, ShotTruth, np.random.Generator], tuple[FittedShot, ShotTruth]]
 
@@ -132,6 +132,7 @@ def knock_camera(shot: FittedShot, truth: ShotTruth, rng: np.random.Generator) -
     return replace(shot, tracks=replace(shot.tracks, xy=shot.tracks.xy + shift[:, None])), truth
 
 
+# By the name of the option.
 FALSE_PREMISES: dict[str, FalsePremise] = {
     "still-objects": add_still_objects,
     "hands": add_hands,
@@ -141,7 +142,6 @@ FALSE_PREMISES: dict[str, FalsePremise] = {
     "wrong-corners": shift_corners,
     "knocked-camera": knock_camera,
 }
-"""By the name of the option."""
 
 
 def _place(shot: FittedShot, velocity: FloatArray, rng: np.random.Generator) -> FloatArray:

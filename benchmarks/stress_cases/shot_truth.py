@@ -14,15 +14,14 @@ from benchmarks.support.run_folder import read_columns
 from models.core.scene import CUSHIONS, POCKETS, Scene, Table
 from models.core.typing import FloatArray
 
+# Closing speeds below which a simulated contact is too soft to count, and to count as sure, m/s.
 UNSURE_CLOSING, LIKELY_CLOSING = 0.02, 0.05
-"""Closing speeds below which a simulated contact is too soft to count, and to count as sure, m/s."""
+# Simulated events so close to the end of the clip are not sure.
 LAST_FRAMES = 1.5
-"""Simulated events so close to the end of the clip are not sure."""
+# Time in which a pocketed ball falls by a radius, s.
 FALL_SECONDS = 0.08
-"""Time in which a pocketed ball falls by a radius, s."""
+# Ball radii: distance from its place of rest from which a ball comes to rest, and way per frame below which it rests.
 REST_RADII = (0.1, 0.01)
-"""Ball radii: distance from its place of rest from which a ball comes to rest, and way per frame below which it rests.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,10 +24,10 @@ from pipeline.engine.stage_graph import load_stage_output
 from pipeline.run_options import RunOptions
 from video.io.clip import Clip
 
+# Probabilities between which a statement counts as undecided.
 UNDECIDED = (0.1, 0.9)
-"""Probabilities between which a statement counts as undecided."""
+# The code of this process. An edit during a long run must not put results of the old code under keys of the new.
 SNAPSHOT = SourceSnapshot()
-"""The code of this process. An edit during a long run must not put results of the old code under keys of the new."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ from pipeline.engine.result_cache import ResultCache, default_cache_root
 from video.io.clip import Clip
 
 SAMPLES = ROOT / "sample_videos"
+# Name of the damage that does nothing.
 NONE = "none"
-"""Name of the damage that does nothing."""
 DAMAGES = (NONE, *DETECTION_DAMAGES, *VIDEO_DAMAGES)
 
 
@@ -44,7 +44,6 @@ def seeded_rng(seed: int, *words: str) -> np.random.Generator:
     """Return a generator that depends on a seed and on names.
 
     Args:
-        seed: The seed.
         words: Names, such as those of the clip and the damage.
 
     Returns:
@@ -57,7 +56,6 @@ def run_case(case: Case, score: Callable[[], Scores]) -> Scores:
     """Run one case; a failure becomes a row.
 
     Args:
-        case: The case.
         score: Runs and scores it.
 
     Returns:
@@ -81,7 +79,6 @@ def run_clip(clip: Path, groups: tuple[str, ...], plan: Plan) -> Scores:
     """Run a real or a rendered clip, undamaged and with every damage.
 
     Args:
-        clip: The clip.
         groups: Groups that are wanted.
         plan: Damages, seed and folder.
 

@@ -12,8 +12,8 @@ GROUPS = ("real", "damaged", "synthetic")
 HEADERS = ("real, undamaged", "real, damaged", "synthetic")
 SURE, VERY_SURE = 0.9, 0.99
 BINS = 10
+# Binomial standard deviations within which a bin is reliable.
 BIN_SIGMAS = 2.0
-"""Binomial standard deviations within which a bin is reliable."""
 
 
 def format_report(scores: Scores) -> str:
@@ -84,9 +84,6 @@ def count_shares(scores: Scores) -> dict[str, tuple[int, int]]:
 
 def find_confident_errors(statements: Iterable[Statement]) -> list[Statement]:
     """Find the false statements at 0.99 or more, and the true ones at 0.01 or less, of calls and events.
-
-    Args:
-        statements: All statements.
 
     Returns:
         Those that are sure and wrong.
@@ -175,6 +172,7 @@ def _count_first_contacts(scores: Scores) -> str:
     return f"{_format_share(sum(s.undecided or bool(s.is_true) for s in known), len(known))} ({undecided} undecided)"
 
 
+# Rows of the main table: name, and cell of a group.
 ROWS: tuple[tuple[str, Callable[[Scores], str]], ...] = (
     ("events labelled sure that are found within bounds ±0.5 frame, or listed as undecided", _count_found),
     ("events reported at >= 0.9 that are true", _count_true_events),
@@ -183,4 +181,3 @@ ROWS: tuple[tuple[str, Callable[[Scores], str]], ...] = (
     ("a ball that starts or turns without a cause, unmarked", _count_uncaused),
     ("first contact of the shot right, or undecided", _count_first_contacts),
 )
-"""Rows of the main table: name, and cell of a group."""

@@ -19,21 +19,21 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import FloatArray, IntArray
 
+# Simulated time, s.
 SECONDS = 4.0
-"""Simulated time, s."""
 CAROM_RADIUS = 0.03075
+# Three balls of carom; two to five balls without pockets; four to eight with pockets; a power shot of either.
 KINDS = ("carom", "open", "pool", "power")
-"""Three balls of carom; two to five balls without pockets; four to eight with pockets; a power shot of either."""
+# CIE L*a*b* colour, white share and HSV value by look.
 LOOKS: dict[str, tuple[tuple[float, float, float], float, float]] = {
     "cue": ((88, 0, 6), 0.95, 0.95), "yellow": ((78, 5, 65), 0.1, 0.95), "red": ((42, 55, 35), 0.1, 0.7),
     "blue": ((35, 5, -45), 0.1, 0.7), "purple": ((35, 30, -30), 0.1, 0.5), "orange": ((62, 40, 55), 0.1, 0.9),
     "green": ((45, -40, 15), 0.1, 0.55), "maroon": ((30, 30, 15), 0.1, 0.45), "eight": ((15, 0, 0), 0.08, 0.12),
 }  # fmt: skip
-"""CIE L*a*b* colour, white share and HSV value by look."""
+# Share of missed detections.
 MISSED = 0.02
-"""Share of missed detections."""
+# Error of a centre along its streak over the length of the streak.
 STREAK_SIGMA = 0.08
-"""Error of a centre along its streak over the length of the streak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,6 @@ def simulate_shots(shots: list[DrawnShot], folder: Path) -> None:
     """Simulate the shots that have no folder yet, all in one process of the engine.
 
     Args:
-        shots: The shots.
         folder: Folder of the results.
     """
     arguments: list[str] = []
@@ -123,7 +122,6 @@ def film_synthetic_shot(shot: DrawnShot, folder: Path, seed: int) -> tuple[Recor
     """Film a simulated shot: noise, streaks, missed detections.
 
     Args:
-        shot: The shot.
         folder: Folder of `simulate_shots`.
         seed: Seed of the noise.
 

@@ -9,16 +9,16 @@ import numpy as np
 from benchmarks.stress_cases.stress_chain import FittedShot, find_marks
 from models.core.typing import FloatArray
 
+# A ball starts from below the first to above the second speed; it can turn above the third, m/s.
 REST_SPEED, START_SPEED, TURN_SPEED = 0.02, 0.1, 0.2
-"""A ball starts from below the first to above the second speed; it can turn above the third, m/s."""
+# Least turn, rad.
 TURN = np.radians(20.0)
-"""Least turn, rad."""
+# Acceleration of a sliding ball at most, m/s2: what turns a ball no faster needs no cause.
 FRICTION = 3.0
-"""Acceleration of a sliding ball at most, m/s2: what turns a ball no faster needs no cause."""
+# Time in which a ball starts or turns, also the largest distance of its cause, and the steps in which it is sought.
 SPAN_FRAMES, STEPS_PER_FRAME = 1.5, 4
-"""Time in which a ball starts or turns, also the largest distance of its cause, and the steps in which it is sought."""
+# An event below this probability is no cause.
 LEAST_PROBABILITY = 0.1
-"""An event below this probability is no cause."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,13 +19,13 @@ from video.io.video_writer import VideoWriter
 Image = NDArray[np.uint8]
 FrameDamage = Callable[[int, Image], Image]
 
+# Constant rate factors of x264: nearly lossless, and strong compression.
 FINE_CRF, STRONG_CRF = 16, 39
-"""Constant rate factors of x264: nearly lossless, and strong compression."""
 TIME_BASE = Fraction(1, 90_000)
+# Streak below which a ball counts as sharp, px.
 LEAST_STREAK = 2.0
-"""Streak below which a ball counts as sharp, px."""
+# Distances of a free place from all paths and cushions, in ball radii, and number of places to try.
 FREE_RADII, CUSHION_RADII, PLACES = 5.0, 3.0, 400
-"""Distances of a free place from all paths and cushions, in ball radii, and number of places to try."""
 
 
 def write_damaged_clip(name: str, clip: Clip, shot: FittedShot, folder: Path, rng: np.random.Generator) -> Path:
@@ -33,7 +33,6 @@ def write_damaged_clip(name: str, clip: Clip, shot: FittedShot, folder: Path, rn
 
     Args:
         name: One of `VIDEO_DAMAGES`.
-        clip: The clip.
         shot: Its detections and tracks without damage.
         folder: Folder of the copy.
         rng: Chooses ball and place of a second ball.
@@ -93,7 +92,6 @@ def blur_streak(
     """Blur an image (H, W, 3) along a streak (2,) px, within the capsule that the longer streak covers.
 
     Args:
-        image: The image.
         centre: (2,) px, middle of the streak.
         streak: (2,) px.
         radius: Radius of the ball, px.
@@ -174,10 +172,10 @@ def paste_ball(
     return np.asarray(np.round(image * (1 - mask) + moved * mask), dtype=np.uint8)
 
 
+# Damages by the name of the option.
 VIDEO_DAMAGES: dict[str, Callable[[Clip, FittedShot, np.random.Generator], FrameDamage]] = {
     "half-size": halve_size,
     "compression": keep_frames,
     "blur": double_blur,
     "second-ball": add_second_ball,
 }
-"""Damages by the name of the option."""

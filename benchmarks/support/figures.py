@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
+# A table of figures in a page. `alone`: the script measures times and runs while no other does.
 BLOCK = re.compile(
     r"<!-- figures: (?P<script>[\w.]+)(?P<alone>, alone)? -->\n(?P<body>.*?)<!-- /figures -->", re.DOTALL
 )
-"""A table of figures in a page. `alone`: the script measures times and runs while no other does."""
 HEAD, RULE = "| figure | value | noise | unit | n |", "|---|---|---|---|---|"
+# Exit status of a script whose inputs are not on this machine (the convention of automake).
 SKIPPED = 77
-"""Exit status of a script whose inputs are not on this machine (the convention of automake)."""
 LEFT_OUT = "is left out"
+# Times vary by this factor: other processes take the caches, the memory bus and the clock rate of a laptop.
 LOAD_FACTOR = 2.0
-"""Times vary by this factor: other processes take the caches, the memory bus and the clock rate of a laptop."""
 RESAMPLES = 1000
 
 

@@ -9,20 +9,20 @@ import time
 from dataclasses import dataclass, field
 
 WAIT_FOR_START = "print(flush=True)\ninput()\n"
+# A loop in pure Python, which fits into the first cache.
 PURE_PYTHON = f"""
 total = 0
 {WAIT_FOR_START}
 for k in range(12_000_000):
     total += k & 7
 """
-"""A loop in pure Python, which fits into the first cache."""
+# A loop that adds images to each other, 66 MB in total: more than the caches hold.
 IMAGES = f"""
 import numpy
 ring = [numpy.full((720, 1280, 3), k, numpy.uint8) for k in range(24)]
 {WAIT_FOR_START}for k in range(1500):
     numpy.add(ring[k % 24], ring[(k + 7) % 24], out=ring[(k + 13) % 24])
 """
-"""A loop that adds images to each other, 66 MB in total: more than the caches hold."""
 LOOPS = {"pure Python": PURE_PYTHON, "images in memory": IMAGES}
 
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+# A frozen dataclass of int, float and str.
 Row = TypeVar("Row")
-"""A frozen dataclass of int, float and str."""
 
 _TYPES: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str}
 

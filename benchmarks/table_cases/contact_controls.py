@@ -19,8 +19,8 @@ from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 
+# Maps states (K, 5) before contacts to those after.
 Rebound = Callable[[FloatArray], FloatArray]
-"""Maps states (K, 5) before contacts to those after."""
 
 
 def simulate_contacts(

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# rad, from the horizontal to the line from the ball's centre to the nose.
 LEAN = 0.3
-"""rad, from the horizontal to the line from the ball's centre to the nose."""
+# 1/s^2, and 1/(s^2 m): force over mass of a compression, and its growth.
 STIFFNESS, HARDENING = 4.0e5, 8.0e7
-"""1/s^2, and 1/(s^2 m): force over mass of a compression, and its growth."""
+# Force of a nose that recovers over that of one that is compressed, and its loss per deepest compression, 1/m.
 RECOVERY, TIRING = 0.86, 35.0
-"""Force of a nose that recovers over that of one that is compressed, and its loss per deepest compression, 1/m."""
+# Friction of fast slip, its relative excess at slow slip, the speed of its decay in m/s, and the share of upward drag
+# by which the nose gives way.
 SLIPPING, STRIBECK, SCALE, GIVE = 0.12, 2.0, 0.6, 0.35
-"""Friction of fast slip, its relative excess at slow slip, the speed of its decay in m/s, and the share of upward drag
-by which the nose gives way."""
+# s; a contact ends long before.
 STEP, STEPS = 4e-5, 500
-"""s; a contact ends long before."""
 
 
 def rebound_from_pad(before: Floats) -> Floats:

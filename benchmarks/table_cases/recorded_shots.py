@@ -26,8 +26,8 @@ SCENE = {
     "scene": "billiards", "units": "m", "fps": 50, "ball_radius": 0.03075,
     "table": {"length": 2.84, "width": 1.42, "pockets": False, "name": "carom", "game": "carom"},
 }  # fmt: skip
+# Joint fit, and tracks with realistic sigmas.
 Shot = tuple[JointSolution, Tracks]
-"""Joint fit, and tracks with realistic sigmas."""
 
 
 def prepare_folder(work: Path) -> Path:

@@ -17,8 +17,8 @@ from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_p
 from models.physics.effects.catalogue import find_prior
 from pipeline.io.table_profile import NEUTRAL_BY_DEFAULT
 
+# s before the cut, at most, on which a network without physics is trained: a contact would be a kink in its motion.
 NETWORK_HISTORY = 1.0
-"""s before the cut, at most, on which a network without physics is trained: a contact would be a kink in its motion."""
 
 
 def remove_network(learned: LearnedTable, contacts: CushionContacts, radius: float, mass: float) -> LearnedTable:
@@ -48,7 +48,6 @@ def extrapolate_by_network(
     """Train dv/dt = net(x, v) on a ball's last places before the cut, and extrapolate as the thesis does.
 
     Args:
-        tracks: Tracks.
         ball: Index of the ball.
         since: s, its last contact before the cut.
         at: s, the cut.

@@ -15,8 +15,8 @@ from models.core.scene import Scene
 from models.core.tracks import Tracks
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
+# Frames and samples per second, m of noise per axis, s before a shot.
 FPS, HZ, NOISE_M, LEAD_S = 50, 1000, 5e-4, 0.2
-"""Frames and samples per second, m of noise per axis, s before a shot."""
 Effects = dict[str, dict[str, float]]
 
 

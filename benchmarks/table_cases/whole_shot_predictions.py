@@ -14,10 +14,10 @@ from models.estimation.forecast.forecast_check import estimate_state
 from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.result_cache import ResultCache
 
+# s, until which a shot is fitted.
 STATE_TIME = 1.0
-"""s, until which a shot is fitted."""
+# mm RMS.
 GOAL = 5.0
-"""mm RMS."""
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ import numpy as np
 from benchmarks.support.figures import Figure, add_quick_option, estimate_mean, run_quick
 from benchmarks.tracking.break_shots import WORLD, Break, draw_shot, read_break
 
+# Counted time after the first contact, and simulated time, s.
 EARLY_SECONDS, SECONDS = 0.05, 0.6
-"""Counted time after the first contact, and simulated time, s."""
 QUICK_SEEDS = 6
+# Least closing speed of a counted contact, m/s.
 LEAST_SPEED = 0.06
-"""Least closing speed of a counted contact, m/s."""
 
 
 def redraw_rack(seed: int, again: int) -> dict[str, object]:

@@ -29,12 +29,12 @@ from models.estimation.reconstruction.explain_shot import list_gaps, refine_cont
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.structure_search.contact_partners import collect_hypotheses
 
+# Slower contacts change nothing visible, m/s of closing speed.
 SLOWEST_CLOSING = 0.005
-"""Slower contacts change nothing visible, m/s of closing speed."""
+# Least time between contacts of a ball, and the largest delay of a contact for it, s.
 APART, LATEST = 2e-4, 1e-3
-"""Least time between contacts of a ball, and the largest delay of a contact for it, s."""
+# Speed below which a ball rests, m/s.
 STILL_SPEED = 1e-4
-"""Speed below which a ball rests, m/s."""
 
 
 @dataclass(slots=True)

@@ -7,10 +7,10 @@ from scipy.optimize import linear_sum_assignment
 
 from models.core.typing import FloatArray, IntArray
 
+# Frames that a track waits for its next detection.
 PATIENCE = 15
-"""Frames that a track waits for its next detection."""
+# Largest distance between a track and its next detection, m.
 GATE = 0.3
-"""Largest distance between a track and its next detection, m."""
 
 
 def track_nearest(frames: list[FloatArray]) -> list[IntArray]:

@@ -18,10 +18,10 @@ from models.core.typing import FloatArray, IntArray
 
 WORLD = Path(__file__).resolve().parents[2] / "worlds" / "billiards.py"
 R, LENGTH, WIDTH, BALLS = 0.028575, 2.54, 1.27, 16
+# A 9 ft table fills the width of a 720p frame: a pixel is 2 mm.
 PX_PER_M = 500.0
-"""A 9 ft table fills the width of a 720p frame: a pixel is 2 mm."""
+# Seconds filmed before the strike, and pixels around the table.
 REST, MARGIN = 0.4, 5
-"""Seconds filmed before the strike, and pixels around the table."""
 HZ = 1000
 
 

@@ -51,21 +51,21 @@ from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.tracking.build_tracks import build_tracks
 
+# Closing speeds of contacts that must be found, and of contacts that may be reported, m/s.
 FAST, SLOW = 0.06, 0.03
-"""Closing speeds of contacts that must be found, and of contacts that may be reported, m/s."""
+# Time after the first ball contact that is scored separately, s.
 EARLY_SECONDS = 0.05
-"""Time after the first ball contact that is scored separately, s."""
+# Time around a contact of a ball that counts as near it, s.
 NEAR_SECONDS = 0.02
-"""Time around a contact of a ball that counts as near it, s."""
+# Least speed at which positions are scored, m/s.
 MOVING_SPEED = 0.02
-"""Least speed at which positions are scored, m/s."""
 
+# Breaks whose identities are scored for `--quick`, and number of those that are fitted.
 QUICK_SEEDS, QUICK_FITS, QUICK_FPS = range(700, 704), 2, 30.0
-"""Breaks whose identities are scored for `--quick`, and number of those that are fitted."""
+# Median of the absolute value of a standard normal number.
 NORMAL_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal number."""
+# Negligible noise, px.
 SILENT_NOISE = 1e-3
-"""Negligible noise, px."""
 
 
 @dataclass(frozen=True, slots=True)

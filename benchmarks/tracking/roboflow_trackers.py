@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.support.rival_environment import RivalEnvironment
 
 TRACKERS = ("SORT", "ByteTrack", "OC-SORT", "BoT-SORT")
+# Half widths of the boxes, in ball radii. 1 and 10 give more switches.
 BOX_HALF_WIDTHS = (3.0, 6.0)
-"""Half widths of the boxes, in ball radii. 1 and 10 give more switches."""
 ENVIRONMENT = RivalEnvironment("trackers", ("trackers==2.6.1",))
 
 

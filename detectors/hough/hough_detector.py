@@ -47,33 +47,32 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
+# Least share of a circle's rays that end at an edge.
 MIN_SUPPORT = 0.6
-"""Least share of a circle's rays that end at an edge."""
+# Least share of the disc that differs from the cloth, before and after the fit.
 MIN_CANDIDATE_COVERAGE, MIN_COVERAGE = 0.3, 0.55
-"""Least share of the disc that differs from the cloth, before and after the fit."""
+# Radius, ball radii, within which coverage is sampled, and coverage from which the score depends on the outline alone.
 SAMPLED_RADII, FULL_COVERAGE = 0.85, 0.85
-"""Radius, ball radii, within which coverage is sampled, and coverage from which the score depends on the outline
-alone."""
+# Half width, ball radii, below which links between a streak and other objects are cut.
 LINK_RADII = 0.35
-"""Half width, ball radii, below which links between a streak and other objects are cut."""
+# Half width, ball radii, below which objects that touch a ball are excluded from its shape: cues, lines.
 CUE_RADII = 0.5
-"""Half width, ball radii, below which objects that touch a ball are excluded from its shape: cues, lines."""
+# A shape with more than this left beside its discs is more than balls and their shadows: area in discs, where it moves
+# and where it does not (shaded cushions do not), and share of the shape.
 MAX_MOVING_REST, MAX_STILL_REST, MAX_REST_SHARE = 1.8, 5.0, 0.28
-"""A shape with more than this left beside its discs is more than balls and their shadows: area in discs, where it moves
-and where it does not (shaded cushions do not), and share of the shape."""
+# Share of the cloth's threshold from which a moving pixel counts: the ends of a streak are faint.
 FAINT_SHARE = 0.6
-"""Share of the cloth's threshold from which a moving pixel counts: the ends of a streak are faint."""
+# Confidence scores from which a ball on such a shape is accepted: with cloth around it, and without.
 CLEAR_SCORE, SURE_SCORE = 0.88, 0.955
-"""Confidence scores from which a ball on such a shape is accepted: with cloth around it, and without."""
+# Radius of the ring around a ball in which cloth is looked for, and largest share of it that is not cloth.
 RING_RADII, MAX_RING_COVERAGE = 1.3, 0.6
-"""Radius of the ring around a ball in which cloth is looked for, and largest share of it that is not cloth."""
+# Radius of the discs that stand for balls in masks, ball radii.
 DRAWN_RADII = 1.15
-"""Radius of the discs that stand for balls in masks, ball radii."""
+# Length of a streak, ball radii, up to which a clear disc is the better measurement; a sure disc up to twice that, if
+# it is this far from the middle of the streak.
 CLEAR_LENGTH_RADII, OFF_CENTRE_RADII = 0.8, 0.22
-"""Length of a streak, ball radii, up to which a clear disc is the better measurement; a sure disc up to twice that, if
-it is this far from the middle of the streak."""
+# Standard deviation of a streak's middle: across it, px, and in addition along it, share of its length.
 STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
-"""Standard deviation of a streak's middle: across it, px, and in addition along it, share of its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,14 +316,14 @@ def _circles_to_detections(circles: Circles, coverage: FloatArray) -> FrameDetec
     return FrameDetections(circles.centre, circles.radius, none, score, circles.sigma, circles.sigma)
 
 
+# Least share of a full circle's votes of a candidate.
 MIN_VOTE_SHARE = 0.22
-"""Least share of a full circle's votes of a candidate."""
+# Most candidates of one image.
 MAX_CANDIDATES = 50
-"""Most candidates of one image."""
+# Gradient, grey levels per working px, above half of which a pixel is an edge; three times it has full weight.
 MIN_EDGE_GRADIENT = 10.0
-"""Gradient, grey levels per working px, above half of which a pixel is an edge; three times it has full weight."""
+# Number of pixels across a sharp edge that vote for one centre.
 EDGE_THICKNESS_PX = 2.5
-"""Number of pixels across a sharp edge that vote for one centre."""
 
 
 def find_circle_candidates(

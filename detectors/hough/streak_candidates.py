@@ -10,22 +10,22 @@ import numpy as np
 from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
+# Share of a blob's own contrast below which a pixel does not belong to it.
 FAINT_SHARE = 0.25
-"""Share of a blob's own contrast below which a pixel does not belong to it."""
+# Level, share of the height, at which the ends of a streak are measured: a ball leaves little light there.
 END_SHARE = 0.25
-"""Level, share of the height, at which the ends of a streak are measured: a ball leaves little light there."""
+# Largest difference of the halves of a streak's profile, over its mean.
 MAX_ASYMMETRY = 0.3
-"""Largest difference of the halves of a streak's profile, over its mean."""
+# Least length of a streak, ball radii; shorter ones are measured as discs.
 MIN_LENGTH_RADII = 0.5
-"""Least length of a streak, ball radii; shorter ones are measured as discs."""
+# Largest length of a streak, ball radii; a ball at 10 m/s that is exposed for 1/15 s moves about 23 radii.
 MAX_LENGTH_RADII = 26.0
-"""Largest length of a streak, ball radii; a ball at 10 m/s that is exposed for 1/15 s moves about 23 radii."""
+# Limits of the width of the blob over that of the ball.
 WIDTH_LIMITS = (0.78, 1.5)
-"""Limits of the width of the blob over that of the ball."""
+# Least width of the blob between its round ends, over its width: two touching balls have a waist.
 MIN_WAIST = 0.7
-"""Least width of the blob between its round ends, over its width: two touching balls have a waist."""
+# Least intersection over union of blob and capsule.
 MIN_FILL = 0.80
-"""Least intersection over union of blob and capsule."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,44 +10,42 @@ from numpy.typing import NDArray
 
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
+# Samples of a ball.
 SAMPLES = 64
-"""Samples of a ball."""
+# Radius, ball radii, within which the colour is sampled: farther out there is the dark rim.
 SAMPLED_RADII = 0.75
-"""Radius, ball radii, within which the colour is sampled: farther out there is the dark rim."""
+# Brightest share of the samples that is excluded.
 HIGHLIGHT_SHARE = 0.12
-"""Brightest share of the samples that is excluded."""
+# Radius, ball radii, within which white is measured: a stripe often has it at the rim alone.
 WHITE_SAMPLED_RADII = 0.9
-"""Radius, ball radii, within which white is measured: a stripe often has it at the rim alone."""
+# Radius, ball radii, from which white counts as that of the rim: the spot of a number seen from the front ends there.
 RIM_RADII = 0.5
-"""Radius, ball radii, from which white counts as that of the rim: the spot of a number seen from the front ends
-there."""
+# Share of all samples of an image, the palest, from which white in its light is estimated, and their least number.
 PALEST_SHARE, MIN_PALE_SAMPLES = 0.03, 12
-"""Share of all samples of an image, the palest, from which white in its light is estimated, and their least number."""
+# Weight of chroma against lightness in the order of paleness.
 CHROMA_PENALTY = 0.8
-"""Weight of chroma against lightness in the order of paleness."""
+# Chroma over lightness up to which, and L* from which, the palest is a white in tinted light; else white is plain.
 MAX_WHITE_TINT, MIN_WHITE_LIGHTNESS = 0.5, 45.0
-"""Chroma over lightness up to which, and L* from which, the palest is a white in tinted light; else white is plain."""
+# CIE L*a*b* of a white ball under white light.
 PLAIN_WHITE = np.array([80.0, 0.0, 0.0])
-"""CIE L*a*b* of a white ball under white light."""
+# Difference of chroma over lightness up to which a colour is that white in shade, and least lightness over the white's.
 MAX_TINT_DIFFERENCE, MIN_SHADE_LIGHTNESS = 0.35, 0.5
-"""Difference of chroma over lightness up to which a colour is that white in shade, and least lightness over the
-white's."""
+# Standard deviation of a disc's luma over its level below which it is no sphere. A matte one in even light has 0.025
+# (half the cosine of its slope, in sRGB). Balls also mirror lamps: of 726 detections in real clips none is below 0.047,
+# overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
+# luma's, so that the edge of a small disc reaches its middle.
 FLAT_SHARE = 0.022
-"""Standard deviation of a disc's luma over its level below which it is no sphere. A matte one in even light has 0.025
-(half the cosine of its slope, in sRGB). Balls also mirror lamps: of 726 detections in real clips none is below 0.047,
-overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
-luma's, so that the edge of a small disc reaches its middle."""
+# Weights of red, green and blue (Rec. 601).
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""Weights of red, green and blue (Rec. 601)."""
+# Level of two channels, the white of studio range, from which a camera no longer records shading.
 EXPOSED_LEVEL = 235.0
-"""Level of two channels, the white of studio range, from which a camera no longer records shading."""
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5.0))
 _SAMPLE_NUMBERS = np.arange(SAMPLES) + 0.5
+# (SAMPLES, 2) even coverage of the unit disc (sunflower, Vogel 1979, doi:10.1016/0025-5564(79)90080-4).
 DISC_SAMPLES = np.sqrt(_SAMPLE_NUMBERS / SAMPLES)[:, None] * np.column_stack(
     [np.cos(_SAMPLE_NUMBERS * _GOLDEN_ANGLE), np.sin(_SAMPLE_NUMBERS * _GOLDEN_ANGLE)]
 )
-"""(SAMPLES, 2) even coverage of the unit disc (sunflower, Vogel 1979, doi:10.1016/0025-5564(79)90080-4)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,44 +23,44 @@ from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 from models.tracking.ball_names import FIRST_NUMBERS, LIGHTNESS_WEIGHT, name_balls
 from video.io.clip import Clip, read_frames
 
+# Frames of a clip in which a ball is sampled: a striped ball shows its band in some of them only.
 FRAMES_PER_BALL = 12
-"""Frames of a clip in which a ball is sampled: a striped ball shows its band in some of them only."""
+# Length of a motion-blur streak, ball radii, up to which pixels are those of the ball alone.
 MAX_STREAK_RADII = 0.5
-"""Length of a motion-blur streak, ball radii, up to which pixels are those of the ball alone."""
+# Distance of two centres, ball radii, from which no ball covers, shades or is reflected by much of another.
 CLEARANCE_RADII = 2.2
-"""Distance of two centres, ball radii, from which no ball covers, shades or is reflected by much of another."""
+# Power of the white ball's colour by which colours are corrected: cue balls are cream as often as the light is yellow,
+# so that half of the tint is attributed to the light (in the logarithm).
 LIGHT_SHARE = 0.5
-"""Power of the white ball's colour by which colours are corrected: cue balls are cream as often as the light is yellow,
-so that half of the tint is attributed to the light (in the logarithm)."""
+# Reflectance of a white ball.
 PAPER_WHITE = 0.95
-"""Reflectance of a white ball."""
+# L* from which, and distance in a* and b* from a white ball below which, a pixel is white, as number spots are.
 MIN_WHITE_LIGHTNESS, MAX_WHITE_TINT = 50.0, 18.0
-"""L* from which, and distance in a* and b* from a white ball below which, a pixel is white, as number spots are."""
+# Share of the lit pixels that must be painted for a colour to be seen: in some clips a stripe shows its white side.
 MIN_PAINTED_SHARE = 0.1
-"""Share of the lit pixels that must be painted for a colour to be seen: in some clips a stripe shows its white side."""
+# Purity and distance from white, as shares of those of the purest pixels, from which a pixel is paint alone: the rest
+# is mixed with white, with a highlight or with cloth; and the quantile that stands for the purest, above it is noise.
 MIN_PURE_SHARE, PUREST_QUANTILE = 0.85, 0.97
-"""Purity and distance from white, as shares of those of the purest pixels, from which a pixel is paint alone: the rest
-is mixed with white, with a highlight or with cloth; and the quantile that stands for the purest, above it is noise."""
+# Level, of 255, that is added to the brightest channel where purity is a ratio: noise gives dark pixels any.
 DARK_LEVEL = 25.0
-"""Level, of 255, that is added to the brightest channel where purity is a ratio: noise gives dark pixels any."""
+# Shares of the pixels of pure paint, by lightness, up to which they are in shade, and from which in a lamp's glare.
 SHADE_QUANTILE, GLARE_QUANTILE = 0.5, 0.9
-"""Shares of the pixels of pure paint, by lightness, up to which they are in shade, and from which in a lamp's glare."""
+# Level from which two channels of a pixel no longer show its hue, and least share of pixels below it that do.
 OVEREXPOSED, MIN_EXPOSED_SHARE = 250.0, 0.15
-"""Level from which two channels of a pixel no longer show its hue, and least share of pixels below it that do."""
+# Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue.
 CLOTH_HUE, MIN_CLOTH_CHROMA = np.radians(25.0), 10.0
-"""Hue within which a dull pixel may be cloth that the ball reflects, and least chroma of a cloth that has a hue."""
+# Share of the painted pixels that do not have the hue of the cloth, from which these alone may be the paint.
 MIN_OWN_SHARE = 0.25
-"""Share of the painted pixels that do not have the hue of the cloth, from which these alone may be the paint."""
+# Least distance of these from white to be the paint, as a share of the distance of all painted pixels.
 MIN_OWN_PURITY = 0.75
-"""Least distance of these from white to be the paint, as a share of the distance of all painted pixels."""
+# White share of the rim and half of that of the disc (as in `ball_classes`) up to which a ball is surely a solid, and
+# from which it is surely a stripe; medians over frames.
 MAX_SOLID_WHITE, MIN_STRIPE_WHITE = 0.24, 0.4
-"""White share of the rim and half of that of the disc (as in `ball_classes`) up to which a ball is surely a solid, and
-from which it is surely a stripe; medians over frames."""
+# Median distance in a* and b* from the paint up to which its pixels are of one paint.
 MAX_SPREAD = 8.0
-"""Median distance in a* and b* from the paint up to which its pixels are of one paint."""
+# CIE L*a*b* distance between the paint with and without pixels of the cloth's hue up to which it is certain: that of
+# neighbouring colours of a set.
 MAX_AMBIGUITY = 12.0
-"""CIE L*a*b* distance between the paint with and without pixels of the cloth's hue up to which it is certain: that of
-neighbouring colours of a set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,6 @@ def look_at_balls(clip: Clip, scene: Scene, tracks: Tracks, classified: Sequence
     """Describe how the balls of a clip look, and name them.
 
     Args:
-        clip: The clip.
         scene: Table, camera and cloth.
         tracks: Tracks of N balls.
         classified: Numbers of the balls whose class a person set.
@@ -209,8 +208,8 @@ def _find_white(tracks: Tracks, samples: list[list[FloatArray]]) -> FloatArray:
     return np.asarray(np.maximum(np.median(pixels[(brightness >= low) & (brightness <= high)], axis=0), 0.05))
 
 
+# Paint of a ball that no frame shows.
 _UNKNOWN = (np.full(3, np.nan), np.full(3, np.nan), False)
-"""Paint of a ball that no frame shows."""
 
 
 def _measure_ball(

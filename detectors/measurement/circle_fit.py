@@ -18,54 +18,54 @@ from models.core.array_columns import replace_rows, take_rows
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
 RAYS = 48
+# Samples along a ray.
 STEPS = 32
-"""Samples along a ray."""
+# Start and end of a ray, ball radii.
 MIN_RAY_RADII, MAX_RAY_RADII = 0.5, 1.5
-"""Start and end of a ray, ball radii."""
+# Standard deviation of the prior of an edge about the circle, ball radii, for each iteration.
 PRIOR_RADII = (0.2, 0.12, 0.07)
-"""Standard deviation of the prior of an edge about the circle, ball radii, for each iteration."""
+# Distance from the circle through all edges at which an edge no longer counts, ball radii, for each iteration.
 LOOSE_RADII = (0.3, 0.15, 0.15)
-"""Distance from the circle through all edges at which an edge no longer counts, ball radii, for each iteration."""
+# Gradient above which a stronger one is hardly preferred: the edge of a stripe must not outweigh that of the ball.
 SATURATION_GRADIENT = 10.0
-"""Gradient above which a stronger one is hardly preferred: the edge of a stripe must not outweigh that of the ball."""
+# Difference from the cloth, grey levels, at which the colour behind an edge is half taken for bare cloth.
 BARE_CLOTH_LEVELS = 15.0
-"""Difference from the cloth, grey levels, at which the colour behind an edge is half taken for bare cloth."""
+# Weight of an edge in front of another object; an edge in front of bare cloth has this weight plus 1.
 COVERED_EDGE_WEIGHT = 0.5
-"""Weight of an edge in front of another object; an edge in front of bare cloth has this weight plus 1."""
+# Standard deviation of the measured about the predicted radius, ball radii: calibration errors, blooming.
 RADIUS_PRIOR_RADII = 0.05
-"""Standard deviation of the measured about the predicted radius, ball radii: calibration errors, blooming."""
+# Least change of an edge, grey levels over a sixth of a radius.
 MIN_GRADIENT = 9.0
-"""Least change of an edge, grey levels over a sixth of a radius."""
+# Distance up to which an edge supports a circle: ball radii, and px; the larger one counts.
 TIGHT_RADII, TIGHT_PX = 0.07, 0.6
-"""Distance up to which an edge supports a circle: ball radii, and px; the larger one counts."""
+# Brightness of RGB (ITU-R BT.601).
 LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
-"""Brightness of RGB (ITU-R BT.601)."""
+# Radius, over its own, within which a disc hides others behind it: the lens blurs its rim.
 OCCLUDER_RADII = 1.15
-"""Radius, over its own, within which a disc hides others behind it: the lens blurs its rim."""
+# Share of unoccluded rays up to which the support is relative to this share, beyond to the unoccluded rays.
 MIN_OPEN_SHARE = 0.35
-"""Share of unoccluded rays up to which the support is relative to this share, beyond to the unoccluded rays."""
+# Standard deviation by sampling and coding that the edges do not show, px.
 SIGMA_FLOOR_PX = 0.1
-"""Standard deviation by sampling and coding that the edges do not show, px."""
+# Error of a centre over the root mean square residual of its edges. The causes of the residuals (a dark underside, its
+# shadow, a stripe) are common to many neighbouring rays and to all frames of a ball at rest, so they do not average
+# out; measured on rendered clips with known centres, where pulls are then one on average.
 COMMON_ERROR_SHARE = 0.9
-"""Error of a centre over the root mean square residual of its edges. The causes of the residuals (a dark underside, its
-shadow, a stripe) are common to many neighbouring rays and to all frames of a ball at rest, so they do not average out;
-measured on rendered clips with known centres, where pulls are then one on average."""
+# Largest residual that counts, over the distance at which an edge still supports a circle.
 MAX_RESIDUAL = 3.0
-"""Largest residual that counts, over the distance at which an edge still supports a circle."""
 
+# Limits of the support of circles that are fitted again from other starts.
 DOUBTFUL_SUPPORT = (0.35, 0.8)
-"""Limits of the support of circles that are fitted again from other starts."""
+# Number of the other starts, and their distance, ball radii.
 RESTARTS, RESTART_RADII = 6, 0.6
-"""Number of the other starts, and their distance, ball radii."""
 
 ANGLES = np.arange(RAYS) * (2 * np.pi / RAYS)
 DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
 DISTANCES = np.linspace(MIN_RAY_RADII, MAX_RAY_RADII, STEPS)
+# Indices of the rays, and offsets of the samples whose centroid is the place of an edge.
 RAY_INDICES, CENTROID_OFFSETS = np.arange(RAYS), np.arange(-4, 5)
-"""Indices of the rays, and offsets of the samples whose centroid is the place of an edge."""
 DESIGN = np.column_stack([DIRECTIONS, np.ones(RAYS)])
+# Products (RAYS, 9) of the design's columns: the normal equations are linear in the weights.
 DESIGN_PRODUCTS = (DESIGN[:, :, None] * DESIGN[:, None, :]).reshape(RAYS, 9)
-"""Products (RAYS, 9) of the design's columns: the normal equations are linear in the weights."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,59 +19,59 @@ from models.core.scene import POCKETS
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from models.numerics.robust_scale import estimate_sigma
 
+# Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows.
 SHADOW_WEIGHT = 0.5
-"""Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows."""
+# Least threshold, grey levels of 255: differences by video coding and the grain of the cloth.
 MIN_DIFFERENCE_LEVELS = 15.0
-"""Least threshold, grey levels of 255: differences by video coding and the grain of the cloth."""
+# Threshold over the standard deviation of the cloth's pixels.
 NOISE_FACTOR = 5.0
-"""Threshold over the standard deviation of the cloth's pixels."""
+# Half width, ball radii, below which a difference in the median image is a marking of the cloth.
 MARKING_RADII = 0.6
-"""Half width, ball radii, below which a difference in the median image is a marking of the cloth."""
+# Radius, ball radii, up to which a region enclosed by a ball belongs to it, such as its number.
 NUMBER_RADII = 0.3
-"""Radius, ball radii, up to which a region enclosed by a ball belongs to it, such as its number."""
+# Degree of the polynomial of the cloth's colour over the table.
 POLYNOMIAL_DEGREE = 4
-"""Degree of the polynomial of the cloth's colour over the table."""
+# Differences up to this many grey levels, smoothed over this many ball radii, are attributed to the light.
 GRADUAL_LEVELS, GRADUAL_RADII = 45.0, 3.0
-"""Differences up to this many grey levels, smoothed over this many ball radii, are attributed to the light."""
 
+# Ball radii within which samples are of a disc's core, and from which of its rim; and parts of the rim. One may be
+# plain: a line may cross the disc, or a shadow hide it.
 CORE_RADII, RIM_RADII, RIM_SECTORS = 0.5, 0.7, 6
-"""Ball radii within which samples are of a disc's core, and from which of its rim; and parts of the rim. One may be
-plain: a line may cross the disc, or a shadow hide it."""
+# Contrast of a core over that of its rim below which the cloth shows through: a ball is opaque, and lightest in the
+# middle. In 1,871 detections of balls in broadcasts it is 1.02 or more; of a projector's rings, two in three are below
+# 0.3 and all below 0.7.
 HOLLOW_SHARE = 0.7
-"""Contrast of a core over that of its rim below which the cloth shows through: a ball is opaque, and lightest in the
-middle. In 1,871 detections of balls in broadcasts it is 1.02 or more; of a projector's rings, two in three are below
-0.3 and all below 0.7."""
+# Contrast of the second palest part of the rim over that of the core below which the object is narrower than a ball:
+# 0.01 to 0.04 on drawn lines; of 866 detections of balls in real clips, 0.10 or more.
 INCOMPLETE_SHARE = 0.06
-"""Contrast of the second palest part of the rim over that of the core below which the object is narrower than a ball:
-0.01 to 0.04 on drawn lines; of 866 detections of balls in real clips, 0.10 or more."""
 
 
+# Ball radii from the middle of a pocket at which cloth is looked for: holes of small tables reach up to 3.3.
 HOLE_STEPS = np.arange(0.0, 5.0, 0.1)
-"""Ball radii from the middle of a pocket at which cloth is looked for: holes of small tables reach up to 3.3."""
+# Steps for which cloth stays where a hole ends: the meshes of a net are narrower.
 CLOTH_STEPS = 8
-"""Steps for which cloth stays where a hole ends: the meshes of a net are narrower."""
+# Rays from a pocket onto the table, and how far they turn from its axis: further on are the jaws.
 HOLE_RAYS, HOLE_HALF_ANGLE = 15, np.radians(25.0)
-"""Rays from a pocket onto the table, and how far they turn from its axis: further on are the jaws."""
+# Largest reach of the hole of a side pocket, in that of a corner: 0.2 to 0.5 on tables with nets.
 MAX_SIDE_SHARE = 0.5
-"""Largest reach of the hole of a side pocket, in that of a corner: 0.2 to 0.5 on tables with nets."""
+# Ball radii along the cushion from the middle of a long side within which its hole may lie: in a squeezed image of a
+# coin table the nets hung 0.8 beside it, on both sides.
 SIDE_SHIFTS = np.arange(-1.2, 1.3, 0.2)
-"""Ball radii along the cushion from the middle of a long side within which its hole may lie: in a squeezed image of a
-coin table the nets hung 0.8 beside it, on both sides."""
+# Ball radii within the edge of a hole in which a centre may still appear: errors of the calibration, and the shade of
+# the edge. Nets were detected as balls up to 0.45 within the edge; of 256 balls on stills, the nearest to a corner lies
+# 0.8 outside.
 HOLE_SLACK_RADII = 0.3
-"""Ball radii within the edge of a hole in which a centre may still appear: errors of the calibration, and the shade of
-the edge. Nets were detected as balls up to 0.45 within the edge; of 256 balls on stills, the nearest to a corner lies
-0.8 outside."""
+# Largest factor by which the light on a net changes in a clip: a player's shade took a fifth of it from white nets,
+# more than the threshold. Beyond it, or in another hue, something else is seen: a ball that drops.
 MAX_LIGHT_CHANGE = 1.4
-"""Largest factor by which the light on a net changes in a clip: a player's shade took a fifth of it from white nets,
-more than the threshold. Beyond it, or in another hue, something else is seen: a ball that drops."""
+# Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
+# if all visible cloth is in one line.
 RIDGE = 1e-9
-"""Added to the diagonal of the normal equations of the polynomial, which is a count of pixels: they can be solved even
-if all visible cloth is in one line."""
 _SAMPLE_RADII = np.hypot(*DISC_SAMPLES.T)
+# (SAMPLES,) distance from the middle of a disc, ball radii, and the part of its rim.
 _SAMPLE_SECTORS = np.floor((np.arctan2(*DISC_SAMPLES.T) / (2 * np.pi) % 1) * RIM_SECTORS)
-"""(SAMPLES,) distance from the middle of a disc, ball radii, and the part of its rim."""
+# Rows and columns of the whole image.
 WHOLE_IMAGE = (slice(None), slice(None))
-"""Rows and columns of the whole image."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,18 +15,18 @@ from detectors.measurement.cloth_background import build_disc_kernel
 from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
+# Share of the cloth's threshold by which a place, averaged over 3 x 3 working px, must differ to count as changed.
 CHANGED_SHARE = 0.4
-"""Share of the cloth's threshold by which a place, averaged over 3 x 3 working px, must differ to count as changed."""
+# Distance, ball radii, up to which a change may concern a ball's centre.
 REACH_RADII = 1.3
-"""Distance, ball radii, up to which a change may concern a ball's centre."""
+# Margin, ball radii, that the search for such centres needs around them.
 MARGIN_RADII = 2.0
-"""Margin, ball radii, that the search for such centres needs around them."""
+# Side of the blocks in which changes are stored, working px.
 BLOCK_PX = 4
-"""Side of the blocks in which changes are stored, working px."""
+# Share of the working image from which on all of it is searched.
 WHOLE_SHARE = 0.6
-"""Share of the working image from which on all of it is searched."""
+# Frames after which everything is searched again: a ball hidden in one frame may be visible in another.
 FULL_SEARCH_INTERVAL = 15
-"""Frames after which everything is searched again: a ball hidden in one frame may be visible in another."""
 
 
 @dataclass(frozen=True, slots=True)

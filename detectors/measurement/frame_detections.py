@@ -12,14 +12,14 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 
+# Least distance of two balls on the table: two radii less the errors. Nearer than this, one of them is a false
+# positive.
 MIN_TABLE_DISTANCE_RADII = 1.75
-"""Least distance of two balls on the table: two radii less the errors. Nearer than this, one of them is a false
-positive."""
+# The same in the image, where one ball may hide part of another.
 MIN_IMAGE_DISTANCE_RADII = 0.9
-"""The same in the image, where one ball may hide part of another."""
 
+# Displacement during the exposure, ball radii, up to which shading is not blurred away.
 MAX_SHARP_RADII = 0.5
-"""Displacement during the exposure, ball radii, up to which shading is not blurred away."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,40 +20,40 @@ from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 from models.numerics.least_squares import NormalEquations, SearchOptions, minimize_cost, solve_normal_equations
 from models.numerics.robust import evaluate_huber_loss
 
+# Lengths of the trial displacements, ball radii.
 TRIAL_LENGTHS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])
-"""Lengths of the trial displacements, ball radii."""
+# Number of directions of the trial displacements.
 TRIAL_DIRECTIONS = 12
-"""Number of directions of the trial displacements."""
+# Positions of the middle of a trial streak along it, from the rough position, shares of the length.
 TRIAL_ALONG_SHARES = np.array([-0.45, -0.22, 0.0, 0.22, 0.45])
-"""Positions of the middle of a trial streak along it, from the rough position, shares of the length."""
+# The same across it, ball radii.
 TRIAL_ACROSS_RADII = np.array([-0.35, 0.0, 0.35])
-"""The same across it, ball radii."""
+# Reach of the search about the rough position, ball radii.
 REACH_RADII = 6.0
-"""Reach of the search about the rough position, ball radii."""
+# Spacing of the samples of the search, ball radii.
 COARSE_SPACING_RADII = 0.3
-"""Spacing of the samples of the search, ball radii."""
+# Spacing of the samples of the fit, ball radii, but at least one px.
 FINE_SPACING_RADII = 0.12
-"""Spacing of the samples of the fit, ball radii, but at least one px."""
+# Margin of cloth about a streak, ball radii.
 MARGIN_RADII = 1.0
-"""Margin of cloth about a streak, ball radii."""
+# Radius within which samples on other balls are excluded, their radii.
 OCCLUDER_RADII = 1.15
-"""Radius within which samples on other balls are excluded, their radii."""
+# Offsets of the radii that are averaged, in units of the blur, and the blur by lens and coding.
 BLUR_OFFSETS, BLUR_PX = np.array([-1.0, 0.0, 1.0]), 0.75
-"""Offsets of the radii that are averaged, in units of the blur, and the blur by lens and coding."""
+# Least number of samples for a search or a fit.
 MIN_PIXELS = 60
-"""Least number of samples for a search or a fit."""
+# Contrast that the best displacement must explain, over that of a ball at rest, for a fit.
 MIN_GAIN = 1.1
-"""Contrast that the best displacement must explain, over that of a ball at rest, for a fit."""
+# Of centre and displacement, px.
 SEARCH = SearchOptions(iterations=10, attempts=5, min_step=0.01, damping=1e-2, lowering=1 / 3, raising=4.0)
-"""Of centre and displacement, px."""
+# Residual, over the root mean square residual, from which a sample is weighted down.
 HUBER_THRESHOLD = 2.0
-"""Residual, over the root mean square residual, from which a sample is weighted down."""
+# Share of the contrast that the rough streak may leave unexplained for a fit.
 MAX_ROUGH_RESIDUAL_SHARE = 0.5
-"""Share of the contrast that the rough streak may leave unexplained for a fit."""
+# Share of the contrast that a streak may leave unexplained: of all, and of that which a ball at rest leaves.
 MAX_RESIDUAL_SHARE, MAX_SHARE_OF_REST = 0.15, 0.5
-"""Share of the contrast that a streak may leave unexplained: of all, and of that which a ball at rest leaves."""
+# Limits of the length of a streak, ball radii.
 LENGTH_LIMITS_RADII = (0.8, 7.5)
-"""Limits of the length of a streak, ball radii."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,13 +21,12 @@ from detectors.measurement.frame_detections import (
 from models.core.scene import Scene
 from models.core.typing import BoolArray, FloatArray
 
+# Standard deviation of the distance of two touching balls, share of two radii: errors of the sizes of table and balls.
 CONTACT_SIGMA_SHARE = 0.02
-"""Standard deviation of the distance of two touching balls, share of two radii: errors of the sizes of table and
-balls."""
+# Standard deviations of their distance by which two balls may seem to overlap.
 MAX_SIGMAS = 5.0
-"""Standard deviations of their distance by which two balls may seem to overlap."""
+# Iterations of the shifts: their directions depend on the positions.
 ITERATIONS = 4
-"""Iterations of the shifts: their directions depend on the positions."""
 
 
 def resolve_overlaps(detections: FrameDetections, scene: Scene, frame: int) -> FrameDetections:

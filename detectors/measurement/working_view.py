@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from models.core.scene import POCKETS, Camera, Scene, Table, apply_homography
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
+# Approximate radius of a ball in the working image, which is the reference image divided by a whole number.
 WORKING_RADIUS_PX = 7.5
-"""Approximate radius of a ball in the working image, which is the reference image divided by a whole number."""
+# Distance, ball radii, by which a centre may appear beyond that of a ball at the cushion: calibration errors.
 CUSHION_SLACK_RADII = 0.55
-"""Distance, ball radii, by which a centre may appear beyond that of a ball at the cushion: calibration errors."""
+# Distance from a pocket's centre within which a ball may be between the jaws, up to the line of the noses.
 JAW_RADII = 2.6
-"""Distance from a pocket's centre within which a ball may be between the jaws, up to the line of the noses."""
+# Distance from the intersection of the noses' lines, or from the middle of a side, within which a ball has dropped.
 CORNER_HOLE_RADII, SIDE_HOLE_RADII = 1.4, 0.7
-"""Distance from the intersection of the noses' lines, or from the middle of a side, within which a ball has dropped."""
+# Reach of a pocket's opening about its centre, on the table.
 POCKET_RADII = 3.0
-"""Reach of a pocket's opening about its centre, on the table."""
+# The same in the image: the lining is upright, and in a low view it hides far more of the cloth.
 POCKET_IMAGE_RADII = 1.5
-"""The same in the image: the lining is upright, and in a low view it hides far more of the cloth."""
+# Margin of the working image around the outermost centres.
 MARGIN_RADII = 1.8
-"""Margin of the working image around the outermost centres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ import numpy as np
 
 from models.core.typing import ByteArray, FloatArray
 
+# Zoom below which the image is first averaged over squares of whole pixels.
 MIN_ZOOM = 0.7
-"""Zoom below which the image is first averaged over squares of whole pixels."""
 
 
 def sample_patch(
@@ -58,17 +58,17 @@ def _average_squares(
     return np.asarray(small, dtype=np.uint8), squares, np.array([x0, y0], dtype=np.float64)
 
 
+# Rows and columns of a disc crop.
 DISC_SIDE = 40
-"""Rows and columns of a disc crop."""
+# Radius of the ball in a disc crop.
 DISC_RADIUS_PX = 10.0
-"""Radius of the ball in a disc crop."""
+# Rows and columns of a streak crop.
 STREAK_ROWS, STREAK_COLUMNS = 40, 80
-"""Rows and columns of a streak crop."""
+# Radius of the ball across the streak in a streak crop.
 STREAK_RADIUS_PX = 9.0
-"""Radius of the ball across the streak in a streak crop."""
+# Length shown beyond the middle of the ball at either end, ball radii; the margin across the streak follows from
+# STREAK_ROWS and STREAK_RADIUS_PX.
 STREAK_MARGIN_RADII = 2.2
-"""Length shown beyond the middle of the ball at either end, ball radii; the margin across the streak follows from
-STREAK_ROWS and STREAK_RADIUS_PX."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,17 +32,17 @@ from video.io.onnx_session import onnxruntime, open_session
 
 SCHEMA = "trueroll.balls/1"
 SHIPPED_BALL_MODEL = Path(__file__).parent / "weights" / "balls.onnx"
+# Side of the input, px, of a YOLO export that leaves its size open.
 DEFAULT_SIDE_PX = 640
-"""Side of the input, px, of a YOLO export that leaves its size open."""
+# Largest side of a network's input, px; a larger one is an exporter's mistake, or meant to exhaust the memory.
 MAX_SIDE_PX = 8192
-"""Largest side of a network's input, px; a larger one is an exporter's mistake, or meant to exhaust the memory."""
 EXPECTATION = "an ONNX ball detector is trueroll's own or a YOLO export (v5 to v11, with one input of images)"
+# Least diameter of a ball in the input of a YOLO network; images in which it would be smaller are split into tiles.
 MIN_DIAMETER_PX = 14.0
-"""Least diameter of a ball in the input of a YOLO network; images in which it would be smaller are split into tiles."""
+# Overlap of neighbouring tiles, ball diameters.
 TILE_OVERLAP_DIAMETERS = 2.5
-"""Overlap of neighbouring tiles, ball diameters."""
+# Most tiles of one image.
 MAX_TILES = 12
-"""Most tiles of one image."""
 
 
 class BallModel(Protocol):
@@ -217,22 +217,22 @@ def _parse_class_names(metadata: dict[str, str]) -> dict[int, str]:
 Layout = Literal["rows with objectness", "columns of classes", "rows of classes", "suppressed"]
 
 STRIDES = (8, 16, 32)
+# Grey level of the border around an image that does not fill the input.
 BORDER_LEVEL = 114
-"""Grey level of the border around an image that does not fill the input."""
 MIN_SCORE = 0.1
+# Intersection over union of two boxes above which the weaker one is suppressed; touching balls overlap far less.
 MAX_OVERLAP = 0.5
-"""Intersection over union of two boxes above which the weaker one is suppressed; touching balls overlap far less."""
 COCO_CLASSES, COCO_BALL = 80, 32
+# Long over short side of a box from which its ball is a motion-blur streak.
 MIN_STREAK_ASPECT = 1.35
-"""Long over short side of a box from which its ball is a motion-blur streak."""
+# Standard deviation of the middle of a box: share of its size, and px of the input.
 SIGMA_SHARE, SIGMA_PX = 0.05, 0.5
-"""Standard deviation of the middle of a box: share of its size, and px of the input."""
+# Appearance by words in the name of a class; the first match counts.
 _APPEARANCE_OF_WORD = (
     ("stripe", "striped"), ("cue", "white"), ("white", "white"), ("eight", "black"), ("black", "black"), ("8", "black"),
     ("solid", "coloured"), ("red", "coloured"), ("yellow", "coloured"), ("green", "coloured"), ("brown", "coloured"),
     ("blue", "coloured"), ("pink", "coloured"),
 )  # fmt: skip
-"""Appearance by words in the name of a class; the first match counts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,19 +9,19 @@ from detectors.network.outline_fusion import CLEAR_SUPPORT, WHOLE_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections
 from models.core.typing import BoolArray, FloatArray
 
+# Confidence score from which a ball is reported.
 REPORTED_SCORE = 0.5
-"""Confidence score from which a ball is reported."""
+# Detected over predicted radius of a ball of this table; table spots are detected with 0.7.
 SIZE_LIMITS = (0.76, 1.4)
-"""Detected over predicted radius of a ball of this table; table spots are detected with 0.7."""
+# The same for a candidate that is a ball only if its outline is complete.
 DOUBTFUL_SCORE, DOUBTFUL_SIZE_LIMITS = 0.25, (0.5, 1.6)
-"""The same for a candidate that is a ball only if its outline is complete."""
+# The same for a moving candidate, which is a ball only if the motion-blur model explains the image. The network cannot
+# localise the middle of a streak well, so that its confidence is shared among many cells.
 FAINT_SCORE = 0.12
-"""The same for a moving candidate, which is a ball only if the motion-blur model explains the image. The network cannot
-localise the middle of a streak well, so that its confidence is shared among many cells."""
+# Displacement during the exposure, ball radii, from which the network alone makes a streak of a ball.
 STREAK_RADII = 1.0
-"""Displacement during the exposure, ball radii, from which the network alone makes a streak of a ball."""
+# Confidence score from which there certainly is an object, possibly of the wrong size.
 CLEAR_SCORE = 0.7
-"""Confidence score from which there certainly is an object, possibly of the wrong size."""
 
 
 def is_certain(candidates: CandidateDetections, view: WorkingView) -> BoolArray:

@@ -15,9 +15,9 @@ from detectors.network.resting_balls import RestingBalls
 from models.core.array_columns import concatenate_rows
 from models.core.typing import BoolArray
 
+# Measured displacement, ball radii, from which a candidate is a streak: the outline of a ball that moved less is nearly
+# a circle, which localises it better.
 MIN_DISPLACEMENT_RADII = 0.5
-"""Measured displacement, ball radii, from which a candidate is a streak: the outline of a ball that moved less is
-nearly a circle, which localises it better."""
 
 
 def measure_streaks(

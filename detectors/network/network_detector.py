@@ -53,8 +53,8 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
+# Working px around a window that the network receives with it.
 CONTEXT_PX = 16
-"""Working px around a window that the network receives with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,14 +17,14 @@ from detectors.network.ball_crops import DISC_SIDE, STREAK_COLUMNS, STREAK_ROWS,
 from models.core.typing import ByteArray, FloatArray
 from video.io.onnx_session import onnxruntime, open_measurement_session
 
+# Names of the input and the output in the ONNX files.
 INPUT_NAME, OUTPUT_NAME = "shown", "told"
-"""Names of the input and the output in the ONNX files."""
+# A ball at rest whose first pass moves it farther than this, ball radii, gets a second pass from there.
 SECOND_PASS_RADII = 0.1
-"""A ball at rest whose first pass moves it farther than this, ball radii, gets a second pass from there."""
+# Passes over a streak; each starts from the result of the one before.
 STREAK_PASSES = 2
-"""Passes over a streak; each starts from the result of the one before."""
+# Displacements below this, ball radii, are not treated as streaks: they have no direction to turn the crop by.
 MIN_STREAK_RADII = 0.35
-"""Displacements below this, ball radii, are not treated as streaks: they have no direction to turn the crop by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,7 @@ class OffsetRegressorKind:
         return forms
 
 
+# Centres of balls at rest, see `DiscCrop.offset_to`. Mirrored from left to right only.
 DISC = OffsetRegressorKind(
     name="discs",
     schema="trueroll.discs/1",
@@ -87,7 +88,7 @@ DISC = OffsetRegressorKind(
     mirrors=(Mirror(2, (-1.0, 1.0)),),
     widths=(24, 40, 64),
 )
-"""Centres of balls at rest, see `DiscCrop.offset_to`. Mirrored from left to right only."""
+# Centres and displacements of motion-blur streaks, see `StreakCrop.offset_to`. Mirrored along and across the streak.
 STREAK = OffsetRegressorKind(
     name="streaks",
     schema="trueroll.streaks/1",
@@ -99,8 +100,6 @@ STREAK = OffsetRegressorKind(
     mirrors=(Mirror(2, (-1.0, 1.0, 1.0, -1.0)), Mirror(1, (1.0, -1.0, 1.0, -1.0))),
     widths=(16, 32, 64),
 )
-"""Centres and displacements of motion-blur streaks, see `StreakCrop.offset_to`. Mirrored along and across the
-streak."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,37 +18,36 @@ from models.core.array_columns import replace_rows
 from models.core.scene import Scene
 from models.core.typing import BoolArray, ByteArray, FloatArray, IntArray
 
+# Share of a circle's rays that end at an edge, for its centre to count; for the ball to be at rest without a
+# measurement by a regressor, and to hide others; and for the outline to be complete, which outweighs the network.
 MIN_SUPPORT, CLEAR_SUPPORT, WHOLE_SUPPORT = 0.6, 0.8, 0.9
-"""Share of a circle's rays that end at an edge, for its centre to count; for the ball to be at rest without a
-measurement by a regressor, and to hide others; and for the outline to be complete, which outweighs the network."""
+# Standard deviations by which a circle may differ from the network's centre; beyond, it is another object's outline.
 MAX_OFFSET_SIGMAS = 4.0
-"""Standard deviations by which a circle may differ from the network's centre; beyond, it is another object's
-outline."""
+# The same for a complete outline, ball radii: the network's errors occasionally exceed its sigmas.
 MAX_OFFSET_RADII = 0.6
-"""The same for a complete outline, ball radii: the network's errors occasionally exceed its sigmas."""
+# Factor by which the sigma of a circle is divided against the network's: it covers errors that persist from frame to
+# frame. Measured on rendered tables, where centres are then best.
 CIRCLE_WEIGHT = 2.0
-"""Factor by which the sigma of a circle is divided against the network's: it covers errors that persist from frame to
-frame. Measured on rendered tables, where centres are then best."""
+# Growth of a circle's sigma with the share of the outline that has no edge: this many times that share, up to this
+# factor. A stripe, a shadow or a neighbour shifts such circles; measured on rendered tables, where they were off by two
+# to three sigmas.
 GAP_SIGMA_GROWTH, MAX_GAP_SIGMA_FACTOR = 7.0, 2.5
-"""Growth of a circle's sigma with the share of the outline that has no edge: this many times that share, up to this
-factor. A stripe, a shadow or a neighbour shifts such circles; measured on rendered tables, where they were off by two
-to three sigmas."""
+# Sigma of a centre from which the ball is measured by the regressor.
 DOUBTFUL_SIGMA_PX = 0.25
-"""Sigma of a centre from which the ball is measured by the regressor."""
+# Factor of the regressor's sigmas, which were learnt from rendered images. On the annotated stills and the boxes of
+# broadcasts its errors are 1.6 to 2.3 of its sigmas, the errors of the annotations included.
 REAL_FOOTAGE_SIGMA_FACTOR = 2.0
-"""Factor of the regressor's sigmas, which were learnt from rendered images. On the annotated stills and the boxes of
-broadcasts its errors are 1.6 to 2.3 of its sigmas, the errors of the annotations included."""
+# Sigma of the regressor over the sigma before, beyond which there is no ball for it. Below, its result replaces the
+# ball network's even where its sigma is the larger one: its sigmas are the calibrated ones. On four rendered sets
+# (1,237 balls) the error of centres is 0.25 px so, 0.27 px with the mean of both, 0.28 px with the one of the smaller
+# sigma, and 0.41 px without the regressor.
 MAX_SIGMA_RATIO = 3.0
-"""Sigma of the regressor over the sigma before, beyond which there is no ball for it. Below, its result replaces the
-ball network's even where its sigma is the larger one: its sigmas are the calibrated ones. On four rendered sets (1,237
-balls) the error of centres is 0.25 px so, 0.27 px with the mean of both, 0.28 px with the one of the smaller sigma, and
-0.41 px without the regressor."""
+# As CIRCLE_WEIGHT, against the regressor.
 REGRESSOR_CIRCLE_WEIGHT = 1.0
-"""As CIRCLE_WEIGHT, against the regressor."""
+# A circle nearer than this, ball radii, to the regressor's centre would be found again from there.
 SAME_OUTLINE_RADII = 0.05
-"""A circle nearer than this, ball radii, to the regressor's centre would be found again from there."""
+# Circles nearer than this, radii, belong to the same ball.
 SAME_BALL_RADII = 0.3
-"""Circles nearer than this, radii, belong to the same ball."""
 
 
 @dataclass(frozen=True, slots=True)

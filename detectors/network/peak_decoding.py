@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from models.core.array_columns import concatenate_rows, take_rows
 from models.core.typing import BoolArray, Float32Array, FloatArray
 
+# px of the image per cell of the maps.
 STRIDE = 4
-"""px of the image per cell of the maps."""
+# The sides of the input are multiples of this, px.
 COARSE_STRIDE = 8
-"""The sides of the input are multiples of this, px."""
+# Channels of the maps: score that a cell holds a centre (a probability in the exported network); offset from the middle
+# of the cell to the centre, cells; log of radius over RADIUS_UNIT_PX; length of the streak over STREAK_UNIT_PX times
+# cosine and sine of twice its direction, which needs no sign; log of the sigmas in px across and along the streak;
+# logits of the appearance.
 CHANNELS = (
     "score",
     "dx", "dy",
@@ -24,24 +28,20 @@ CHANNELS = (
     "log_across", "log_along",
     "white", "black", "coloured", "striped",
 )  # fmt: skip
-"""Channels of the maps: score that a cell holds a centre (a probability in the exported network); offset from the
-middle of the cell to the centre, cells; log of radius over RADIUS_UNIT_PX; length of the streak over STREAK_UNIT_PX
-times cosine and sine of twice its direction, which needs no sign; log of the sigmas in px across and along the streak;
-logits of the appearance."""
+# Units of the radius and of the streak in the maps.
 RADIUS_UNIT_PX, STREAK_UNIT_PX = 7.0, 8.0
-"""Units of the radius and of the streak in the maps."""
+# Classes of the appearance of a ball.
 APPEARANCES = CHANNELS[-4:]
-"""Classes of the appearance of a ball."""
+# Limits of log(sigma / px).
 LOG_SIGMA_LIMITS = (-4.0, 3.5)
-"""Limits of log(sigma / px)."""
+# Least score of a peak.
 MIN_PEAK_SCORE = 0.05
-"""Least score of a peak."""
+# Distance, radii of the weaker ball, within which it is an echo of a stronger one, and the same beside the middle of a
+# streak.
 ECHO_RADII, STREAK_ECHO_RADII = 0.6, 0.5
-"""Distance, radii of the weaker ball, within which it is an echo of a stronger one, and the same beside the middle of a
-streak."""
+# A candidate within a streak is no echo with at least this score and a displacement that differs by this share of the
+# streak: an echo has the same displacement.
 MIN_SEPARATE_SCORE, MIN_STREAK_DIFFERENCE_SHARE = 0.5, 0.5
-"""A candidate within a streak is no echo with at least this score and a displacement that differs by this share of the
-streak: an echo has the same displacement."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,12 @@ from detectors.network.peak_decoding import CandidateDetections
 from models.core.array_columns import replace_rows
 from models.core.typing import BoolArray, IntArray
 
+# Radius of a clear outline, over a ball's, below which it is that of a table spot: spots look like balls, but of 1,750
+# balls, rendered and real, three in a thousand measure less than 0.86.
 MIN_CLEAR_SIZE = 0.8
-"""Radius of a clear outline, over a ball's, below which it is that of a table spot: spots look like balls, but of 1,750
-balls, rendered and real, three in a thousand measure less than 0.86."""
+# Directions (6, 2) in which the centre of a ball may lie from a mark on it that the network detects as a small ball;
+# the distance is the difference of the radii.
 MARK_STARTS = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
-"""Directions (6, 2) in which the centre of a ball may lie from a mark on it that the network detects as a small ball;
-the distance is the difference of the radii."""
 
 
 @dataclass(frozen=True, slots=True)

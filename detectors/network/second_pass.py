@@ -19,26 +19,25 @@ from detectors.network.ball_model import BallModel
 from detectors.network.peak_decoding import CandidateDetections, concatenate_candidates
 from models.core.typing import BoolArray, ByteArray
 
+# Distance of two centres, radii, below which balls crowd: they touch, or one covers the other.
 CROWDED_RADII = 2.4
-"""Distance of two centres, radii, below which balls crowd: they touch, or one covers the other."""
+# Least confidence score of a candidate that counts.
 MIN_CROWDING_SCORE = 0.2
-"""Least confidence score of a candidate that counts."""
+# Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement.
 ENLARGED_RADIUS_PX, MAX_ENLARGEMENT = 10.5, 2.0
-"""Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement."""
+# Least enlargement of a second pass. One at the same size is useful too: the balls are at other places of the network's
+# grid, and without the rest of the image.
 MIN_ENLARGEMENT = 0.9
-"""Least enlargement of a second pass. One at the same size is useful too: the balls are at other places of the
-network's grid, and without the rest of the image."""
+# Distance from crowded balls, ball radii, within which the second pass replaces the first.
 REPLACED_RADII = 1.3
-"""Distance from crowded balls, ball radii, within which the second pass replaces the first."""
+# Distance from a ball, ball radii, up to which foreground may be another ball, and up to which it is explained by it.
 SUSPECT_RADII, EXPLAINED_RADII = 2.0, 1.2
-"""Distance from a ball, ball radii, up to which foreground may be another ball, and up to which it is explained by
-it."""
+# Least difference from the cloth, over that of the detected balls, of another ball: most shadows differ less.
 MIN_DIFFERENCE_SHARE = 0.35
-"""Least difference from the cloth, over that of the detected balls, of another ball: most shadows differ less."""
+# Least half width, ball radii, and area, in balls, of such foreground.
 MIN_HALF_WIDTH_RADII, MIN_AREA_BALLS = 0.3, 0.2
-"""Least half width, ball radii, and area, in balls, of such foreground."""
+# px of the enlarged crop around a part that the network receives with it.
 CONTEXT_PX = 16
-"""px of the enlarged crop around a part that the network receives with it."""
 
 
 @dataclass(frozen=True, slots=True)

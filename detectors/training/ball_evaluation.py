@@ -17,16 +17,16 @@ from detectors.training.networks.ball_loss import CLEAR_SHARE, MIN_RADIUS_PX
 from detectors.training.networks.ball_network import BallNetwork
 from models.core.typing import ByteArray, Float32Array, FloatArray
 
+# Numbers of the hold-out files for the calibration and for the figures.
 CALIBRATION_FILE, FIGURES_FILE = 0, 1
-"""Numbers of the hold-out files for the calibration and for the figures."""
+# Distance, ball radii, within which a peak belongs to a ball.
 MATCH_RADII = 0.7
-"""Distance, ball radii, within which a peak belongs to a ball."""
+# Confidence score from which a ball is reported.
 REPORTED_SCORE = 0.5
-"""Confidence score from which a ball is reported."""
+# Length of a streak up to which a ball counts as sharp.
 SHARP_PX = 1.0
-"""Length of a streak up to which a ball counts as sharp."""
+# Standard deviations beyond which an error is attributed to a wrong match.
 MAX_PULL = 6.0
-"""Standard deviations beyond which an error is attributed to a wrong match."""
 
 
 @dataclass(frozen=True, slots=True)

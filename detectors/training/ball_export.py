@@ -16,9 +16,8 @@ from detectors.network.peak_decoding import APPEARANCES, CHANNELS, COARSE_STRIDE
 from detectors.training.networks.ball_network import BallNetwork
 from detectors.training.onnx_export import encode_json_values, write_onnx_network
 
+# Rows and columns, times COARSE_STRIDE, of the images for which the exported network is compared with the trained one.
 PARITY_SIZES = ((24, 32), (4, 5), (20, 12), (45, 80))
-"""Rows and columns, times COARSE_STRIDE, of the images for which the exported network is compared with the trained
-one."""
 
 
 @dataclass(frozen=True, slots=True)

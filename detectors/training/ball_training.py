@@ -27,10 +27,10 @@ from models.core.errors import ModelError
 from models.core.typing import ByteArray, Float32Array
 
 CHECKPOINT = "checkpoint.pt"
+# Files of training images in memory.
 SHARDS_IN_MEMORY = 20
-"""Files of training images in memory."""
+# Images for the initial statistics of the normalisations of a network from a file.
 STATISTICS_IMAGES = 64
-"""Images for the initial statistics of the normalisations of a network from a file."""
 
 
 def train_ball_network(folder: Path, options: TrainOptions, watch: StepCallback) -> BallNetwork:
@@ -94,10 +94,10 @@ def to_network_input(rgb: ByteArray) -> Tensor:
     return torch.from_numpy(rgb).permute(0, 3, 1, 2).float() / 255  # memory layout unchanged: channels last
 
 
+# Prefix of the names of the network's arrays in a file.
 NAME_PREFIX = "network."
-"""Prefix of the names of the network's arrays in a file."""
+# Name of a convolution's shift that was that of the normalisation.
 FOLDED_SHIFT = "weight_bias"
-"""Name of a convolution's shift that was that of the normalisation."""
 
 Arrays = dict[str, Tensor]
 
@@ -107,7 +107,6 @@ def load_exported_weights(network: BallNetwork, path: Path, images: Tensor) -> N
     """Load the weights of an exported network; blocks that the file lacks begin as identities.
 
     Args:
-        network: The network.
         path: ONNX file of a ball network of the project's own.
         images: Images (B, 3, H, W) like those of the training, for the statistics of the normalisations.
 

@@ -18,12 +18,12 @@ from detectors.training.networks.offset_network import OffsetNetwork
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
 EVALUATION_BATCH = 256
+# Unoccluded share of the balls that the figures are about, and of a ball that nothing hides.
 CLEAR_SHARE, WHOLE_SHARE = 0.5, 0.999
-"""Unoccluded share of the balls that the figures are about, and of a ball that nothing hides."""
+# Share of the samples with the smallest errors that some figures are restricted to.
 BEST_SHARE = 0.95
-"""Share of the samples with the smallest errors that some figures are restricted to."""
+# The first outputs of every offset regressor are those of the centre.
 CENTRE_OUTPUTS = 2
-"""The first outputs of every offset regressor are those of the centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,6 @@ def evaluate_offset_network(
     """Compute the figures of a trained network on hold-out samples.
 
     Args:
-        network: The network.
         factor: Factor of its sigmas, from `fit_sigma_factor`.
         samples: Samples that it was not trained on.
 

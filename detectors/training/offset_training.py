@@ -25,10 +25,10 @@ from models.core.typing import ByteArray, Float32Array, FloatArray
 S = TypeVar("S", bound=Sized)
 
 SHARDS_IN_MEMORY = 40
+# Share of the samples that each mirror reverses.
 MIRROR_SHARE = 0.5
-"""Share of the samples that each mirror reverses."""
+# Least level, of 1, before gamma is applied: a power of 0 has no slope.
 MIN_LEVEL = 1e-3
-"""Least level, of 1, before gamma is applied: a power of 0 has no slope."""
 
 
 def train_offset_network(
@@ -110,8 +110,8 @@ def _exponential_tensor(logarithms: FloatArray) -> Tensor:
     return torch.from_numpy(np.exp(logarithms).astype(np.float32))
 
 
+# Numbers of crops for which the exported network is compared with the trained one.
 PARITY_COUNTS = (4, 1, 7)
-"""Numbers of crops for which the exported network is compared with the trained one."""
 
 
 class ExportedOffsetNetwork(nn.Module):

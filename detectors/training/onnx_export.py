@@ -18,10 +18,10 @@ from torch import nn
 from models.core.typing import ByteArray
 from video.io.onnx_session import onnxruntime
 
+# Version of the ONNX operators.
 OPSET = 18
-"""Version of the ONNX operators."""
+# Largest accepted difference of the outputs of the exported and the trained network: float32 in another order.
 MAX_DISAGREEMENT = 2e-3
-"""Largest accepted difference of the outputs of the exported and the trained network: float32 in another order."""
 
 
 def write_onnx_network(

@@ -24,8 +24,8 @@ from video.rendering.training_images import SIZE_PX
 
 S = TypeVar("S", bound=Sized)
 
+# Checkpoint file of each network, by the name of its weight file.
 CHECKPOINTS = {"balls": CHECKPOINT, STREAK.name: STREAK.checkpoint, DISC.name: DISC.checkpoint}
-"""Checkpoint file of each network, by the name of its weight file."""
 
 
 def train_ball_detector(work: Path, options: TrainOptions, out: Path, watch: StepCallback) -> dict[str, float]:

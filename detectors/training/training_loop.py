@@ -14,15 +14,15 @@ from torch import Tensor, nn
 
 N = TypeVar("N", bound=nn.Module)
 
+# Highest learning rate and weight decay of AdamW (Loshchilov and Hutter 2019, arXiv:1711.05101).
 MAX_LEARNING_RATE, WEIGHT_DECAY = 3e-3, 1e-4
-"""Highest learning rate and weight decay of AdamW (Loshchilov and Hutter 2019, arXiv:1711.05101)."""
+# Share of the steps in which the learning rate rises; then it falls along a half cosine.
 WARM_UP_SHARE = 0.04
-"""Share of the steps in which the learning rate rises; then it falls along a half cosine."""
+# Share of the averaged weights that remains after a step: the averaged ones are exported (Polyak and Juditsky 1992,
+# doi:10.1137/0330046).
 AVERAGE_DECAY = 0.998
-"""Share of the averaged weights that remains after a step: the averaged ones are exported (Polyak and Juditsky 1992,
-doi:10.1137/0330046)."""
+# Seconds between checkpoints.
 CHECKPOINT_INTERVAL_S = 60.0
-"""Seconds between checkpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class TrainOptions:
     """ONNX file of a network to continue from; None for random initial weights."""
 
 
+# Called with the step, the progress of the training (0 to 1) and the parts of the step's loss.
 StepCallback = Callable[[int, float, dict[str, float]], None]
-"""Called with the step, the progress of the training (0 to 1) and the parts of the step's loss."""
 
 
 class TrainingTask(Protocol[N]):

@@ -38,8 +38,8 @@ from models.estimation.multiple_shooting.fitted_parameters import FittedModel
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
 from models.physics.effect import Prior
 
+# p-value of equal strengths of all bodies below which they differ.
 DIFFERENCE_P_VALUE = 0.005
-"""p-value of equal strengths of all bodies below which they differ."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,18 +12,18 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation
 
+# Least number of rows of a segment.
 MIN_ROWS = 8
-"""Least number of rows of a segment."""
+# Least number of observations of a body in a segment.
 MIN_OBSERVATIONS = 2
-"""Least number of observations of a body in a segment."""
+# Duration of a segment that hardly ever holds more than one contact, s.
 SHORT_SEGMENT_S = 0.5
-"""Duration of a segment that hardly ever holds more than one contact, s."""
+# Largest lack of fit at which a fit is accepted without another attempt.
 _GOOD_LACK_OF_FIT = 4.0
-"""Largest lack of fit at which a fit is accepted without another attempt."""
+# Median residual from which a simulation has diverged from the observations, standard deviations.
 _DIVERGED_SIGMAS = 30.0
-"""Median residual from which a simulation has diverged from the observations, standard deviations."""
+# Largest number of times that segments are split further.
 _MAX_ROUNDS = 3
-"""Largest number of times that segments are split further."""
 
 
 def split_into_segments(problem: DiagnosisProblem, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:

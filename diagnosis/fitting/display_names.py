@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 
+# Effects, gauges and verdicts whose identifier is not a readable name.
 CAUSES: Mapping[str, str] = {
     "none": "nothing",
     "unknown": "mostly something that trueroll does not know",
@@ -17,9 +18,8 @@ CAUSES: Mapping[str, str] = {
     "gravity_tilt": "tilt of the camera against the plumb line",
     "parallax_shift": "shift by parallax",
 }
-"""Effects, gauges and verdicts whose identifier is not a readable name."""
+# Choices between published contact models, in the order of a report's forms: the missing effect if a form is wrong.
 LAWS: Mapping[str, str] = {"cushion_law": "the right law of cushions", "ball_law": "the right law of ball contacts"}
-"""Choices between published contact models, in the order of a report's forms: the missing effect if a form is wrong."""
 PARAMETERS: Mapping[str, str] = {
     "mu": "\N{GREEK SMALL LETTER MU}",
     "slope_x": "fall towards +x",
@@ -40,6 +40,7 @@ _FREE_FORMULAS: Mapping[str, str] = {
     "air_drag": "a = −k |v| v",
     "slope": "a = g × fall / 1000",
 }
+# Laws of the effects by scene, where one short formula states them; docs/reference/effects.md has all.
 FORMULAS: Mapping[str, Mapping[str, str]] = {
     "billiards": {
         "rolling_resistance": "a = −μ g while rolling",
@@ -61,7 +62,7 @@ FORMULAS: Mapping[str, Mapping[str, str]] = {
         "gravity_tilt": "θ is measured from a tilted vertical",
     },
 }
-"""Laws of the effects by scene, where one short formula states them; docs/reference/effects.md has all."""
+# Phases of motion, with a preposition.
 PHASES: Mapping[str, str] = {
     "free_roll": "in free roll",
     "after_strike": "after a strike",
@@ -75,12 +76,11 @@ PHASES: Mapping[str, str] = {
     "swing": "in the swing",
     "slide": "while sliding",
 }
-"""Phases of motion, with a preposition."""
+# Variables with which a gap grows, where the identifier is not a readable name.
 GROWTH_VARIABLES: Mapping[str, str] = {
     "time since contact": "the time since the last contact",
     "radius": "the distance from the centre of the image",
 }
-"""Variables with which a gap grows, where the identifier is not a readable name."""
 _GROUPS: Mapping[str, str] = {
     "all": "in all shots",
     "shot": "in shot {}",

@@ -15,12 +15,12 @@ from models.estimation.gap_scenes.gap_scene import Covariates
 from models.estimation.multiple_shooting.normal_equations import require_linearized
 from models.numerics.robust import evaluate_huber_loss
 
+# Number of noise samples.
 NOISE_DRAWS = 300
-"""Number of noise samples."""
+# Standard deviation of an estimated correlation of the noise.
 _CORRELATION_SIGMA = 0.06
-"""Standard deviation of an estimated correlation of the noise."""
+# Largest correlation that is drawn.
 _MAX_CORRELATION = 0.97
-"""Largest correlation that is drawn."""
 
 
 @dataclass(frozen=True, slots=True)

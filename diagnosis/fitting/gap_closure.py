@@ -25,18 +25,18 @@ from diagnosis.fitting.prediction_windows import (
 from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
 
+# Ratio to the squares of the floor from which an error exceeds noise: two standard deviations of its estimate.
 _NOISE_MARGIN = 1.15
-"""Ratio to the squares of the floor from which an error exceeds noise: two standard deviations of its estimate."""
+# Number of bootstrap samples.
 _BOOTSTRAP_DRAWS = 2000
-"""Number of bootstrap samples."""
+# Quantile up to which the error of the starts may be chance.
 _START_ERROR_PROBABILITY = 0.9
-"""Quantile up to which the error of the starts may be chance."""
+# Number of shots from which shots are drawn in a bootstrap, not windows.
 _MIN_SHOT_BLOCKS = 6
-"""Number of shots from which shots are drawn in a bootstrap, not windows."""
+# Share of the variance of a start that a fit of the whole window must remove for the difference to be its error.
 _MIN_VARIANCE_REDUCTION = 0.5
-"""Share of the variance of a start that a fit of the whole window must remove for the difference to be its error."""
+# Quantiles of reported intervals.
 _INTERVAL_QUANTILES = (0.025, 0.975)
-"""Quantiles of reported intervals."""
 
 
 @dataclass(frozen=True, slots=True)

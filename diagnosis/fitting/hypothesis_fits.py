@@ -22,18 +22,18 @@ from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import solve_damped
 from models.physics.effect import Prior
 
+# Iteration limits of a fit that is compared with others.
 FULL_FIT = ShootingOptions(iterations=25, shot_iterations=10)
-"""Iteration limits of a fit that is compared with others."""
+# The same, with `retry_guesses` from all initial guesses of every shot.
 ALL_GUESSES_FIT = replace(FULL_FIT, tries_all_guesses=True)
-"""The same, with `retry_guesses` from all initial guesses of every shot."""
+# Iteration limits of a first attempt, which decides whether a full fit is worthwhile.
 COARSE_FIT = ShootingOptions(iterations=5, shot_iterations=3)
-"""Iteration limits of a first attempt, which decides whether a full fit is worthwhile."""
+# Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more.
 _LOW_NOISE_COST, _HIGH_NOISE_COST = 0.9, 1.15
-"""Range of the cost per value that noise explains: its variance is known to some per cent; states absorb a few more."""
+# chi2 from which one fit of a hypothesis is better than another.
 MIN_IMPROVEMENT = 1.0
-"""chi2 from which one fit of a hypothesis is better than another."""
+# Factor on the sigma of priors of the simulator's effects: users know them less well than the literature does.
 _SIMULATOR_PRIOR_FACTOR = 3.0
-"""Factor on the sigma of priors of the simulator's effects: users know them less well than the literature does."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,36 +22,36 @@ from scipy.stats import chi2
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 
+# Frames of a segment.
 SEGMENT_FRAMES = 21
-"""Frames of a segment."""
+# Degree of the polynomial that is fitted to a segment.
 POLYNOMIAL_DEGREE = 5
-"""Degree of the polynomial that is fitted to a segment."""
+# Largest step between samples of a segment, in smallest steps of the body, where frame numbers do not show that there
+# is no gap: a missing frame of an even recording makes 2.
 _MAX_STEP_RATIO = 1.9
-"""Largest step between samples of a segment, in smallest steps of the body, where frame numbers do not show that there
-is no gap: a missing frame of an even recording makes 2."""
+# Number of segments whose times represent all: expected products of residuals are means over them, and change by less
+# than 1 % between samples of this size.
 _MAX_BASES = 200
-"""Number of segments whose times represent all: expected products of residuals are means over them, and change by less
-than 1 % between samples of this size."""
+# Largest sum of squared residuals of a smooth segment, relative to the median.
 _MAX_SMOOTH_RATIO = 2.5
-"""Largest sum of squared residuals of a smooth segment, relative to the median."""
+# Largest correlation of neighbouring frames that such short segments can separate from smooth motion.
 _MAX_CORRELATION = 0.95
-"""Largest correlation of neighbouring frames that such short segments can separate from smooth motion."""
+# Extent from which a body moves within a segment, standard deviations.
 _MOVING_SIGMAS = 20.0
-"""Extent from which a body moves within a segment, standard deviations."""
+# Ratio to the noise of all segments from which that of moving bodies is used: the errors of a body at rest repeat.
 _MOVING_NOISE_RATIO = 1.5
-"""Ratio to the noise of all segments from which that of moving bodies is used: the errors of a body at rest repeat."""
+# Number of segments below which the stated sigmas are used.
 _MIN_SEGMENTS = 8
-"""Number of segments below which the stated sigmas are used."""
+# Samples on one side to which a parabola is fitted.
 _SIDE_SAMPLES = 5
-"""Samples on one side to which a parabola is fitted."""
+# Deviation from which a sample between consistent neighbours is an outlier, standard deviations.
 _OUTLIER_SIGMAS = 6.0
-"""Deviation from which a sample between consistent neighbours is an outlier, standard deviations."""
+# Share of the samples of a body from which they are no outliers: the noise is estimated too small, or the motion is not
+# smooth.
 _MAX_OUTLIER_SHARE = 0.25
-"""Share of the samples of a body from which they are no outliers: the noise is estimated too small, or the motion is
-not smooth."""
+# Smallest standard deviation over the largest coordinate: ten times the error of the simulations themselves, which
+# would otherwise be the largest systematic residual of recordings without noise.
 _MIN_RELATIVE_SIGMA = 1e-7
-"""Smallest standard deviation over the largest coordinate: ten times the error of the simulations themselves, which
-would otherwise be the largest systematic residual of recordings without noise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,16 +16,16 @@ from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene
 
+# Frames from which the start state is fitted.
 START_FRAMES = 15
-"""Frames from which the start state is fitted."""
+# Duration of an open-loop prediction, s.
 HORIZON_S = 0.85
-"""Duration of an open-loop prediction, s."""
+# Frames from which the start state is fitted in shots that are too short for START_FRAMES.
 _MIN_START_FRAMES = 6
-"""Frames from which the start state is fitted in shots that are too short for START_FRAMES."""
+# Number of sampled starts that decide what can be predicted.
 _START_SAMPLES = 24
-"""Number of sampled starts that decide what can be predicted."""
+# Largest spread of predictions due to their starts, relative to the error of the better model.
 _MAX_START_SPREAD = 4.0
-"""Largest spread of predictions due to their starts, relative to the error of the better model."""
 
 
 @dataclass(frozen=True, slots=True)

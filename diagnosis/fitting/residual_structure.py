@@ -18,20 +18,20 @@ from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
 from models.core.typing import BoolArray, FloatArray
 from models.numerics.significance import correct_for_choices
 
+# Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped.
 _ROUNDING = 1e-6
-"""Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped."""
+# Least number of observations of a group.
 _MIN_OBSERVATIONS = 8
-"""Least number of observations of a group."""
+# Median of the absolute deviation of one group: that of several is larger, and one-sided sums alone may be smaller.
 _MEDIAN_OF_ONE_GROUP = float(norm.isf(0.25))
-"""Median of the absolute deviation of one group: that of several is larger, and one-sided sums alone may be smaller."""
+# Least share of a sum of noise that the fit must not absorb for the sum to be informative.
 _MIN_REMAINING_SHARE = 0.1
-"""Least share of a sum of noise that the fit must not absorb for the sum to be informative."""
+# Number of groups by a variable.
 _BINS = 5
-"""Number of groups by a variable."""
+# Number of groups by position, per axis.
 _GRID_CELLS = 3
-"""Number of groups by position, per axis."""
+# Number of cosine waves, up to which variation within a window is slow.
 _SLOW_WAVES = 5
-"""Number of cosine waves, up to which variation within a window is slow."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ import numpy as np
 from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
 
+# m/s: mean speed between two samples up to which a body rests in between, but for its last steps.
 _REST_SPEED = 0.01
-"""m/s: mean speed between two samples up to which a body rests in between, but for its last steps."""
+# Rows at the start of a window in which a body at rest is observed: as many as show that it rests.
 _ROWS = 2
-"""Rows at the start of a window in which a body at rest is observed: as many as show that it rests."""
 
 
 def add_rest_observations(segment: Recording, firsts: IntArray) -> Recording:

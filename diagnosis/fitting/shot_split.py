@@ -8,8 +8,8 @@ import numpy as np
 
 from models.core.recording import Recording
 
+# Number of shots below which none is reserved for selection.
 MIN_SHOTS_FOR_SELECTION = 6
-"""Number of shots below which none is reserved for selection."""
 
 
 @dataclass(frozen=True, slots=True)

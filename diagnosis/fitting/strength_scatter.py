@@ -13,8 +13,8 @@ from scipy.stats import chi2
 from diagnosis.fitting.hypothesis_fits import ShotInformation
 from models.core.typing import FloatArray
 
+# Information of a shot over that of the best one, below which it says nothing of a strength.
 _MIN_INFORMATION = 1e-6
-"""Information of a shot over that of the best one, below which it says nothing of a strength."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,21 +28,20 @@ from models.numerics.robust import evaluate_huber_loss
 
 Item = TypeVar("Item")
 
+# Cost per value, and its ratio to the usual shot, from which a simulation is nowhere near the observations.
 _UNREACHABLE_COST, _UNREACHABLE_RATIO = 25.0, 10.0
-"""Cost per value, and its ratio to the usual shot, from which a simulation is nowhere near the observations."""
+# Share of unreachable shots from which the simulator, not the shots, is at fault.
 _MAX_UNREACHABLE_SHARE = 0.25
-"""Share of unreachable shots from which the simulator, not the shots, is at fault."""
+# Ratio to the cost per value of noise, or of the usual shot, from which a shot is fitted from other starts.
 _POOR_RATIO = 1.5
-"""Ratio to the cost per value of noise, or of the usual shot, from which a shot is fitted from other starts."""
+# The same for a hypothesis that is compared with others: twice the chance deviation of a thousand values.
 _SLIGHTLY_POOR_RATIO = 1.1
-"""The same for a hypothesis that is compared with others: twice the chance deviation of a thousand values."""
+# The same, up to which a window may be very sensitive to its start: a wrong start would not have this cost.
 _GOOD_COST = 1.3
-"""The same, up to which a window may be very sensitive to its start: a wrong start would not have this cost."""
+# Ratio to the cost per value of noise, or of the initial windows, up to which a union is explained.
+#
+# A missing effect causes a small misfit; a large one means a wrong path.
 _FAILED_MERGE_RATIO = 3.0
-"""Ratio to the cost per value of noise, or of the initial windows, up to which a union is explained.
-
-A missing effect causes a small misfit; a large one means a wrong path.
-"""
 
 
 def extend_windows(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:

@@ -37,25 +37,24 @@ from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.significance import correct_for_choices
 
+# Probability of adding any effect where none is missing.
 SIGNIFICANCE = 0.01
-"""Probability of adding any effect where none is missing."""
+# Number of hypotheses that are refitted in every step.
 REFITS_PER_STEP = 4
-"""Number of hypotheses that are refitted in every step."""
+# Largest number of missing effects.
 MAX_EFFECTS = 3
-"""Largest number of missing effects."""
+# Ratio to the predicted gain of the best single effect from which a pair is tried; 20 more are beyond chance.
 _PAIR_GAIN_RATIO = 1.5
-"""Ratio to the predicted gain of the best single effect from which a pair is tried; 20 more are beyond chance."""
+# Log evidence from which a hypothesis stays refuted on longer windows, which are more informative.
 _REFUTED_LOG_EVIDENCE = 40.0
-"""Log evidence from which a hypothesis stays refuted on longer windows, which are more informative."""
+# p-value of a strength above which it is consistent with 0.
 _STRENGTH_SIGNIFICANCE = 0.05
-"""p-value of a strength above which it is consistent with 0."""
+# Share of the misfit of the simulator that an effect must explain where more than it explains remains unexplained.
+#
+# A smaller effect changes the answer by less than the rest does, which may imitate it.
 _MIN_SHARE_BESIDE_REST = 0.05
-"""Share of the misfit of the simulator that an effect must explain where more than it explains remains unexplained.
-
-A smaller effect changes the answer by less than the rest does, which may imitate it.
-"""
+# Predicted chi2 gain from which a further effect is refitted: half of the gain that it would need to be selected.
 _MIN_PREDICTED_GAIN = 6.0
-"""Predicted chi2 gain from which a further effect is refitted: half of the gain that it would need to be selected."""
 
 
 def search_effects(

@@ -19,13 +19,13 @@ from diagnosis.fitting.hypothesis_fits import (
 from diagnosis.selection.signatures import Signatures, compute_signatures
 from models.core.typing import FloatArray
 
+# Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely.
 _LOG_STRENGTH_RANGE = float(np.log(1e4))
-"""Log of the range of strengths: any order of magnitude from the natural strength to a ten-thousandth is as likely."""
 
+# Difference of log evidence from which a rival is refuted.
 REFUTED_RIVAL_LOG_EVIDENCE = 3.0
-"""Difference of log evidence from which a rival is refuted."""
+# Steps of a search after those that are planned: usually one more round, and one on longer windows.
 LATER_STEPS = 16
-"""Steps of a search after those that are planned: usually one more round, and one on longer windows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class SearchOutlook:
     """Estimated number of further steps."""
 
 
+# Receives a description of a step, the names of the effects that it concerns, and the outlook of the search.
 ProgressCallback = Callable[[str, tuple[str, ...], SearchOutlook], None]
-"""Receives a description of a step, the names of the effects that it concerns, and the outlook of the search."""
 
 
 def ignore_progress(doing: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:

@@ -28,25 +28,24 @@ from diagnosis.selection.hypotheses import (
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 from models.core.typing import BoolArray, FloatArray
 
+# chi2 gain from which a hypothesis explains something.
 CLEAR_GAIN = 50.0
-"""chi2 gain from which a hypothesis explains something."""
+# Lack of fit from which residuals are systematic.
 POOR_LACK_OF_FIT = 1.2
-"""Lack of fit from which residuals are systematic."""
+# chi2 gain that a detail needs: one parameter gains as much by chance once in a hundred thousand cases.
 _MIN_DETAIL_GAIN = 20.0
-"""chi2 gain that a detail needs: one parameter gains as much by chance once in a hundred thousand cases."""
+# Share of the gain of the best hypothesis that a coarse fit must reach to be fitted fully.
 _MIN_COARSE_SHARE = 0.25
-"""Share of the gain of the best hypothesis that a coarse fit must reach to be fitted fully."""
+# Share of the gain of the best of several contact models that a coarse fit must reach to be fitted fully: only the best
+# one of them counts.
 _MIN_FORM_SHARE = 0.75
-"""Share of the gain of the best of several contact models that a coarse fit must reach to be fitted fully: only the
-best one of them counts."""
+# Ratio to the cost of the near hypothesis from which better starts alone cannot help.
 _HOPELESS_COST_RATIO = 3.0
-"""Ratio to the cost of the near hypothesis from which better starts alone cannot help."""
+# Share of the natural strength up to which hidden states may have absorbed an effect.
+#
+# The effect is then fitted from its natural strength, with start states from initial guesses: those of a fit without it
+# would keep imitating it. The same holds for another contact model with a large misfit.
 _ABSORBED_STRENGTH_SHARE = 0.5
-"""Share of the natural strength up to which hidden states may have absorbed an effect.
-
-The effect is then fitted from its natural strength, with start states from initial guesses: those of a fit without it
-would keep imitating it. The same holds for another contact model with a large misfit.
-"""
 
 
 def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis) -> Hypothesis:

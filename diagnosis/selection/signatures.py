@@ -16,10 +16,10 @@ from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
 from models.core.typing import BoolArray, FloatArray
 from models.numerics.least_squares import invert_semidefinite, solve_damped
 
+# Correlation from which two effects cannot be separated.
 INSEPARABLE_CORRELATION = 0.9
-"""Correlation from which two effects cannot be separated."""
+# Standard deviations from which a single parameter is detected.
 DETECTION_SIGMAS = 3.0
-"""Standard deviations from which a single parameter is detected."""
 _TINY = 1e-12
 
 

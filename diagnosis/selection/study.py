@@ -51,11 +51,10 @@ from models.estimation.gap_scenes.gap_scene import ContactRichScene, GapScene
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.numerics.executor import SERIAL, Executor
 
+# s of all shots together that a search uses in a contact-rich scene, where its cost grows with the number of contacts.
+#
+# Nine shots of four seconds: with shots of two seconds nearly all effects of usual strength are named.
 ENOUGH_SECONDS = 36.0
-"""s of all shots together that a search uses in a contact-rich scene, where its cost grows with the number of contacts.
-
-Nine shots of four seconds: with shots of two seconds nearly all effects of usual strength are named.
-"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,23 +16,22 @@ from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.hypothesis_fits import EffectFit, ShotInformation
 from diagnosis.fitting.residual_structure import ResidualStructure
 
+# p-value below which residuals are systematic.
 SUSPICIOUS_P_VALUE = 0.005
-"""p-value below which residuals are systematic."""
+# Explained share from which effects are named: they are then a larger part of the truth than all that is left.
 MIN_EXPLAINED_SHARE = 0.5
-"""Explained share from which effects are named: they are then a larger part of the truth than all that is left."""
+# Explained share from which effects are named although a generic law explains the rest: it has another form.
 NEARLY_EXPLAINED_SHARE = 0.995
-"""Explained share from which effects are named although a generic law explains the rest: it has another form."""
+# Share of the misfit of selection shots that a generic law must explain to be far better than the named effects.
+#
+# It then halves the error that they leave.
 MIN_LAW_SHARE = 0.75
-"""Share of the misfit of selection shots that a generic law must explain to be far better than the named effects.
-
-It then halves the error that they leave.
-"""
+# Largest size of residuals that are noise, relative to its estimate: estimates are right to a tenth on most scenes.
 _MAX_NOISE_SCALE = 2.0
-"""Largest size of residuals that are noise, relative to its estimate: estimates are right to a tenth on most scenes."""
+# Odds of an effect that the library lacks, before the data: one scene in ten or so has one.
 _PRIOR_ODDS = 0.1
-"""Odds of an effect that the library lacks, before the data: one scene in ten or so has one."""
+# Probability that agrees with either verdict.
 _EVEN = 0.5
-"""Probability that agrees with either verdict."""
 
 
 @dataclass(frozen=True, slots=True)

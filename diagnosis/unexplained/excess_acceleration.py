@@ -18,12 +18,12 @@ from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene, Covariates
 
+# Number of pieces of a window; their length is limited by the next two.
 _PIECES = 4
-"""Number of pieces of a window; their length is limited by the next two."""
+# Least and largest number of rows of a piece: a parabola leaves six degrees of freedom of the least.
 _MIN_PIECE_ROWS, _MAX_PIECE_ROWS = 9, 30
-"""Least and largest number of rows of a piece: a parabola leaves six degrees of freedom of the least."""
+# Phases in which a residual is no measure of a force: an impulse acts, or nothing moves.
 _CONTACT_PHASES = ("ball_contact", "cushion_contact", "wall_contact", "rest")
-"""Phases in which a residual is no measure of a force: an impulse acts, or nothing moves."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,26 +15,26 @@ from scipy.stats import chi2
 from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
 from models.core.typing import BoolArray, FloatArray, IntArray
 
+# Share of the unexplained force, on other shots, from which a law is reported: half of its rms is then the law's.
 MIN_LAW_SHARE = 0.25
-"""Share of the unexplained force, on other shots, from which a law is reported: half of its rms is then the law's."""
+# Probability of any law in forces that vary with nothing.
 _SIGNIFICANCE = 0.005
-"""Probability of any law in forces that vary with nothing."""
+# Share of the curve's success from which a short formula stands for it.
 _NEARLY_AS_GOOD = 0.9
-"""Share of the curve's success from which a short formula stands for it."""
+# Share of the success of the best formula from which a more usual one, earlier in the list, is taken.
 _ALIKE = 0.98
-"""Share of the success of the best formula from which a more usual one, earlier in the list, is taken."""
+# Least number of pieces of motion, and of shots, from which a law is sought.
 _MIN_SAMPLES, _MIN_SHOTS = 24, 3
-"""Least number of pieces of motion, and of shots, from which a law is sought."""
+# Largest number of groups of shots that are left out in turn.
 _FOLDS = 5
-"""Largest number of groups of shots that are left out in turn."""
+# Number of points of a curve.
 _BINS = 8
-"""Number of points of a curve."""
+# Degree of the polynomial that stands for any smooth curve.
 _CURVE_DEGREE = 3
-"""Degree of the polynomial that stands for any smooth curve."""
+# Number of points of the fitted curve.
 _CURVE_POINTS = 60
-"""Number of points of the fitted curve."""
+# Largest size of an exponent.
 _MAX_POWER = 4.0
-"""Largest size of an exponent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +109,8 @@ def _iterate_variables(excess: ExcessAcceleration, coordinates: tuple[str, ...])
 
 
 Law = Callable[[FloatArray], FloatArray]
+# Fits a law to values (M,), their weights (M,) and the variable (M,).
 LawFit = Callable[[FloatArray, FloatArray, FloatArray], Law]
-"""Fits a law to values (M,), their weights (M,) and the variable (M,)."""
 
 
 @dataclass(frozen=True, slots=True)

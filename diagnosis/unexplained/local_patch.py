@@ -11,24 +11,24 @@ from scipy.stats import norm
 from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
 from models.core.typing import BoolArray, FloatArray
 
+# Probability of a patch in motion that is the same everywhere.
 PATCH_SIGNIFICANCE = 0.005
-"""Probability of a patch in motion that is the same everywhere."""
+# Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again.
 _RADII = (0.04, 0.06, 0.09, 0.13, 0.18)
-"""Radii of the discs that are tried, as shares of the largest extent of the motion: each half as large again."""
+# The same for proposals: where the fit of the paths decides, a disc may hold most of the pieces.
 _PROPOSED_RADII = (*_RADII, 0.27, 0.4)
-"""The same for proposals: where the fit of the paths decides, a disc may hold most of the pieces."""
+# Least number of pieces of motion inside a proposed disc, and outside.
 _MIN_PROPOSED_INSIDE = 2
-"""Least number of pieces of motion inside a proposed disc, and outside."""
+# Probability of any proposal in motion that is the same everywhere: a fit that would hardly succeed takes seconds.
 _PROPOSAL_SIGNIFICANCE = 0.05
-"""Probability of any proposal in motion that is the same everywhere: a fit that would hardly succeed takes seconds."""
+# Speed from which a body moves, as a share of the largest: a body at rest shows no friction.
 _MIN_SPEED_SHARE = 0.05
-"""Speed from which a body moves, as a share of the largest: a body at rest shows no friction."""
+# Least number of pieces of motion inside a patch, and outside.
 _MIN_INSIDE = 4
-"""Least number of pieces of motion inside a patch, and outside."""
+# Number of shuffled accelerations that give the significance: twice the inverse of it.
 _SHUFFLES = 400
-"""Number of shuffled accelerations that give the significance: twice the inverse of it."""
+# Number of bootstrap draws of shots that give the errors.
 _DRAWS = 100
-"""Number of bootstrap draws of shots that give the errors."""
 
 
 @dataclass(frozen=True, slots=True)

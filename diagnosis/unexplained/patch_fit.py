@@ -20,22 +20,22 @@ from models.estimation.gap_scenes.sliding_scene import GRAVITY, LOCAL_PATCH
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.numerics.significance import correct_for_choices
 
+# Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius.
 _PROPOSALS = 4
-"""Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius."""
+# Number of them, of the least cost, that are fitted to the end.
 _FOLLOWED = 2
-"""Number of them, of the least cost, that are fitted to the end."""
+# Borders of the first fits, as shares of the radius of the disc.
 _WIDE_BORDERS = (0.3, 0.1)
-"""Borders of the first fits, as shares of the radius of the disc."""
+# Iteration limits of the fits with a wide border.
 _COARSE = ShootingOptions(iterations=8, shot_iterations=3)
-"""Iteration limits of the fits with a wide border."""
+# Iteration limits of the last fit.
 _FINE = ShootingOptions(iterations=40, shot_iterations=10)
-"""Iteration limits of the last fit."""
+# Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
+# radius changes which paths cross the border.
 _RADIUS_FACTORS = (0.75, 1.33)
-"""Factors on the best radius at which everything else is fitted again: the cost is far from a parabola where another
-radius changes which paths cross the border."""
+# Usual radius of a patch as a share of the extent of the motion, and its relative spread: a local patch is smaller than
+# the plane, and paths along one side of it hardly tell how far it reaches.
 _RADIUS_SHARE, _RADIUS_SPREAD = 0.2, 0.7
-"""Usual radius of a patch as a share of the extent of the motion, and its relative spread: a local patch is smaller
-than the plane, and paths along one side of it hardly tell how far it reaches."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvide
 from diagnosis.verdicts.verdict import BodyStrength, CandidateEffect, Strength
 from models.core.typing import BoolArray, FloatArray
 
+# Largest number of names in a group.
 _MAX_GROUP = 3
-"""Largest number of names in a group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,10 +184,10 @@ def rank_candidates(
     )
 
 
+# Most shots of which all flips are tried: 4096, as the last shot keeps its sign.
 _MAX_EXACT_SHOTS = 13
-"""Most shots of which all flips are tried: 4096, as the last shot keeps its sign."""
+# Fewest shots that are tested: two allow no p-value below a half.
 _MIN_SHOTS = 3
-"""Fewest shots that are tested: two allow no p-value below a half."""
 
 
 def flip_signs(

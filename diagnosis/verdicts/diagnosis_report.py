@@ -58,8 +58,8 @@ from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
+# Standard deviations that half of all strengths exceed.
 _MEDIAN_SIGMAS = 0.674
-"""Standard deviations that half of all strengths exceed."""
 
 
 def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator) -> DiagnosisReport:
@@ -417,7 +417,6 @@ def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> Diagnos
     """Build the report on shots that cannot be tested.
 
     Args:
-        scene: The scene.
         unit: Unit of the coordinates.
         reason: Why nothing can be tested.
 

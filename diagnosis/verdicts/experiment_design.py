@@ -13,8 +13,8 @@ from diagnosis.selection.signatures import compute_signatures
 from diagnosis.verdicts.gap_localisation import excess_squares
 from models.core.typing import BoolArray, FloatArray
 
+# Numbers of further shots of one kind that are considered.
 _REPETITIONS = (1, 2, 3, 5, 8, 12, 20, 30, 50)
-"""Numbers of further shots of one kind that are considered."""
 
 
 def design_separating_experiment(

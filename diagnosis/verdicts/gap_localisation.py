@@ -12,14 +12,14 @@ from diagnosis.verdicts.verdict import GapLocation
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import BoolArray, FloatArray
 
+# Share of a phase's gap from which one ball or shot is named.
 _DOMINANT_SHARE = 0.7
-"""Share of a phase's gap from which one ball or shot is named."""
+# Rank correlation of the gap with a variable, over bins of it, from which it grows with the variable.
 _MIN_RANK_CORRELATION = 0.7
-"""Rank correlation of the gap with a variable, over bins of it, from which it grows with the variable."""
+# Number of bins of a variable.
 _BINS = 8
-"""Number of bins of a variable."""
+# Phases of causes in the camera, which affect whatever moves.
 CAMERA_PHASES = frozenset({"image_region", "time_jump"})
-"""Phases of causes in the camera, which affect whatever moves."""
 
 
 def localise_gap(

@@ -14,9 +14,9 @@ from models.core.answer import format_html
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
+# Ratio of the remaining error to the attainable one from which a rest is stated as such: three quarters of the squared
+# error are then no noise.
 CLEAR_TIMES_FLOOR = 2.0
-"""Ratio of the remaining error to the attainable one from which a rest is stated as such: three quarters of the squared
-error are then no noise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
+# Indices (n,), or a mask (K,) with n set places.
 Rows = NDArray[np.int64] | NDArray[np.bool_]
-"""Indices (n,), or a mask (K,) with n set places."""
 
 
 def take_rows(whole: T, rows: Rows) -> T:

@@ -7,21 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from string import ascii_uppercase
 
+# sRGB, 0 to 255.
 Colour = tuple[int, int, int]
-"""sRGB, 0 to 255."""
 
 WHITE: Colour = (255, 255, 255)
+# Colour of a ball of which no pixel is known, such as one of a track folder: a grey that no ball has.
 UNKNOWN_COLOUR: Colour = (168, 178, 190)
-"""Colour of a ball of which no pixel is known, such as one of a track folder: a grey that no ball has."""
 
+# Colours of balls that no clip shows and whose class names a colour.
 CLASS_COLOURS: dict[str, Colour] = {
     "cue": (246, 244, 232), "white": (246, 244, 232), "eight": (44, 44, 50), "black": (44, 44, 50),
     "red": (232, 48, 48), "yellow": (255, 206, 40), "green": (22, 146, 82), "brown": (150, 88, 44),
     "blue": (44, 104, 232), "pink": (255, 142, 178),
 }  # fmt: skip
-"""Colours of balls that no clip shows and whose class names a colour."""
+# What a person calls a ball of a class, where it is not the name of the class.
 _CLASS_NAMES = {"cue": "cue ball", "eight": "black 8"}
-"""What a person calls a ball of a class, where it is not the name of the class."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,11 @@ import numpy as np
 
 from models.core.typing import FloatArray
 
+# `free`: a velocity change without a known cause nearby; `jump`: a path that does not continue where it ended, because
+# frames are missing or something else was tracked; `break`: the last contact of a ball in a simulated break shot.
 ContactKind = Literal["strike", "ball", "cushion", "free", "jump", "break"]
-"""`free`: a velocity change without a known cause nearby; `jump`: a path that does not continue where it ended, because
-frames are missing or something else was tracked; `break`: the last contact of a ball in a simulated break shot.
-"""
+# Kinds of contacts that another ball may have caused.
 CAUSELESS_KINDS = ("strike", "free", "jump")
-"""Kinds of contacts that another ball may have caused."""
 
 
 @dataclass(frozen=True, slots=True)

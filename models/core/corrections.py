@@ -12,25 +12,25 @@ from models.core.scene import CUSHIONS
 from models.core.tracks import KINDS
 from models.core.typing import FloatArray, IntArray
 
+# `placed`: a ball that the detector missed; `false`: what was tracked there is no ball.
 BallMarkKind = Literal["placed", "false"]
-"""`placed`: a ball that the detector missed; `false`: what was tracked there is no ball."""
+# `rename` sets the id of a ball and `class` its ball class; `merge` joins two tracks of one ball; `split` cuts a track
+# of two balls; `swap` exchanges two balls over a span of frames.
 TrackEditKind = Literal["rename", "class", "merge", "split", "swap"]
-"""`rename` sets the id of a ball and `class` its ball class; `merge` joins two tracks of one ball; `split` cuts a track
-of two balls; `swap` exchanges two balls over a span of frames."""
+# `mark`: there is a contact at this frame; `move`: the contact of this frame is at another one; `delete`: there is no
+# contact at this frame.
 ContactCorrectionKind = Literal["mark", "move", "delete"]
-"""`mark`: there is a contact at this frame; `move`: the contact of this frame is at another one; `delete`: there is no
-contact at this frame."""
+# What changes the velocity of the ball at a contact.
 ContactCause = Literal["ball", "cushion", "strike"]
-"""What changes the velocity of the ball at a contact."""
 
+# px, larger than any frame.
 LARGEST_PX = 100_000.0
-"""px, larger than any frame."""
+# A year of video at 30 frames per second.
 LARGEST_FRAME = 1e9
-"""A year of video at 30 frames per second."""
+# Characters of the longest name of a ball.
 NAME_CHARACTERS = 32
-"""Characters of the longest name of a ball."""
+# Ball radii: largest distance of a place from the ball that it names. Beyond, another ball may be nearer.
 PLACE_RADII = 2.0
-"""Ball radii: largest distance of a place from the ball that it names. Beyond, another ball may be nearer."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,10 +34,10 @@ class TrackError(TruerollError):
     """There are too few detections to track balls."""
 
 
+# Why a clip of an empty table is refused, before and while its balls are tracked.
 NO_BALLS = "no ball is detected on the table; film it with balls on it, or give --corners and --ball-radius"
-"""Why a clip of an empty table is refused, before and while its balls are tracked."""
+# Why nothing can be said of the stroke of a clip in which all balls rest.
 NO_STROKE = "no ball moves in this clip, so there is no stroke; choose a clip with a strike"
-"""Why nothing can be said of the stroke of a clip in which all balls rest."""
 
 
 class OptionError(TruerollError):

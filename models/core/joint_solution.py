@@ -9,8 +9,8 @@ import numpy as np
 from models.core.contact_graph import ContactGraph
 from models.core.typing import BoolArray, FloatArray, IntArray
 
+# Numbers at the start of a segment, see `models.physics.billiards.cloth.closed_form_motion`.
 SEGMENT_STATE_SIZE = 8
-"""Numbers at the start of a segment, see `models.physics.billiards.cloth.closed_form_motion`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,8 @@ class ParameterLayout:
     size: int
 
 
+# Parameters that all segments and contacts share.
 SHARED_COUNT = 10
-"""Parameters that all segments and contacts share."""
 
 
 def layout_parameters(graph: ContactGraph) -> ParameterLayout:

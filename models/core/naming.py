@@ -119,7 +119,6 @@ def build_naming(table: Table, camera: Camera | None, ids: Sequence[str], looks:
     """Build the naming of a clip.
 
     Args:
-        table: The table.
         camera: Its calibration; None for a table that no camera filmed, which lies as its plan.
         ids: N ids of balls.
         looks: How these balls look.

@@ -6,30 +6,29 @@ from math import floor, isfinite, log10, nan
 
 import numpy as np
 
+# Decimals of a number at most: no value of a clip is known better, in any unit that is printed.
 MAX_DECIMALS = 9
-"""Decimals of a number at most: no value of a clip is known better, in any unit that is printed."""
+# Decimals of a time in s at most: no contact is timed to better than 0.1 ms.
 TIME_DECIMALS = 4
-"""Decimals of a time in s at most: no contact is timed to better than 0.1 ms."""
+# s: from here on, the error of a time is written in s as the time is.
 LONG_ERROR = 0.1
-"""s: from here on, the error of a time is written in s as the time is."""
+# Decimals of a speed in m/s.
 SPEED_DECIMALS = 2
-"""Decimals of a speed in m/s."""
+# Speed, m/s, below which a decimal of km/h would say less than those of m/s: 0.04 m/s is both 0.1 and 0.2 km/h.
 CREEPING_SPEED = 0.1
-"""Speed, m/s, below which a decimal of km/h would say less than those of m/s: 0.04 m/s is both 0.1 and 0.2 km/h."""
+# First digits of a standard deviation below which it has two significant digits, else one (rounding rule of the
+# Particle Data Group, Phys. Rev. D 110, 030001, 2024, introduction, section 5.3).
 TWO_DIGITS_BELOW = 3.55
-"""First digits of a standard deviation below which it has two significant digits, else one (rounding rule of the
-Particle Data Group, Phys. Rev. D 110, 030001, 2024, introduction, section 5.3)."""
+# Probability from 0 and from 1 within which only the limit is written: no model is surer of itself.
 EXTREME_PROBABILITY = 0.001
-"""Probability from 0 and from 1 within which only the limit is written: no model is surer of itself."""
+# Probability from 0 and from 1 from which whole per cents suffice.
 MIN_WHOLE_SHARE = 0.01
-"""Probability from 0 and from 1 from which whole per cents suffice."""
 
 
 def format_measured(value: float, sigma: float, max_decimals: int = MAX_DECIMALS) -> tuple[str, str]:
     """Format a value and its standard deviation with the same decimals, those that the standard deviation determines.
 
     Args:
-        value: The value.
         sigma: Its standard deviation; 0, NaN or infinite if it is unknown.
         max_decimals: Decimals at most, for numbers whose readers need no more.
 
@@ -51,7 +50,6 @@ def format_with_sigma(value: float, sigma: float, max_decimals: int = MAX_DECIMA
     """Format a value and its standard deviation.
 
     Args:
-        value: The value.
         sigma: Its standard deviation; NaN where it is unknown.
         max_decimals: Largest number of decimals.
 

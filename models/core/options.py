@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+# Key of an `OptionSpec` in the metadata of a dataclass field.
 _KEY = "option"
-"""Key of an `OptionSpec` in the metadata of a dataclass field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +66,7 @@ def option(
     """Declare an option as a field of a frozen dataclass.
 
     Args:
-        default: Default value.
         help: Meaning, in complete sentences.
-        unit: Unit of the value.
         minimum: Least value.
         above: Value that must be exceeded, instead of a minimum.
         maximum: Largest value.
@@ -135,5 +133,5 @@ class FitOptions:
     )
 
 
+# chi2: least gain of a contact that the whole clip needs, the usual price of a contact.
 REQUIRED_GAIN = FitOptions().break_price
-"""chi2: least gain of a contact that the whole clip needs, the usual price of a contact."""

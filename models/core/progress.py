@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+# A function that is called with the finished share of some work, 0 to 1.
 Progress = Callable[[float], None]
-"""A function that is called with the finished share of some work, 0 to 1."""
 
 
 def ignore_progress(_: float) -> None:

@@ -21,10 +21,10 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import BoolArray, FloatArray
 
+# `fit_failed`: the equations of the fit have no solution, with the error; `no_ball`: no ball was detected;
+# `incomplete_clip`: a part of the clip is missing, with what; `implausible_deceleration`: balls roll as on no table,
+# with the deceleration, m/s^2.
 NoteCode = Literal["fit_failed", "no_ball", "incomplete_clip", "implausible_deceleration"]
-"""`fit_failed`: the equations of the fit have no solution, with the error; `no_ball`: no ball was detected;
-`incomplete_clip`: a part of the clip is missing, with what; `implausible_deceleration`: balls roll as on no table, with
-the deceleration, m/s^2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,6 @@ def select_outside_breaks(observations: Observations, breaks: tuple[SimulatedBre
 
     Args:
         observations: Observations at capture times.
-        breaks: The breaks.
 
     Returns:
         Those that the contact graph has to explain.

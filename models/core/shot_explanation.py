@@ -8,21 +8,18 @@ from typing import Literal
 
 from models.core.typing import FloatArray
 
+# What changes the velocity of a ball. `unexplained`: something that no other cause explains; `none`: nothing, the
+# velocity did not change.
 Cause = Literal["strike", "ball", "cushion", "pocket", "rest", "unexplained", "none"]
-"""What changes the velocity of a ball. `unexplained`: something that no other cause explains; `none`: nothing, the
-velocity did not change.
-"""
+# Why a moment is unsure: not detected around it; moved far between two frames; too few samples before or after; at the
+# start or end of the clip; another ball could have been it; a pass that may have been a graze; no cause was found.
 Doubt = Literal["hidden", "fast", "few_samples", "clip_edge", "rival", "close_pass", "no_cause"]
-"""Why a moment is unsure: not detected around it; moved far between two frames; too few samples before or after; at the
-start or end of the clip; another ball could have been it; a pass that may have been a graze; no
-cause was found.
-"""
 
 
+# Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out.
 SURE_PROBABILITY = 0.9
-"""Probability from which a cause is decided; below `MIN_LISTED_PROBABILITY` it is ruled out."""
+# Least probability of a listed event; below, it is a hypothesis of the explanation only.
 MIN_LISTED_PROBABILITY = 0.1
-"""Least probability of a listed event; below, it is a hypothesis of the explanation only."""
 
 
 def is_undecided(probability: float) -> bool:
@@ -30,10 +27,10 @@ def is_undecided(probability: float) -> bool:
     return MIN_LISTED_PROBABILITY <= probability < SURE_PROBABILITY
 
 
+# What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
+# was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the
+# mark names is not tracked there.
 MarkOutcomeCode = Literal["confirmed", "no_change", "change_remains", "other_time", "too_far", "ball_missing"]
-"""What the fit makes of a mark: the motion agrees; it shows no change at a marked contact; it changes where a contact
-was deleted; it puts the contact at another time; the balls, or ball and cushion, are too far apart; a ball that the
-mark names is not tracked there."""
 
 
 @dataclass(frozen=True, slots=True)

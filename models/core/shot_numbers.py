@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+# State of the cue ball when it reaches the first ball: spinning backwards, without spin about its horizontal axis,
+# turning forwards but still sliding, rolling.
 SpinState = Literal["draw", "stun", "follow", "roll", "unknown"]
-"""State of the cue ball when it reaches the first ball: spinning backwards, without spin about its horizontal axis,
-turning forwards but still sliding, rolling."""
+# All states but `unknown`, in the order of the spin.
 SPIN_STATES: tuple[SpinState, ...] = ("draw", "stun", "follow", "roll")
-"""All states but `unknown`, in the order of the spin."""
 
+# s between a strike and the start of a shot or of its fit as a whole, at most.
 SAME_STRIKE = 0.1
-"""s between a strike and the start of a shot or of its fit as a whole, at most."""
 
 
 @dataclass(frozen=True, slots=True)

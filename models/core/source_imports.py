@@ -6,8 +6,8 @@ import ast
 import re
 from collections.abc import Iterator
 
+# Number of leading dots, the module, the names imported from it.
 Import = tuple[int, str, tuple[str, ...]]
-"""Number of leading dots, the module, the names imported from it."""
 
 IMPORT_STATEMENT = re.compile(
     rb"^[ \t]*(from[ \t]+[.\w]+[ \t]+import[ \t]*(?:\([^()]*\)|(?:[^\n\\(]|\\\n)+)|import[ \t]+(?:[^\n\\]|\\\n)+)",
@@ -15,8 +15,8 @@ IMPORT_STATEMENT = re.compile(
 )
 IMPORT_WORD = re.compile(rb"\bimport\b")
 DISCOVERY_CALL = re.compile(rb'\bdiscover_modules\(\s*"([\w.]+)"\s*\)')
+# Fields of syntax nodes that hold statements.
 STATEMENT_FIELDS = ("body", "orelse", "finalbody", "handlers", "cases")
-"""Fields of syntax nodes that hold statements."""
 
 
 def find_imports(source: bytes) -> tuple[Import, ...]:

@@ -9,11 +9,11 @@ import numpy as np
 from models.core.scene import CUSHIONS, POCKETS, Camera, Table
 from models.core.typing import FloatArray
 
+# Names of `CUSHIONS` after 0 to 3 quarter turns of the plan, clockwise.
 _TURNED_RAILS = (
     ("left", "right", "far", "near"), ("far", "near", "right", "left"),
     ("right", "left", "near", "far"), ("near", "far", "left", "right"),
 )  # fmt: skip
-"""Names of `CUSHIONS` after 0 to 3 quarter turns of the plan, clockwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,6 @@ class TableView:
 
         Args:
             xy: Points (..., 2), m.
-            table: The table.
 
         Returns:
             Points (..., 2), m: first coordinate to the right, second downwards, both from the corner at the top left
@@ -88,7 +87,6 @@ def find_table_view(camera: Camera, table: Table) -> TableView:
 
     Args:
         camera: The calibrated camera.
-        table: The table.
 
     Returns:
         The quarter turn that agrees best with the directions of the middles of the rails from the middle of the table.

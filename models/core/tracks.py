@@ -12,10 +12,10 @@ from models.core.ball_look import BallLook, describe_unseen_balls
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
 
+# See `models.core.scene.Table` for the axes.
 TABLE_PLANE = ReferenceFrame(("x", "y"), "m", "on the table")
-"""See `models.core.scene.Table` for the axes."""
+# Ball classes. `cue` is the cue ball of pool and snooker; `white` and `yellow` are the cue balls of carom.
 KINDS = ("cue", "solid", "stripe", "eight", "red", "yellow", "white", "green", "brown", "blue", "pink", "black", "ball")
-"""Ball classes. `cue` is the cue ball of pool and snooker; `white` and `yellow` are the cue balls of carom."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)

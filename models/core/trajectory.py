@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from models.core.capture_clock import CaptureClock
 from models.core.typing import FloatArray
 
+# Phases of motion. `measured`: no accepted fit; the piece is a curve through the measured positions.
 PHASES = ("slide", "roll", "rest", "measured")
-"""Phases of motion. `measured`: no accepted fit; the piece is a curve through the measured positions."""
 
 
 @dataclass(frozen=True, slots=True)

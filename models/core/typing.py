@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+# Physics: positions, velocities, times, parameters.
 FloatArray = NDArray[np.float64]
-"""Physics: positions, velocities, times, parameters."""
+# Inputs and outputs of networks, flow fields, intermediate images.
 Float32Array = NDArray[np.float32]
-"""Inputs and outputs of networks, flow fields, intermediate images."""
+# Indices and counts.
 IntArray = NDArray[np.int64]
-"""Indices and counts."""
+# Flags, and masks of images.
 BoolArray = NDArray[np.bool_]
-"""Flags, and masks of images."""
+# Channels of 8 bits that are not a whole RGB image: grey values, mattes, planes.
 ByteArray = NDArray[np.uint8]
-"""Channels of 8 bits that are not a whole RGB image: grey values, mattes, planes."""
+# An RGB image (height, width, 3), 0 to 255.
 ImageArray = NDArray[np.uint8]
-"""An RGB image (height, width, 3), 0 to 255."""

@@ -14,39 +14,39 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from models.core.typing import BoolArray, FloatArray
 
+# Times (T,) s, increasing, and coordinates (T, D) of one body.
 BodyPath = tuple[FloatArray, FloatArray]
-"""Times (T,) s, increasing, and coordinates (T, D) of one body."""
 
+# Share of the values of a moving body that are repeated, from which a recorder held them: a 25 Hz camera in a 30 Hz
+# file repeats a fifth, and chance repeats all coordinates of a moving body in less than a hundredth of the samples.
 _MIN_HELD_SHARE = 0.1
-"""Share of the values of a moving body that are repeated, from which a recorder held them: a 25 Hz camera in a 30 Hz
-file repeats a fifth, and chance repeats all coordinates of a moving body in less than a hundredth of the samples."""
+# Fewest values of a moving body that such a share is measured on.
 _MIN_VALUES = 8
-"""Fewest values of a moving body that such a share is measured on."""
+# Change per step, in units of the last digit, from which a repeated value is no effect of rounding, which repeats
+# values where a body moves less than one unit per step.
 _MOVING_QUANTA = 2.0
-"""Change per step, in units of the last digit, from which a repeated value is no effect of rounding, which repeats
-values where a body moves less than one unit per step."""
+# Difference of two steps, in the largest step, that is an effect of the arithmetic.
 _ROUNDING = 1e-9
-"""Difference of two steps, in the largest step, that is an effect of the arithmetic."""
+# Largest difference of a rounded time from its even one, in units of the clock: half, and the error of the fit.
 _MAX_ROUNDING = 0.6
-"""Largest difference of a rounded time from its even one, in units of the clock: half, and the error of the fit."""
+# Largest difference of a time from its even one, in steps, that does not matter: a body moves a hundredth of its path
+# per frame.
 _LEAST_ROUNDING = 0.01
-"""Largest difference of a time from its even one, in steps, that does not matter: a body moves a hundredth of its
-path per frame."""
+# Step, in units of the clock, from which on to its inverse missing samples look like rounding.
 _LIKE_CLOCK = 0.8
-"""Step, in units of the clock, from which on to its inverse missing samples look like rounding."""
+# Correlation with the rate of a coordinate from which a column is this rate: another coordinate's has less unless both
+# move along one line, where their ratio is not that of two units.
 _MIN_CORRELATION = 0.98
-"""Correlation with the rate of a coordinate from which a column is this rate: another coordinate's has less unless both
-move along one line, where their ratio is not that of two units."""
+# Fewest samples of a fitted parabola: three are free.
 _WINDOW_SAMPLES = 7
-"""Fewest samples of a fitted parabola: three are free."""
+# Length of a fitted parabola, in lengths of the path: shorter ones measure noise, longer ones average over drag.
 _WINDOW_SHARE = 0.25
-"""Length of a fitted parabola, in lengths of the path: shorter ones measure noise, longer ones average over drag."""
+# Standard errors from which an acceleration is a fact: drag and wind are modelled roughly.
 SURE_SIGMAS = 5.0
-"""Standard errors from which an acceleration is a fact: drag and wind are modelled roughly."""
+# Samples of the parabolas that give derivatives of angles; the best one counts, as noise and rate are not known.
 _SMOOTHING = (5, 9, 17, 33)
-"""Samples of the parabolas that give derivatives of angles; the best one counts, as noise and rate are not known."""
+# Step from which an angle was wrapped, in periods: half a period per sample could be either direction.
 _MIN_JUMP = 0.6
-"""Step from which an angle was wrapped, in periods: half a period per sample could be either direction."""
 
 
 @dataclass(frozen=True, slots=True)

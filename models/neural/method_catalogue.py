@@ -86,8 +86,8 @@ def evaluate_holdout_error(
     return error if np.isfinite(error) else float("inf")
 
 
+# Networks of Chen 2022, with three layers of 512.
 THESIS_METHODS: tuple[MotionMethod, ...] = (EULER_NET, RUNGE_KUTTA_NET, PRINTED_NET, CORRECTED_NET, EXTRAPOLATION_NET)
-"""Networks of Chen 2022, with three layers of 512."""
 SELECTED_NETWORK = MethodSelection(
     "chosen net",
     tuple((method, effort) for method in (SMOOTH_NET, SECOND_ORDER, HAMILTONIAN) for effort in (1.0, 0.2, 0.05)),

@@ -6,8 +6,8 @@ import numpy as np
 
 from models.core.typing import FloatArray
 
+# Tried weights of the first estimate; between two of them the trace hardly changes.
 _WEIGHTS = np.linspace(0.0, 1.0, 21)
-"""Tried weights of the first estimate; between two of them the trace hardly changes."""
 
 
 def intersect_estimates(

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+# A module-level function of a subject and the arguments of one task. Its arguments and its result can be pickled.
 TaskFunction = Callable[..., Any]
-"""A module-level function of a subject and the arguments of one task. Its arguments and its result can be pickled."""
 
 
 class Executor(Protocol):
@@ -39,5 +39,5 @@ class SerialExecutor:
         return [function(subject, *one) for one in arguments]
 
 
+# The executor of calls that name no other.
 SERIAL = SerialExecutor()
-"""The executor of calls that name no other."""

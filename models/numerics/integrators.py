@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import integrate
 
+# (12, 12) weight of the rate of stage l in the state of stage k, l < k.
 DOP853_STAGES = np.array(integrate.DOP853.A)
-"""(12, 12) weight of the rate of stage l in the state of stage k, l < k."""
+# (12,) weight of the rate of each stage in the step.
 DOP853_WEIGHTS = np.array(integrate.DOP853.B)
-"""(12,) weight of the rate of each stage in the step."""

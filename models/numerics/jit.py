@@ -39,16 +39,16 @@ from numba.core.types.misc import unliteral
 
 from models.core.source_imports import find_discovered_packages, find_imports
 
+# Length of the complex step, along the imaginary axis.
 COMPLEX_STEP = 1e-30
-"""Length of the complex step, along the imaginary axis."""
+# Packages whose compiled functions are cached on disk.
 CACHED_PACKAGES = ("models.", "video.")
-"""Packages whose compiled functions are cached on disk."""
+# Numba event of a process in which a cached function is compiled, or which waits while another one compiles it.
 COMPILATION_EVENT = "trueroll:compilation"
-"""Numba event of a process in which a cached function is compiled, or which waits while another one compiles it."""
+# Instructions of a function beyond which its callers refer to its code. LLVM inlines about 55 (cost 275 at 5 each),
+# more where arguments are constants. With 100, derivatives of Mathavan's model are 7 % slower; with 250, as fast as
+# copied.
 _MAX_COPIED_INSTRUCTIONS = 250
-"""Instructions of a function beyond which its callers refer to its code. LLVM inlines about 55 (cost 275 at 5 each),
-more where arguments are constants. With 100, derivatives of Mathavan's model are 7 % slower; with 250, as fast as
-copied."""
 
 
 class _KernelReference(NamedTuple):
@@ -61,11 +61,11 @@ class _KernelReference(NamedTuple):
     symbol: str
 
 
+# Hexadecimal digits that tell closures apart: two of a thousand agree once in 10^9 programs.
 _NAME_DIGITS = 12
-"""Hexadecimal digits that tell closures apart: two of a thousand agree once in 10^9 programs."""
 
+# By library of compiled code: the functions that must be loaded before code into which it is linked.
 _references: WeakKeyDictionary[Any, tuple[_KernelReference, ...]] = WeakKeyDictionary()
-"""By library of compiled code: the functions that must be loaded before code into which it is linked."""
 
 
 @cache

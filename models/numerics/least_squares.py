@@ -17,12 +17,12 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 
 from models.core.typing import FloatArray
 
+# 1/variance of a variable that no row constrains, in its own unit.
 MIN_INFORMATION = 1e-6
-"""1/variance of a variable that no row constrains, in its own unit."""
+# Relative ridge on the diagonal: a thousand times the rounding errors of a large fit.
 RIDGE = 1e-10
-"""Relative ridge on the diagonal: a thousand times the rounding errors of a large fit."""
+# Diagonal that stands for zero, so that its inverse over `RIDGE` is finite.
 _LEAST_SCALE = 1e-280
-"""Diagonal that stands for zero, so that its inverse over `RIDGE` is finite."""
 
 Point = TypeVar("Point")
 Linear = TypeVar("Linear")
@@ -150,8 +150,8 @@ def minimize_cost(
     return Minimum(point, cost, "interrupted", linear)
 
 
+# Parameters, residuals and Jacobian.
 _DensePoint = tuple[FloatArray, FloatArray, FloatArray]
-"""Parameters, residuals and Jacobian."""
 
 
 def minimize_residuals(

@@ -11,8 +11,8 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
+# Standard deviations at which the loss of an observation turns from quadratic to linear.
 HUBER_THRESHOLD = 2.5
-"""Standard deviations at which the loss of an observation turns from quadratic to linear."""
 
 
 def evaluate_huber_loss(residual: FloatArray, threshold: float = HUBER_THRESHOLD) -> tuple[FloatArray, float]:

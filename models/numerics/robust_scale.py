@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
 
+# Standard deviation over the median absolute deviation, normal distribution.
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation over the median absolute deviation, normal distribution."""
+# Median of the norm of a two-dimensional standard normal vector.
 NORM_MEDIAN = 1.1774
-"""Median of the norm of a two-dimensional standard normal vector."""
 
 
 def estimate_sigma(values: NDArray[np.floating[Any]], centre: float | None = None) -> float:

@@ -12,15 +12,15 @@ import numpy as np
 from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 
+# Degree of the squared distance of two quintic paths.
 MAX_DEGREE = 10
-"""Degree of the squared distance of two quintic paths."""
+# m/s: surfaces that close more slowly may overlap by `CONTACT_DEPTH` and then rebound without loss or friction. Balls
+# that press on each other, or bounce ever lower, thus meet a finite number of times.
 GENTLE_SPEED = 1e-3
-"""m/s: surfaces that close more slowly may overlap by `CONTACT_DEPTH` and then rebound without loss or friction. Balls
-that press on each other, or bounce ever lower, thus meet a finite number of times."""
+# m: overlap at which a gentle contact happens.
 CONTACT_DEPTH = 1e-6
-"""m: overlap at which a gentle contact happens."""
+# m/s: surfaces that overlap more than `CONTACT_DEPTH` and close more slowly do not meet yet.
 STILL_SPEED = 1e-9
-"""m/s: surfaces that overlap more than `CONTACT_DEPTH` and close more slowly do not meet yet."""
 NEVER = np.inf
 
 

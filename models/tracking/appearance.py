@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from models.core.detections import Detections
 from models.core.typing import FloatArray, IntArray
 
+# Of two balls whose centres are nearer than this many radii, one hides part of the other.
 MIN_CLEARANCE = 1.9
-"""Of two balls whose centres are nearer than this many radii, one hides part of the other."""
+# Unoccluded detections of a ball from which the occluded ones are ignored.
 MIN_CLEAR_DETECTIONS = 5
-"""Unoccluded detections of a ball from which the occluded ones are ignored."""
 
 
 @dataclass(frozen=True, slots=True)

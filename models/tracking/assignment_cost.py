@@ -18,46 +18,43 @@ from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.tracking.table_detections import TableDetections
 
+# False detections per m^2 and frame.
 CLUTTER_DENSITY = 0.15
-"""False detections per m^2 and frame."""
+# Probability that a ball is detected: in the open, and after it was missed for some frames.
 DETECTION_PROBABILITY, HIDDEN_DETECTION_PROBABILITY = 0.95, 0.3
-"""Probability that a ball is detected: in the open, and after it was missed for some frames."""
+# m/s^2 per axis, one standard deviation: acceleration beyond rolling (sliding is about 2).
 ACCELERATION_SIGMA = 1.5
-"""m/s^2 per axis, one standard deviation: acceleration beyond rolling (sliding is about 2)."""
+# Probability per frame of a contact that was not predicted: in the open, and near balls and cushions.
 UNPREDICTED_CONTACT_PROBABILITY, UNPREDICTED_CONTACT_PROBABILITY_NEAR = 0.002, 0.05
-"""Probability per frame of a contact that was not predicted: in the open, and near balls and cushions."""
+# Equally probable shares of the nearby speed that a contact gives a ball, and of the uncertainty of its place.
 REACH_SHARES = (1.0, 0.3, 0.1, 0.03)
-"""Equally probable shares of the nearby speed that a contact gives a ball, and of the uncertainty of its place."""
+# m.
 MIN_REACH = 0.002
-"""m."""
+# Probability per frame that something untracked sets a ball in motion; and that a new ball already moves.
 STRIKE_PROBABILITY, NEW_BALL_STRIKE_PROBABILITY = 5e-4, 0.2
-"""Probability per frame that something untracked sets a ball in motion; and that a new ball already moves."""
+# m/s, typical of a struck ball; the tail reaches four times that.
 STRIKE_SPEED = 3.0
-"""m/s, typical of a struck ball; the tail reaches four times that."""
+# Share of detections that are displaced (by a hand, a shadow, a highlight), and the displacement in ball radii.
 OUTLIER_PROBABILITY, OUTLIER_RADII = 0.01, 0.4
-"""Share of detections that are displaced (by a hand, a shadow, a highlight), and the displacement in ball radii."""
+# Frame intervals: standard deviation of the time of a predicted contact.
 CONTACT_TIME_SIGMA = 0.15
-"""Frame intervals: standard deviation of the time of a predicted contact."""
+# Upper limit of the cost of a wrong colour: a hand, a shadow or a streak changes the colour.
 MAX_COLOUR_COST = 12.0
-"""Upper limit of the cost of a wrong colour: a hand, a shadow or a streak changes the colour."""
+# CIE Lab distance from the cloth below which a detection is a shadow or a projected line (balls keep 20 and more); and
+# the cost of such a detection for a ball of another colour.
 CLOTH_COLOUR_DISTANCE, CLOTH_COLOUR_COST = 12.0, 8.0
-"""CIE Lab distance from the cloth below which a detection is a shadow or a projected line (balls keep 20 and more); and
-the cost of such a detection for a ball of another colour.
-"""
+# Largest share of the cloth's colour in the mean colour of a streak.
 MAX_CLOTH_SHARE = 0.6
-"""Largest share of the cloth's colour in the mean colour of a streak."""
+# Frames with a detection from which a ball is confirmed; one that the next frames show at rest is so at birth.
 CONFIRMED_HITS = 3
-"""Frames with a detection from which a ball is confirmed; one that the next frames show at rest is so at birth."""
+# Modes of a ball between two frames: free motion, a predicted contact, an unpredicted contact, a strike, or a displaced
+# detection.
 FREE, PREDICTED_CONTACT, UNPREDICTED_CONTACT, STRUCK, OUTLIER = range(5)
-"""Modes of a ball between two frames: free motion, a predicted contact, an unpredicted contact, a strike, or a
-displaced detection.
-"""
+# Cost of a streak that is longer than the way the ball can have gone since the last frame; and its tolerance, ball
+# radii.
 LONG_STREAK_COST, STREAK_SLACK_RADII = 12.0, 1.0
-"""Cost of a streak that is longer than the way the ball can have gone since the last frame; and its tolerance, ball
-radii.
-"""
+# Upper limit of the cost of a motion against the push of the only ball nearby.
 MAX_PULL_COST = 10.0
-"""Upper limit of the cost of a motion against the push of the only ball nearby."""
 
 
 @dataclass(slots=True)
@@ -304,16 +301,16 @@ def _detection_probability(hypothesis: TrackHypothesis, prediction: _MotionPredi
     return probability
 
 
+# Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6).
 BALL_RESTITUTION = 0.95
-"""Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6)."""
+# 0.75 to 0.98 by law and speed (Mathavan, Jackson, Parkin 2010).
 CUSHION_RESTITUTION = 0.8
-"""0.75 to 0.98 by law and speed (Mathavan, Jackson, Parkin 2010)."""
+# m/s^2, of a ball that rolls freely.
 ROLLING_DECELERATION = 0.15
-"""m/s^2, of a ball that rolls freely."""
+# Per interval: a break has about 100; beyond, the balls are jammed and the rest of the interval is straight.
 MAX_CONTACTS = 250
-"""Per interval: a break has about 100; beyond, the balls are jammed and the rest of the interval is straight."""
+# Ball radii from a pocket's centre within which there is no cushion.
 _JAW_RADII = 2.6
-"""Ball radii from a pocket's centre within which there is no cushion."""
 
 
 @dataclass(frozen=True, slots=True)

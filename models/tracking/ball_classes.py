@@ -13,58 +13,53 @@ from models.core.scene import Game
 from models.core.typing import FloatArray, IntArray
 from models.tracking.appearance import Appearance
 
+# CIE L*a*b* under even, warm white light, read off photographs of sets; accurate to about 15.
 SNOOKER_COLOURS = {
     "cue": (85.0, 0.0, 12.0), "red": (38.0, 50.0, 32.0), "yellow": (75.0, 5.0, 65.0), "green": (38.0, -35.0, 12.0),
     "brown": (38.0, 22.0, 30.0), "blue": (38.0, 0.0, -42.0), "pink": (68.0, 38.0, 12.0), "black": (18.0, 0.0, 2.0),
 }  # fmt: skip
-"""CIE L*a*b* under even, warm white light, read off photographs of sets; accurate to about 15."""
+# CIE chroma above which colours are not distinguished by it.
 MAX_CHROMA = 55.0
-"""CIE chroma above which colours are not distinguished by it."""
+# Lab distance beyond which a snooker ball gets no class: three times the accuracy of `SNOOKER_COLOURS`.
 MAX_COLOUR_DISTANCE = 45.0
-"""Lab distance beyond which a snooker ball gets no class: three times the accuracy of `SNOOKER_COLOURS`."""
+# White share that the cue ball of snooker exceeds, and from which a ball has no colour, and the Lab distance that the
+# contrary is worth: highlights cover less, on a pink up to 0.56; marks and rings more.
 MIN_CUE_WHITE, CLEAR_WHITE, WRONG_WHITE_DISTANCE = 0.5, 0.7, 40.0
-"""White share that the cue ball of snooker exceeds, and from which a ball has no colour, and the Lab distance that the
-contrary is worth: highlights cover less, on a pink up to 0.56; marks and rings more.
-"""
+# Reds of a snooker set.
 MAX_REDS = 15
-"""Reds of a snooker set."""
+# Balls of each class of a pool set.
 POOL_SET = {"cue": 1, "eight": 1, "solid": 7, "stripe": 7}
-"""Balls of each class of a pool set."""
+# The brown among balls that all look red differs from their median colour by this factor more than usual, by this
+# factor more than any other ball, and by at least this Lab distance: reds are many and alike in any light.
 BROWN_TO_USUAL_RATIO, BROWN_TO_NEXT_RATIO, MIN_BROWN_DISTANCE = 2.5, 1.2, 8.0
-"""The brown among balls that all look red differs from their median colour by this factor more than usual, by this
-factor more than any other ball, and by at least this Lab distance: reds are many and alike in any light.
-"""
+# Least white likeness of a struck ball to be the cue ball, and by how much another ball may exceed it.
 MIN_PALENESS, MAX_PALENESS_DEFICIT = 0.5, 0.2
-"""Least white likeness of a struck ball to be the cue ball, and by how much another ball may exceed it."""
+# Lab distance within which pool balls have one colour, and how many balls of each of two colours make an English set.
 SAME_COLOUR_DISTANCE, MIN_BALLS_PER_COLOUR = 14.0, 3
-"""Lab distance within which pool balls have one colour, and how many balls of each of two colours make an English set.
-"""
+# Least sum of the white share of the outer ring and half of that of the disc for a stripe (0.3 by geometry; the number
+# spot of a solid, a third of the ball's diameter, gives 0.2 at most); and the white share of the disc that a rolling
+# stripe shows now and then.
 MIN_STRIPE_WHITE, MIN_STRIPE_WHITE_HIGH = 0.25, 0.4
-"""Least sum of the white share of the outer ring and half of that of the disc for a stripe (0.3 by geometry; the number
-spot of a solid, a third of the ball's diameter, gives 0.2 at most); and the white share of the disc that a rolling
-stripe shows now and then.
-"""
+# The eight is the ball with the darkest brightest channel, if that is below this share of the lightest ball's and its
+# white share is small: a dark blue or maroon ball has one bright channel.
 MAX_EIGHT_VALUE, MAX_EIGHT_WHITE = 0.4, 0.35
-"""The eight is the ball with the darkest brightest channel, if that is below this share of the lightest ball's and its
-white share is small: a dark blue or maroon ball has one bright channel.
-"""
+# CIE a* or b* from which a ball has a hue that tells one set from another.
 MIN_SET_CHROMA = 20.0
-"""CIE a* or b* from which a ball has a hue that tells one set from another."""
+# White share up to which a ball is plain: a highlight covers less.
 MAX_PLAIN_WHITE = 0.15
-"""White share up to which a ball is plain: a highlight covers less."""
+# Of blue, green and black, how many lie beside the reds of a snooker set. An English set has the black alone; an
+# American one has no three alike reds.
 MIN_SET_COLOURS = 2
-"""Of blue, green and black, how many lie beside the reds of a snooker set. An English set has the black alone; an
-American one has no three alike reds."""
+# Stripes from which a set is no snooker set, which has none; the pink and a highlight look like one each.
 MIN_STRIPES = 3
-"""Stripes from which a set is no snooker set, which has none; the pink and a highlight look like one each."""
+# Classes with several balls: their ids count from 1.
 NUMBERED = ("solid", "stripe", "ball")
-"""Classes with several balls: their ids count from 1."""
+# Radii from its first place beyond which a ball has left it, if it stays away.
 MIN_DEPARTURE_RADII = 1.0
-"""Radii from its first place beyond which a ball has left it, if it stays away."""
+# Frames at rest before a ball leaves: one that moves from the start may have been hit before.
 MIN_REST_FRAMES = 3
-"""Frames at rest before a ball leaves: one that moves from the start may have been hit before."""
+# Frames between the first and the second departure; with fewer the order is uncertain.
 MIN_HEAD_START = 2
-"""Frames between the first and the second departure; with fewer the order is uncertain."""
 
 
 def classify_balls(appearance: Appearance, game: Game, struck_ball: int | None = None) -> tuple[str, ...]:

@@ -13,29 +13,29 @@ from models.core.ball_look import BallLook, describe_unseen_balls, format_colour
 from models.core.scene import Game
 from models.core.typing import BoolArray, FloatArray
 
+# L*, chroma and hue (degrees) of the paints of pool balls in neutral light, read off the makers' photographs; accurate
+# to about 10.
 PAINT = {
     "yellow": (78, 70, 82), "blue": (33, 50, 292), "red": (45, 66, 29), "purple": (33, 35, 312), "orange": (59, 70, 48),
     "green": (42, 36, 155), "maroon": (31, 32, 23), "brown": (43, 42, 53), "pink": (68, 47, 16),
 }  # fmt: skip
-"""L*, chroma and hue (degrees) of the paints of pool balls in neutral light, read off the makers' photographs; accurate
-to about 10."""
 ColourSet = tuple[tuple[str, ...], ...]
+# Paints of the numbers 1 to 7, and of the stripes 9 to 15 (WPA equipment specifications, section 16).
 STANDARD_SET: ColourSet = (("yellow",), ("blue",), ("red",), ("purple",), ("orange",), ("green",), ("maroon", "brown"))
-"""Paints of the numbers 1 to 7, and of the stripes 9 to 15 (WPA equipment specifications, section 16)."""
+# The same of sets whose 4 is pink, so that it differs from the 2 on a screen.
 TELEVISION_SET: ColourSet = (*STANDARD_SET[:3], ("pink",), ("orange", "purple"), *STANDARD_SET[5:])
-"""The same of sets whose 4 is pink, so that it differs from the 2 on a screen."""
+# Weight of lightness against chroma and hue: it changes most with the light.
 LIGHTNESS_WEIGHT = 0.5
-"""Weight of lightness against chroma and hue: it changes most with the light."""
+# Distance from the paint up to which, and least cost of every other assignment of the set from which, a colour gives a
+# number: the errors of `PAINT` and of the light, twice and once. A wrong number is worse than none.
 MAX_NUMBER_COST, MIN_NUMBER_MARGIN = 9.0, 7.0
-"""Distance from the paint up to which, and least cost of every other assignment of the set from which, a colour gives a
-number: the errors of `PAINT` and of the light, twice and once. A wrong number is worse than none."""
+# The same margin from which the set decides on the name of the colour; below it, the nearest paint does.
 MIN_COLOUR_MARGIN = 2.0
-"""The same margin from which the set decides on the name of the colour; below it, the nearest paint does."""
+# Reduction of the cost by which a set must look like one for television.
 MIN_PINK_GAIN = 5.0
-"""Reduction of the cost by which a set must look like one for television."""
 EIGHT = 8
+# Number of the first colour of a set by class.
 FIRST_NUMBERS = {"solid": 1, "stripe": 9}
-"""Number of the first colour of a set by class."""
 
 
 def name_balls(

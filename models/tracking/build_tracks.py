@@ -212,16 +212,16 @@ def _make_tracks(edited: list[EditedBall], pixels: TrackPixels, scene: Scene, us
     )  # fmt: skip
 
 
+# Standard deviations of colour by which confusable balls may differ.
 MAX_COLOUR_SIGMAS = 3.0
-"""Standard deviations of colour by which confusable balls may differ."""
+# Ball radii by which the paths before and after a gap miss each other, for a possible switch.
 MIN_MISFIT_RADII = 1.0
-"""Ball radii by which the paths before and after a gap miss each other, for a possible switch."""
+# Largest share of this misfit that remains after the switch is undone.
 MAX_REMAINING_SHARE = 0.5
-"""Largest share of this misfit that remains after the switch is undone."""
+# Most frames between the detections that give a velocity.
 MAX_VELOCITY_FRAMES = 3
-"""Most frames between the detections that give a velocity."""
+# Most corrected switches in one clip.
 MAX_SWAPS = 20
-"""Most corrected switches in one clip."""
 
 
 class _TrackGap(NamedTuple):

@@ -14,56 +14,52 @@ from models.tracking.assignment_cost import CLOTH_COLOUR_DISTANCE
 from models.tracking.table_detections import TableDetections
 from models.tracking.tracklet_linking import MAX_DECELERATION, REST_SPEED, Tracklet, ends_in_pocket
 
+# Least number of detections of a ball.
 MIN_DETECTIONS = 5
-"""Least number of detections of a ball."""
+# Least share of the frames with a detection, of a ball that does not fall into a pocket.
 MIN_FRAME_SHARE = 0.08
-"""Least share of the frames with a detection, of a ball that does not fall into a pocket."""
+# Error of a frame's time over the interval of its neighbours: containers round, and duplicate frames come irregularly.
 TIME_JITTER = 0.07
-"""Error of a frame's time over the interval of its neighbours: containers round, and duplicate frames come irregularly.
-"""
+# Standard deviations from between its neighbours above which a detection is erratic: the velocity changed.
 ERRATIC_DEPARTURE = 4.0
-"""Standard deviations from between its neighbours above which a detection is erratic: the velocity changed."""
+# Share of moving detections that are erratic without a ball nearby: 0 to 0.1 for balls, 0.25 to 0.5 for hands.
 ERRATIC_BALL, ERRATIC_CLUTTER = 0.05, 0.35
-"""Share of moving detections that are erratic without a ball nearby: 0 to 0.1 for balls, 0.25 to 0.5 for hands."""
+# Share of the other detections, where nothing moves.
 STILL_BALL, STILL_CLUTTER = 0.9, 0.7
-"""Share of the other detections, where nothing moves."""
+# Prior log odds of a ball among tracklets that last and look like one.
 PRIOR_LOG_ODDS = 2.0
-"""Prior log odds of a ball among tracklets that last and look like one."""
+# Radii from another ball's centre within which a velocity may change.
 EXCUSE_RADII = 3.5
-"""Radii from another ball's centre within which a velocity may change."""
+# Longest time before and after a change of velocity in which it is measured, s, and the fewest detections there.
 TURN_SECONDS, TURN_DETECTIONS = 0.25, 3
-"""Longest time before and after a change of velocity in which it is measured, s, and the fewest detections there."""
+# Share of the speed, and standard deviations, by which such a change exceeds that of friction: the scale of a view
+# changes along a path.
 TURN_SHARE, TURN_SIGMAS = 0.1, 5.0
-"""Share of the speed, and standard deviations, by which such a change exceeds that of friction: the scale of a view
-changes along a path."""
+# Changes of a ball's velocity far from any cushion and other ball: one may be a ball that is not detected. Of 15 balls
+# that move in real clips none has one; what is drawn or projected turns and stops anywhere.
 MAX_OPEN_TURNS = 1
-"""Changes of a ball's velocity far from any cushion and other ball: one may be a ball that is not detected. Of 15
-balls that move in real clips none has one; what is drawn or projected turns and stops anywhere."""
+# Largest share of missed frames of a ball that moves, or before it vanishes in the open.
 MAX_MISSED_SHARE = 0.15
-"""Largest share of missed frames of a ball that moves, or before it vanishes in the open."""
+# Radii by which a streak exceeds the distance to either neighbour, which neither an exposure nor two touching balls
+# cause; and the largest share of such detections. The edge of a sleeve, a cue or a line looks like a streak that goes
+# nowhere.
 STREAK_EXCESS_RADII, MAX_IMPOSSIBLE_SHARE = 2.2, 0.3
-"""Radii by which a streak exceeds the distance to either neighbour, which neither an exposure nor two touching balls
-cause; and the largest share of such detections. The edge of a sleeve, a cue or a line looks like a streak that goes
-nowhere.
-"""
+# Radii from a pocket's centre: where balls may hang in the jaws, and the end of its lining; and from a nose: a resting
+# object nearer than that, beside the jaws, is the lining.
 JAW_RADII, LINING_RADII, NOSE_DISTANCE_RADII = 2.2, 4.0, 0.93
-"""Radii from a pocket's centre: where balls may hang in the jaws, and the end of its lining; and from a nose: a resting
-object nearer than that, beside the jaws, is the lining.
-"""
+# Share of the frames in which a cloth-coloured ball stays at one place, and the size of that place in radii.
 STEADY_SHARE, STEADY_RADII = 0.8, 0.1
-"""Share of the frames in which a cloth-coloured ball stays at one place, and the size of that place in radii."""
+# s and frames from the ends of the clip: a track that begins later has appeared, one that ends earlier has vanished.
 VANISH_TIME, VANISH_FRAMES = 0.3, 5
-"""s and frames from the ends of the clip: a track that begins later has appeared, one that ends
-earlier has vanished."""
+# Gaps per detection above which an object flickers, and the least share of the frames with a detection of a ball that
+# does: of 170 balls in 16 real clips one has more gaps than 0.03, crowded by others, with 0.32 and 0.6; parts of nets,
+# lines and rings have 0.14 to 0.36 and, at pockets, 0.25 to 0.3.
 MAX_GAP_SHARE, MIN_FLICKER_SHARE = 0.14, 0.5
-"""Gaps per detection above which an object flickers, and the least share of the frames with a detection of a ball that
-does: of 170 balls in 16 real clips one has more gaps than 0.03, crowded by others, with 0.32 and 0.6; parts of nets,
-lines and rings have 0.14 to 0.36 and, at pockets, 0.25 to 0.3."""
+# Median confidence of an object that appears or vanishes in the open, or flickers, and still is a ball, hidden by a
+# player or by other balls.
 VANISH_SCORE = 0.85
-"""Median confidence of an object that appears or vanishes in the open, or flickers, and still is a ball, hidden by a
-player or by other balls."""
+# m from a pocket's centre within which a ball may vanish between two frames.
 POCKET_REACH = 0.2
-"""m from a pocket's centre within which a ball may vanish between two frames."""
 
 
 def looks_like_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scene: Scene) -> bool:

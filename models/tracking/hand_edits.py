@@ -16,14 +16,14 @@ from models.tracking.ball_classes import SNOOKER_COLOURS
 from models.tracking.table_detections import TableDetections
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 
+# Frames before the first and after the last detection of a ball in which a place still names it.
 END_FRAMES = 5
-"""Frames before the first and after the last detection of a ball in which a place still names it."""
+# Ball classes of which a game has one ball.
 SINGLE_CLASSES = {
     "pool": {"cue", "eight"},
     "snooker": set(SNOOKER_COLOURS) - {"red"},
     "carom": {"white", "yellow", "red"},
 }
-"""Ball classes of which a game has one ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,6 @@ def edit_tracks(
 
     Args:
         balls: The tracks.
-        edits: The edits.
         pixels: Detections and frames of the tracks.
         ids: Ids of the balls before the corrections.
 

@@ -11,14 +11,14 @@ from models.core.detections import Detections
 from models.core.scene import Scene
 from models.core.typing import FloatArray, IntArray
 
+# A ball's centre is at least one radius inside the noses; the calibration may be wrong by this much more.
 OFF_TABLE_RADII = 1.0
-"""A ball's centre is at least one radius inside the noses; the calibration may be wrong by this much more."""
+# A centre this near to a pocket's centre may be outside the noses: the ball is falling.
 _POCKET_RADII = 2.2
-"""A centre this near to a pocket's centre may be outside the noses: the ball is falling."""
+# Following frames, and standard deviations, that decide whether a ball rests.
 _STILL_FRAMES, _SAME_PLACE_SIGMAS = 6, 3.0
-"""Following frames, and standard deviations, that decide whether a ball rests."""
+# Least detection error, px: compression moves small balls about.
 _MIN_SIGMA_PX = 0.25
-"""Least detection error, px: compression moves small balls about."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,12 +25,12 @@ from models.tracking.clutter_filter import STREAK_EXCESS_RADII
 from models.tracking.table_detections import TableDetections
 from models.tracking.tracklet_linking import MAX_SPEED, Tracklet, ends_in_pocket, make_tracklet
 
+# Probability that a ball of which detections are missing rests between two of them.
 REST_PROBABILITY = 0.6
-"""Probability that a ball of which detections are missing rests between two of them."""
+# Ball radii: scatter of the detections of a resting ball that a hand or a cue partly hides.
 JITTER_RADII = 0.05
-"""Ball radii: scatter of the detections of a resting ball that a hand or a cue partly hides."""
+# CIE Lab: least standard deviation of a ball's colour between frames.
 MIN_COLOUR_SIGMA = 6.0
-"""CIE Lab: least standard deviation of a ball's colour between frames."""
 
 
 def complete_tracks(
@@ -43,7 +43,6 @@ def complete_tracks(
         clutter: Tracklets that move like no ball, whose detections are not used.
         detections: Detections of T frames on the table.
         t: (T,) times of the frames, s.
-        table: The table.
 
     Returns:
         The tracks in the same order. No detection belongs to two balls.
@@ -96,10 +95,8 @@ def _find_best_chain(
         ball: The track.
         rows: Unused detections of the frames in the gap, in the order of time.
         anchors: Detections of the ball before and after the gap; None at an end of the clip.
-        detections: All detections.
         frame_of: Frame of each detection.
         t: (T,) s.
-        table: The table.
 
     Returns:
         Rows of the chain; empty where no chain is more probable than clutter.

@@ -33,16 +33,16 @@ from models.tracking.assignment_cost import (
 )
 from models.tracking.table_detections import TableDetections
 
+# m/s per axis, one standard deviation: velocity of a ball that appears at rest, as most do.
 NEW_BALL_SPEED_SIGMA = 0.1
-"""m/s per axis, one standard deviation: velocity of a ball that appears at rest, as most do."""
+# Squared normalized innovation above which the velocity variance grows (8 % of good detections).
 SUSPICIOUS_CHI2 = 5.0
-"""Squared normalized innovation above which the velocity variance grows (8 % of good detections)."""
+# Cost of a ball that appears after the first moments: balls do not, except from under a hand.
 LATE_BIRTH_COST = 7.0
-"""Cost of a ball that appears after the first moments: balls do not, except from under a hand."""
+# Share of a predicted but unobserved velocity change that is added to the velocity sigma.
 LATE_CONTACT_SHARE = 0.3
-"""Share of a predicted but unobserved velocity change that is added to the velocity sigma."""
+# Largest extra cost of an assignment over the best one.
 MAX_BRANCH_COST = 14.0
-"""Largest extra cost of an assignment over the best one."""
 _IMPOSSIBLE = 1e6
 
 

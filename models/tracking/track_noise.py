@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 
+# Median absolute deviation to standard deviation, normal distribution.
 _MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, normal distribution."""
+# Least number of values for a reliable median.
 _MIN_VALUES = 20
-"""Least number of values for a reliable median."""
+# Samples over which local noise is estimated; a contact disturbs four of them.
 _LOCAL_WINDOW = 25
-"""Samples over which local noise is estimated; a contact disturbs four of them."""
+# Quantile that estimates local noise in spite of four contacts, and its value for a standard normal.
 _LOCAL_QUANTILE, _NORMAL_QUANTILE = 0.25, 0.3186
-"""Quantile that estimates local noise in spite of four contacts, and its value for a standard normal."""
 
 
+# Least share of the frames of its life with a detection: balls are missed less often, hands and cues more.
 MIN_DETECTED_SHARE = 0.5
-"""Least share of the frames of its life with a detection: balls are missed less often, hands and cues more."""
+# Least of three successive steps over their mean, of a ball that moves on.
 MIN_STEP_RATIO = 0.4
-"""Least of three successive steps over their mean, of a ball that moves on."""
+# Ball radii: errors that do not average out (calibration, lens, shading), however sharp the image.
 NOISE_FLOOR_RADII = 0.012
-"""Ball radii: errors that do not average out (calibration, lens, shading), however sharp the image."""
 
 
 @dataclass(frozen=True, slots=True)

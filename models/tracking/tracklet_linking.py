@@ -11,24 +11,22 @@ from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.tracking.table_detections import TableDetections
 
+# m/s, a hard break.
 MAX_SPEED = 12.0
-"""m/s, a hard break."""
+# m/s below which a ball rests, whose velocity is known to 0.03; and m/s2 by which one slows down: sliding has 2, and
+# cushions take their share.
 REST_SPEED, MAX_DECELERATION = 0.1, 3.0
-"""m/s below which a ball rests, whose velocity is known to 0.03; and m/s2 by which one slows down: sliding has 2, and
-cushions take their share.
-"""
+# Frames without a detection that end a tracklet, and the fewest detections of one.
 MAX_GAP_FRAMES, MIN_DETECTIONS = 4, 3
-"""Frames without a detection that end a tracklet, and the fewest detections of one."""
+# Frames in which a resting ball may be detected twice, as one of its tracklets ends and the next begins.
 MAX_OVERLAP_FRAMES = 3
-"""Frames in which a resting ball may be detected twice, as one of its tracklets ends and the next begins."""
+# Cost above which two tracklets are two balls; it is high because balls do not appear.
 MAX_LINK_COST = 30.0
-"""Cost above which two tracklets are two balls; it is high because balls do not appear."""
+# Upper limit of the cost of different colours; small at one place, where a hand shades the same ball.
 MAX_COLOUR_COST, MAX_SAME_PLACE_COLOUR_COST = 25.0, 5.0
-"""Upper limit of the cost of different colours; small at one place, where a hand shades the same ball."""
+# Frames before and after a change of the look, and the CIE Lab distance of their median colours: that of neighbouring
+# balls of a set. A ball that shows another side is cut there, and linked again.
 LOOK_FRAMES, LOOK_CHANGE = 5, 20.0
-"""Frames before and after a change of the look, and the CIE Lab distance of their median colours: that of neighbouring
-balls of a set. A ball that shows another side is cut there, and linked again.
-"""
 _IMPOSSIBLE = 1e6
 
 

@@ -32,19 +32,19 @@ from video.io.clip import Clip, open_clip, read_frames
 from video.io.clip_digest import compute_clip_digest
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_close_up, draw_frame_strip
 
+# Answers to the questions that name a ball alone.
 ABOUT_ONE_BALL: dict[str, Callable[[ShotRecord, str], CallAnswer]] = {
     "first": call_answers.answer_first_contact, "cushion-first": call_answers.answer_cushion_first,
     "score": answer_score,
 }  # fmt: skip
-"""Answers to the questions that name a ball alone."""
 QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
+# Points of a drawn line, which lens distortion may bend, and of half a circle.
 LINE_POINTS = 33
-"""Points of a drawn line, which lens distortion may bend, and of half a circle."""
+# Frames of a strip before and after the nearest one.
 STRIP_NEIGHBOURS = 2
-"""Frames of a strip before and after the nearest one."""
 
 
 def answer_question(record: ShotRecord, words: Sequence[str], edge: bool = False, on: str = "") -> CallAnswer:

@@ -32,10 +32,10 @@ from video.io.video_options import CalibrateOptions
 
 Verdict = Literal["go", "doubts", "no-go"]
 DEFAULT_OPTIONS, DEFAULT_LIMITS = DoorOptions(), FilmingLimits()
+# Frames of a clip that are looked at before it is called one without balls: as many as locate its table.
 SPREAD_FRAMES = 9
-"""Frames of a clip that are looked at before it is called one without balls: as many as locate its table."""
+# Pixels up to which a clip is read as a whole, as a run does: 1,000 frames of 720p, 5 s on one core.
 WHOLE_CLIP_PIXELS = 1_000_000_000
-"""Pixels up to which a clip is read as a whole, as a run does: 1,000 frames of 720p, 5 s on one core."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,13 +27,13 @@ from pipeline.io.track_conventions import MAX_NUMBER
 from pipeline.io.track_folder import SCENE_FILE, TRACKS_FILE
 from pipeline.reporting.text.text_formatting import escape_text
 
+# Bytes of a file by which formats are recognised.
 _HEAD_BYTES = 1 << 16
-"""Bytes of a file by which formats are recognised."""
+# Errors of parsers on files that do not hold what they begin with.
 _MALFORMED = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, StopIteration,
               struct.error, zlib.error, ParseError, pa.ArrowException, EOFError, RuntimeError)  # fmt: skip
-"""Errors of parsers on files that do not hold what they begin with."""
+# Packages that raise errors of their own.
 _PARSERS = ("mcap", "msgpack", "zst", "lz4")
-"""Packages that raise errors of their own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,12 +29,12 @@ from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.terminal.search_display import show_search_progress
 
+# CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
+# cloth, and more than changes of the light cause.
 MAX_CLOTH_DISTANCE = 15.0
-"""CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
-cloth, and more than changes of the light cause."""
 
+# Name, length, width and ball radius (m) of a table.
 TableSize = tuple[str, float, float, float]
-"""Name, length, width and ball radius (m) of a table."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,8 +168,8 @@ def _format_lesson(fitted: FittedTable) -> tuple[str, str, str]:
     )
 
 
+# A shot of a session: name for messages, folder, number, table.
 ListedShot = tuple[str, Path, int, Table]
-"""A shot of a session: name for messages, folder, number, table."""
 
 
 def _list_shots(sources: list[Path]) -> tuple[list[ListedShot], list[str]]:
@@ -211,9 +211,6 @@ def _require_one_table(shots: list[ListedShot], refusals: list[str]) -> Table:
 def prepare_shot(shot: Shot) -> tuple[JointSolution, Tracks]:
     """Give the tracks of a shot capture times and realistic sigmas, as `learn_table` needs them.
 
-    Args:
-        shot: The shot.
-
     Returns:
         Joint solution and tracks, both at capture times.
 
@@ -227,10 +224,10 @@ def prepare_shot(shot: Shot) -> tuple[JointSolution, Tracks]:
     return shot.solution, apply_noise(captured, noise)
 
 
+# Properties of a learned table that pooltool does not have.
 _LEARNED_ONLY = ("offsets of the noses", "scatter of cushion contacts")
-"""Properties of a learned table that pooltool does not have."""
+# Ball model of predictions on a learned table.
 LEARNED_BALL_MODEL = "alciatore"
-"""Ball model of predictions on a learned table."""
 
 
 def write_learned_profile(
@@ -240,7 +237,6 @@ def write_learned_profile(
 
     Args:
         lesson: What was learned.
-        table: The table.
         shot_count: Number of shots that taught it.
         path: The file.
         views: View, cloth and balls of the shots, of `collect_views`.

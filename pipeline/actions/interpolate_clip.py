@@ -35,13 +35,13 @@ from video.overlay.plain_interpolation import (
 )
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
+# s, time base of videos with a variable frame rate.
 TIME_BASE = Fraction(1, 90000)
-"""s, time base of videos with a variable frame rate."""
+# Range of --rate, 1/s.
 RATE_RANGE = (24, 240)
-"""Range of --rate, 1/s."""
 MAX_SLOW = 100.0
+# degrees
 MAX_SHUTTER = 360.0
-"""degrees"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,6 @@ def interpolate_clip(
     With a factor, D distinct frames become (D - 1) factor + 1. Files appear complete or not at all.
 
     Args:
-        clip: The clip.
         video: Video to write.
         frames: New or empty folder for PNGs; None for none.
         wanted: Times and synthesis of the frames.

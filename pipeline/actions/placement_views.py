@@ -36,8 +36,8 @@ from video.overlay.placement_overlay import (
 
 FRAME_IMAGE, PLAN_IMAGE = "put_back_frame.png", "put_back_plan.png"
 LIVE_IMAGE, LIVE_TABLE, LIVE_PAGE = "live.png", "live.json", "live.html"
+# Decimals of a distance: nobody places a ball to a hundredth of a millimetre.
 MAX_DECIMALS_MM = 1
-"""Decimals of a distance: nobody places a ball to a hundredth of a millimetre."""
 
 
 def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
@@ -295,7 +295,6 @@ def describe_places(places: BallPlaces, place_sigma: FloatArray, table: Table, f
     Args:
         places: The N balls.
         place_sigma: Standard deviations (N, 2) of x and y relative to the noses, m, calibration included.
-        table: The table.
         frame: Number of the frame.
 
     Returns:

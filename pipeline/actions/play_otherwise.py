@@ -41,16 +41,16 @@ from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
 from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
 
+# Probability from which an event of the real shot counts.
 MIN_PROBABILITY = 0.5
-"""Probability from which an event of the real shot counts."""
+# s after the strike that every play lasts at least: most balls rest by then. A longer film is played to its end, so
+# that the plays can score whatever it shows.
 SECONDS = 6.0
-"""s after the strike that every play lasts at least: most balls rest by then. A longer film is played to its end, so
-that the plays can score whatever it shows."""
+# s between rows of what_if.csv.
 STEP_S = 0.02
-"""s between rows of what_if.csv."""
+# Degrees of spread of the direction up to which the shots of a session are repetitions of one: no player who aims at
+# the same place scatters more.
 MAX_REPEATED_TURN = 5.0
-"""Degrees of spread of the direction up to which the shots of a session are repetitions of one: no player who aims at
-the same place scatters more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +199,8 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, 
 
 
 SCHEMA = "trueroll.what-if/1"
+# Numbers of the shot that describe its stroke.
 STROKE_NUMBERS = {"speed": "cue_speed", "side": "side_spin_share", "top": "top_spin_share"}
-"""Numbers of the shot that describe its stroke."""
 
 
 def summarize_changed_shot(

@@ -20,8 +20,8 @@ from pipeline.io.particle_files import (
 )
 from pipeline.io.text_table import require_tracks_file
 
+# s between rows of prediction.csv.
 ROW_STEP = 0.02
-"""s between rows of prediction.csv."""
 
 
 def predict_particles(

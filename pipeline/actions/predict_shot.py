@@ -35,8 +35,8 @@ from pipeline.reporting.text.prediction_sentences import format_ball_prediction,
 from pipeline.reporting.text.text_formatting import summarize_trust
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
+# Time between rows of prediction.csv, s; times of later observations are added.
 STEP_S = 0.02
-"""Time between rows of prediction.csv, s; times of later observations are added."""
 
 
 def predict_shot(
@@ -141,8 +141,8 @@ def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, naming: Naming)
     return draw_prediction_fans(state.table, naming, fans, title)
 
 
+# The same quantiles of the standard normal distribution.
 NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
-"""The same quantiles of the standard normal distribution."""
 
 
 def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:

@@ -38,15 +38,15 @@ from video.io.clip import read_frames
 if TYPE_CHECKING:
     from detectors.detect import BallDetector
 
+# m, distance up to which a ball counts as put back. Centres in single images are accurate to about 1 mm
+# (`benchmarks/detection/put_back_accuracy.py`), so a smaller distance cannot be told from none.
 PLACED_M = 2e-3
-"""m, distance up to which a ball counts as put back. Centres in single images are accurate to about 1 mm
-(`benchmarks/detection/put_back_accuracy.py`), so a smaller distance cannot be told from none."""
+# Standard deviations by which a located corner differs from the calibrated one if the camera moved.
 CORNER_SIGMAS = 3.0
-"""Standard deviations by which a located corner differs from the calibrated one if the camera moved."""
+# Images of a camera after which the empty cloth is learnt anew, because the light changes: less than a minute.
 CLOTH_IMAGES = 100
-"""Images of a camera after which the empty cloth is learnt anew, because the light changes: less than a minute."""
+# Largest relative difference of the aspect ratios of two images of one camera.
 SAME_ASPECT = 0.01
-"""Largest relative difference of the aspect ratios of two images of one camera."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,8 @@ from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.share_clip import WIDTH, SharedMoment, render_share_clip
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
+# px, font size of the names on the plan.
 PLAN_NAME_PX = 20
-"""px, font size of the names on the plan."""
 
 
 def write_share_clip(
@@ -35,7 +35,6 @@ def write_share_clip(
         call: The answer.
         text: The answer in words.
         mark: The line or pocket in question (n, 2), m; empty for none.
-        shot: The shot.
         clip: The frames of the shot.
         path: File to write.
 

@@ -19,16 +19,16 @@ from pipeline.batch.supervision import SupervisedProcess
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+# Clips to run. None means that there is none now, but more may come.
 JobStream = Iterator[ClipJob | None]
-"""Clips to run. None means that there is none now, but more may come."""
+# Called with the name of a clip and a progress message; see `clip_runner`.
 ProgressListener = Callable[[str, dict[str, Any]], None]
-"""Called with the name of a clip and a progress message; see `clip_runner`."""
+# Runs clips and yields each result when its clip is done.
 ClipRunner = Callable[[JobStream, ProgressListener], Iterator[ClipResult]]
-"""Runs clips and yields each result when its clip is done."""
+# Waiting time while there is no clip to run, s.
 IDLE_S = 0.5
-"""Waiting time while there is no clip to run, s."""
+# Clips that are submitted per worker thread: the next one waits when one is done.
 CLIPS_PER_WORKER = 2
-"""Clips that are submitted per worker thread: the next one waits when one is done."""
 
 
 class SchedulerLost(TruerollError):

@@ -21,20 +21,20 @@ from video.io.clip_digest import FileState, read_file_state
 from video.io.decoder import open_container
 from video.io.image_sequence import is_image_sequence
 
+# Names of the files of a run folder.
 RESULT_NAMES = frozenset(name for names in STAGE_FILES.values() for name in names)
-"""Names of the files of a run folder."""
 SUMMARY_NAMES = ("summary.csv", "summary.parquet", "summary.html")
 RESERVED_NAMES = frozenset((*RESULT_NAMES, *SUMMARY_NAMES, SOURCE_FILE))
+# A file with such a suffix counts as a clip even if its content is no video, so that the batch reports it.
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".ts", ".mpg")
-"""A file with such a suffix counts as a clip even if its content is no video, so that the batch reports it."""
+# Brands of ISO base media files (ISO 14496-12) that are still images.
 STILL_BRANDS = (b"heic", b"heix", b"mif1", b"avif", b"crx ", b"jp2 ", b"jpx ")
-"""Brands of ISO base media files (ISO 14496-12) that are still images."""
+# Formats of animated images, which are no recordings.
 ANIMATION_FORMATS = ("gif", "apng", "webp_anim")
-"""Formats of animated images, which are no recordings."""
+# GoPro names the small copy of GX010123.MP4 GL010123.LRV; other cameras keep the name.
 SMALL_COPY_PREFIX = "GL"
-"""GoPro names the small copy of GX010123.MP4 GL010123.LRV; other cameras keep the name."""
+# Difference of the lengths of a recording and its small copy, s and share: the copy may have another frame rate.
 SAME_LENGTH_S, SAME_LENGTH_SHARE = 0.5, 0.02
-"""Difference of the lengths of a recording and its small copy, s and share: the copy may have another frame rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,6 @@ def survey_folder(folder: Path, excluded: Path | None = None) -> FolderContent:
     by runs are ignored; a smaller copy that a camera writes beside its recording is left out.
 
     Args:
-        folder: The folder.
         excluded: A folder that is not searched.
 
     Returns:
@@ -214,17 +213,16 @@ def _make_unique(taken: set[str], place: Path) -> Path:
     return place
 
 
+# Time between two searches of the folder, s.
 POLL_INTERVAL_S = 1.0
-"""Time between two searches of the folder, s."""
+# Time without a change after which a file counts as complete, s. A file that changes later is run again.
 SETTLE_S = 3.0
-"""Time without a change after which a file counts as complete, s. A file that changes later is run again."""
 
 
 def watch_folder(folder: Path, excluded: Path, idle_s: float | None) -> Iterator[Path | None]:
     """Yield the clips below a folder when they are complete, and again when they have changed.
 
     Args:
-        folder: The folder.
         excluded: A folder that is not searched.
         idle_s: Time without a new clip after which to end, s; None never ends.
 

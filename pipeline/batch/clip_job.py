@@ -11,8 +11,8 @@ from typing import Any, Literal
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import RunOptions, build_options
 
+# Attempts for a clip whose process dies unexpectedly. Three deaths in a row are taken as a fault of the clip.
 MAX_TRIES = 3
-"""Attempts for a clip whose process dies unexpectedly. Three deaths in a row are taken as a fault of the clip."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,8 +25,8 @@ from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.stages.read_stage import open_frame_memory
 from pipeline.stages.shot_stages import ClipShot
 
+# The project's code that this process runs; a later edit counts for the next process.
 SNAPSHOT = SourceSnapshot()
-"""The project's code that this process runs; a later edit counts for the next process."""
 TRUST_LEVELS = ("green", "amber", "red")
 
 

@@ -27,12 +27,12 @@ from pipeline.engine.process_setup import limit_garbage_collection, limit_librar
 if TYPE_CHECKING:
     from models.core.progress import Progress
 
+# Least time between two messages about the progress of stages, s.
 MESSAGE_INTERVAL_S = 0.2
-"""Least time between two messages about the progress of stages, s."""
+# Time to remove unfinished files once the parent has died, s.
 CLEANUP_S = 5.0
-"""Time to remove unfinished files once the parent has died, s."""
+# Set while a clip runs, when there may be unfinished files.
 IS_RUNNING = threading.Event()
-"""Set while a clip runs, when there may be unfinished files."""
 
 
 class ProgressWriter:

@@ -25,12 +25,12 @@ from pipeline.engine.result_cache import MARK, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 
 LOOPBACK = "127.0.0.1"
+# Time for a scheduler to answer, s.
 CONNECT_TIMEOUT_S = 10.0
-"""Time for a scheduler to answer, s."""
+# Dask's folder below the temporary folder; `atomic_write` recognises leftovers by its name.
 SCRATCH_NAME = "trueroll"
-"""Dask's folder below the temporary folder; `atomic_write` recognises leftovers by its name."""
+# Time for the first worker to connect to a scheduler that has just started, s.
 WORKER_TIMEOUT_S = 30.0
-"""Time for the first worker to connect to a scheduler that has just started, s."""
 
 
 @contextmanager
@@ -103,7 +103,6 @@ def require_usable_workers(client: Client, cache: ResultCache, out: Path, clip: 
 
     Args:
         client: Client of the cluster.
-        cache: The cache.
         out: Folder of the results.
         clip: A clip, or the folder of the batch.
 
@@ -149,7 +148,6 @@ def require_usable_answer(worker: str, answer: object, cache: ResultCache, probe
     Args:
         worker: Address of the worker.
         answer: What `probe_folders` returned there, or an exception.
-        cache: The cache.
         probe: Name of the file that the worker left in the cache.
         out: Folder of the results.
         clip: A clip, or the folder of the batch.
@@ -192,8 +190,8 @@ def _quiet_dask() -> None:
     )
 
 
+# Least time between two progress messages of a clip, which go through the scheduler, s.
 MESSAGE_INTERVAL_S = 0.5
-"""Least time between two progress messages of a clip, which go through the scheduler, s."""
 
 
 def run_job_on_worker(text: str, topic: str) -> str:

@@ -11,12 +11,12 @@ from pathlib import Path
 from models.core.errors import OptionError
 from video.io.video_options import RenderOptions
 
+# Of a shot, mostly its page, and of each of its frames, mostly in the trajectory: 4.5 MB for 149 frames.
 SHOT_BYTES, FRAME_BYTES = 3.5e6, 8e3
-"""Of a shot, mostly its page, and of each of its frames, mostly in the trajectory: 4.5 MB for 149 frames."""
+# Of a frame of the slow motion, and of each of its pixels: 12 kB at 720p and 19 kB at 1080p.
 SLOW_FRAME_BYTES, SLOW_PIXEL_BYTES = 7e3, 0.0057
-"""Of a frame of the slow motion, and of each of its pixels: 12 kB at 720p and 19 kB at 1080p."""
+# By which the noise of a camera and the motion of people change these sizes.
 ERROR_FACTOR = 2.0
-"""By which the noise of a camera and the motion of people change these sizes."""
 
 
 @dataclass(frozen=True, slots=True)

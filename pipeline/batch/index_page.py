@@ -21,10 +21,10 @@ from pipeline.reporting.pages.page_template import build_jpeg_uri, render_templa
 from pipeline.reporting.pages.run_report import SUMMARY_FILE, THUMBNAIL_PX, THUMBNAIL_QUALITY
 from pipeline.reporting.text.text_formatting import escape_text
 
+# A phone opens a page of 3 MB at once.
 MAX_PAGE_BYTES = 2_900_000
-"""A phone opens a page of 3 MB at once."""
+# Longest side of an image that shows a table at all.
 LEAST_THUMBNAIL_PX = 64
-"""Longest side of an image that shows a table at all."""
 VIDEO = "slow.mp4"
 
 

@@ -18,8 +18,8 @@ from pipeline.stages.shot_stages import ClipShot
 
 MERGED_TABLES = ("tracks.csv", "events.csv", "trajectory.csv")
 
+# Called with the number of the shot that begins, from 1, the number of shots, and the share of their frames before.
 ShotListener = Callable[[int, int, float], None]
-"""Called with the number of the shot that begins, from 1, the number of shots, and the share of their frames before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,6 @@ def run_shots(
         shots: Its shots.
         folder: Folder of the results.
         options: Options of all stages.
-        cache: The cache.
         watcher: Follows each run.
         snapshot: The project's code when this process started.
         listener: Called when a shot begins.

@@ -21,8 +21,8 @@ from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.reporting.text.text_formatting import escape_text
 
+# Least time between two summaries while clips run, s.
 SUMMARY_INTERVAL_S = 2.0
-"""Least time between two summaries while clips run, s."""
 
 
 class BatchFollower(Protocol):
@@ -104,8 +104,8 @@ def run_batch(batch: Batch, clips: Iterable[Path | None], runner: ClipRunner, fo
             write_summary(batch.rows.values(), batch.out)
 
 
+# Columns that differ from run to run. The csv omits them, so that equal results are equal files.
 COST_COLUMNS = ("seconds", "compiling", "peak_mb", "tries", "cached")
-"""Columns that differ from run to run. The csv omits them, so that equal results are equal files."""
 
 
 def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) -> None:

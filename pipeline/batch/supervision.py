@@ -28,19 +28,19 @@ from pipeline.batch.clip_job import MAX_TRIES, ClipJob, ClipLimits, ClipResult, 
 from pipeline.engine.atomic_write import remove_leftovers
 from pipeline.engine.result_cache import ResultCache
 
+# Time between two checks of the memory of a process, s. At 2 GB/s it grows by 200 MB in between.
 POLL_INTERVAL_S = 0.1
-"""Time between two checks of the memory of a process, s. At 2 GB/s it grows by 200 MB in between."""
+# Time for a process to start, s. Imports from a network disk are slow the first time.
 START_TIMEOUT_S = 120.0
-"""Time for a process to start, s. Imports from a network disk are slow the first time."""
+# Time for a process to remove unfinished files and exit, s.
 EXIT_TIMEOUT_S = 3.0
-"""Time for a process to remove unfinished files and exit, s."""
+# Resident memory after a clip above which the next clip gets a new process, MB.
 RENEWAL_MEMORY_MB = 1500.0
-"""Resident memory after a clip above which the next clip gets a new process, MB."""
+# Length of the end of a dead process's error output that is read, bytes.
 ERROR_TAIL_BYTES = 2000
-"""Length of the end of a dead process's error output that is read, bytes."""
 
+# Called with the progress messages of a clip; see `clip_runner`.
 MessageListener = Callable[[dict[str, Any]], None]
-"""Called with the progress messages of a clip; see `clip_runner`."""
 
 
 class ClipLimitExceeded(Exception):
@@ -238,8 +238,8 @@ def _remove_leftovers(job: ClipJob) -> None:
 
 _THREAD = threading.local()
 _PROCESSES: list[SupervisedProcess] = []
+# Started processes that no thread has asked for yet.
 _UNCLAIMED: list[SupervisedProcess] = []
-"""Started processes that no thread has asked for yet."""
 
 
 def start_processes(count: int) -> None:

@@ -13,8 +13,8 @@ from models.core.errors import OptionError
 from pipeline.cli.commands import load_command
 from pipeline.terminal.command_line import app
 
+# Base class of usage errors in the click that this typer uses: its own copy or the package.
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
-"""Base class of usage errors in the click that this typer uses: its own copy or the package."""
 
 
 def execute_command_line(arguments: list[str]) -> int:

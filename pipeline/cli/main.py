@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 INTERRUPT_MESSAGE = "trueroll: interrupted; nothing half-written is left\n"
+# Delay after which a lost interrupt is raised again, s.
 RERAISE_S = 0.05
-"""Delay after which a lost interrupt is raised again, s."""
 
 
 def main() -> NoReturn:

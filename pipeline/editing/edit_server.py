@@ -30,9 +30,9 @@ from pipeline.editing.edit_session import ConflictError, EditSession
 from pipeline.io.corrections_file import MAX_BYTES, SCHEMA, parse_corrections
 
 HOST = "127.0.0.1"
+# Files of the page by the last part of their address, with their types.
 PAGE_FILES = {"": ("edit.html", "text/html"), "edit.css": ("edit.css", "text/css"),
               "edit.js": ("edit.js", "text/javascript")}  # fmt: skip
-"""Files of the page by the last part of their address, with their types."""
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -75,7 +75,6 @@ def build_app(session: EditSession, token: str) -> Starlette:
     """Build the application of a session.
 
     Args:
-        session: The session.
         token: Secret first part of every path.
 
     Returns:

@@ -22,11 +22,11 @@ from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
 from pipeline.stages.shot_stages import ClipShot
 
+# Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given up,
+# and ends with the process.
 CLOSE_WAIT_S = 3.0
-"""Longest wait for a run in progress at the end of the session, s: a search that reports no progress cannot be given
-up, and ends with the process."""
+# Corrections that can be taken back.
 MAX_UNDO = 200
-"""Corrections that can be taken back."""
 
 
 class ConflictError(Exception):
@@ -66,7 +66,6 @@ class EditSession:
         Args:
             edited: Clip and run folder.
             options: Options of the run; those that a person can correct are what the corrections start from.
-            cache: The cache.
         """
         self.edited = edited
         self._options, self._cache = options, cache

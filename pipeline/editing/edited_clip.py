@@ -18,10 +18,10 @@ from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
 
+# Of the frames of the page: no visible block at four times magnification.
 JPEG_QUALITY = 88
-"""Of the frames of the page: no visible block at four times magnification."""
+# Longest wait of a request for a frame that is not decoded yet, s.
 FRAME_WAIT_S = 20.0
-"""Longest wait of a request for a frame that is not decoded yet, s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,16 +27,16 @@ from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
 from video.io.clip import Clip
 
+# s within which events of two runs with the same bodies are one.
 SAME_EVENT_S = 0.1
-"""s within which events of two runs with the same bodies are one."""
+# Standard deviations of time, and probability, by which an event must differ to be listed as changed.
 NOTED_SIGMAS, NOTED_SHARE = 2.0, 0.05
-"""Standard deviations of time, and probability, by which an event must differ to be listed as changed."""
+# Ball classes that the page offers, by game.
 GAME_CLASSES: dict[Game, tuple[str, ...]] = {
     "pool": ("cue", "solid", "stripe", "eight", "red", "yellow", "ball"),
     "snooker": ("cue", "red", "yellow", "green", "brown", "blue", "pink", "black", "ball"),
     "carom": ("white", "yellow", "red", "ball"),
 }
-"""Ball classes that the page offers, by game."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,6 @@ def describe_run(run: ClipRun, before: ClipRun | None, corrections: Corrections 
     """Describe a run for the page.
 
     Args:
-        run: The run.
         before: The run before the last correction; None for the first one.
         corrections: Corrections of the run.
 
@@ -99,9 +98,6 @@ def describe_run(run: ClipRun, before: ClipRun | None, corrections: Corrections 
 
 def list_calls(run: ClipRun) -> dict[str, str]:
     """List the answers to the questions that the report asks.
-
-    Args:
-        run: The run.
 
     Returns:
         Answer by question.

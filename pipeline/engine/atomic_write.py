@@ -16,8 +16,8 @@ from pathlib import Path
 
 from models.core.errors import OptionError
 
+# Age after which an unfinished file of another machine counts as left by a killed process, s since its last write.
 LEFTOVER_AGE_S = 3600.0
-"""Age after which an unfinished file of another machine counts as left by a killed process, s since its last write."""
 
 
 @contextmanager
@@ -48,9 +48,6 @@ def replace_file(target: Path) -> Iterator[Path]:
 
 def parse_output_path(text: str | os.PathLike[str]) -> Path:
     """Parse the value of -o or `out`, which must not be empty: an empty path would mean the current folder.
-
-    Args:
-        text: The value.
 
     Returns:
         The path.

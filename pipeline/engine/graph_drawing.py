@@ -13,12 +13,12 @@ from models.core.errors import OptionError
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.stage_graph import StageStatus
 
+# Size of a box, space between columns and rows, border, all in px.
 BOX, GAP, MARGIN = (200, 54), (70, 26), 24
-"""Size of a box, space between columns and rows, border, all in px."""
 COLOURS = {"cached": "#d7f0e2", "stale": "#fde6c4", "waiting": "#eceff1"}
 LINE, INK, SOFT = "#7b8a84", "#1b2420", "#55605a"
+# Most characters in the second line of a box.
 CHARACTERS = 32
-"""Most characters in the second line of a box."""
 
 
 @dataclass(frozen=True, slots=True)

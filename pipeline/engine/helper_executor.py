@@ -19,14 +19,14 @@ from typing import Any
 from models.numerics.executor import SERIAL, Executor, TaskFunction
 from pipeline.engine.process_setup import available_cores, limit_garbage_collection
 
+# Batches that the helper has at most: the next one waits when the helper finishes one.
 _BATCHES_AHEAD = 2
-"""Batches that the helper has at most: the next one waits when the helper finishes one."""
+# Time that a batch should take, s. The messages of a batch take about a tenth of that (measured).
 _BATCH_S = 4e-3
-"""Time that a batch should take, s. The messages of a batch take about a tenth of that (measured)."""
+# Interval at which the helper's computing thread lets its listening thread run, s.
 _SWITCH_INTERVAL_S = 5e-4
-"""Interval at which the helper's computing thread lets its listening thread run, s."""
+# Kinds of messages to the helper: (subject,), (batch number, function, arguments of its tasks), (batch number,).
 _SUBJECT, _BATCH, _CANCEL = range(3)
-"""Kinds of messages to the helper: (subject,), (batch number, function, arguments of its tasks), (batch number,)."""
 
 
 @contextmanager

@@ -6,14 +6,14 @@ import gc
 import os
 import sys
 
+# Environment variables with the number of threads of the linear algebra libraries behind numpy.
 THREAD_COUNT_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables with the number of threads of the linear algebra libraries behind numpy."""
+# Environment variables with the number of iterations for which OpenCV's threads wait busily for each other.
 ACTIVE_WAIT_VARIABLES = ("OPENCV_THREAD_POOL_ACTIVE_WAIT_WORKER", "OPENCV_THREAD_POOL_ACTIVE_WAIT_MAIN")
-"""Environment variables with the number of iterations for which OpenCV's threads wait busily for each other."""
+# File with the memory limit of the control group in bytes, or "max"; Linux, version 2 of control groups.
 CGROUP_LIMIT = "/sys/fs/cgroup/memory.max"
-"""File with the memory limit of the control group in bytes, or "max"; Linux, version 2 of control groups."""
+# Net number of new objects that starts a garbage collection. Python's default is 700, which suits small programs.
 COLLECTION_THRESHOLD = 20_000
-"""Net number of new objects that starts a garbage collection. Python's default is 700, which suits small programs."""
 
 
 def available_cores() -> int:

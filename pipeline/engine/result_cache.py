@@ -55,7 +55,6 @@ def build_stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[s
     """Build the cache key of a stage.
 
     Args:
-        stage: The stage.
         contents: Content hashes of its inputs (`CacheEntry.content`) by stage name.
         source: Hashes of the files of code behind it, by path.
 
@@ -77,8 +76,8 @@ def build_stage_key(stage: Stage, contents: Mapping[str, str], source: Mapping[s
 
 MANIFEST = "manifest.json"
 MARK = "mark"
+# Age after which a file in building/, written by a worker to test the folder, is removed, s.
 PROBE_AGE_S = 60.0
-"""Age after which a file in building/, written by a worker to test the folder, is removed, s."""
 SUBFOLDERS = ("entries", "building", "locks", "latest")
 
 

@@ -17,14 +17,14 @@ from pathlib import Path
 
 from models.core.source_imports import Import, find_discovered_packages, find_imports
 
+# Folder of the project's packages: the checkout, or site-packages.
 ROOT = Path(__file__).resolve().parents[2]
-"""Folder of the project's packages: the checkout, or site-packages."""
+# The project's packages. Nothing else below `ROOT` is hashed.
 PACKAGES = ("trueroll", "pipeline", "detectors", "diagnosis", "video", "models")
-"""The project's packages. Nothing else below `ROOT` is hashed."""
+# Nodes of a syntax tree that are no strings and hold none: more than half of all nodes.
 IGNORED_NODES = (ast.Name, ast.expr_context)
-"""Nodes of a syntax tree that are no strings and hold none: more than half of all nodes."""
+# Distributions whose version is part of the cache key: they can change a result.
 LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba", "scikit-image")
-"""Distributions whose version is part of the cache key: they can change a result."""
 
 
 @lru_cache(maxsize=1)
@@ -139,8 +139,8 @@ def _find_module_file(name: str, root: Path) -> Path | None:
     return None
 
 
+# Cached by content, so that an edit within one tick of the clock counts too.
 _find_imports_cached = lru_cache(maxsize=2048)(find_imports)
-"""Cached by content, so that an edit within one tick of the clock counts too."""
 
 
 @lru_cache(maxsize=2048)

@@ -9,8 +9,8 @@ from typing import Any
 
 from models.core.progress import Progress
 
+# By stage name: the output value of the stage, or the folder of its files.
 Inputs = Mapping[str, Any]
-"""By stage name: the output value of the stage, or the folder of its files."""
 
 
 @dataclass(frozen=True, slots=True)

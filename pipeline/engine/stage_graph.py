@@ -176,7 +176,6 @@ def load_stage_output(stage: Stage, entry: CacheEntry) -> Any:
     """Load the output of a finished stage.
 
     Args:
-        stage: The stage.
         entry: Its cache entry.
 
     Returns:

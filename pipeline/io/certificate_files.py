@@ -18,11 +18,12 @@ from models.estimation.table_learning.table_measurements import MeasuredTable, T
 
 CERTIFICATE_FILE = "certificate.json"
 SCHEMA = "trueroll.certificate/1"
+# Shots and cushion contacts from which every cushion has enough contacts, and the scatter between shots is known to a
+# third of itself.
 ADVISED_SHOTS, ADVISED_CONTACTS = 6, 40
-"""Shots and cushion contacts from which every cushion has enough contacts, and the scatter between shots is known to a
-third of itself."""
+# Probability that any number of two equal tables is called different.
 FALSE_ALARM = 0.01
-"""Probability that any number of two equal tables is called different."""
+# What each number is, in words.
 NAMES: Mapping[str, str] = {
     "slope_x": "slope along the length", "slope_y": "slope along the width",
     "restitution": "restitution, all cushions", "restitution_left": "restitution, left cushion",
@@ -32,7 +33,6 @@ NAMES: Mapping[str, str] = {
     "length": "length between the noses", "width": "width between the noses",
     "angle": "angle between long and short side", "aspect": "length over width in the image",
 }  # fmt: skip
-"""What each number is, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,6 @@ def describe_certificate(
     """Describe a certificate as the content of certificate.json.
 
     Args:
-        table: The table.
         measured: Its numbers by the shots.
         shape: Its numbers by the calibration; empty without one.
         shot_count: Number of shots.

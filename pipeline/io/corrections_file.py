@@ -15,8 +15,8 @@ from pipeline.engine.atomic_write import write_text
 
 SCHEMA = "trueroll.corrections/1"
 SUFFIX = ".corrections.json"
+# Size of the largest file that is read: ten thousand corrections.
 MAX_BYTES = 2_000_000
-"""Size of the largest file that is read: ten thousand corrections."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +116,6 @@ def parse_corrections(document: Any) -> CorrectionsFile:
 
 def describe_corrections(corrections: Corrections) -> dict[str, Any]:
     """Describe corrections as JSON values; what is not set is left out.
-
-    Args:
-        corrections: The corrections.
 
     Returns:
         The keys of a corrections file, without its head.

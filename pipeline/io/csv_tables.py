@@ -17,8 +17,8 @@ from models.core.typing import FloatArray
 
 Columns = dict[str, Sequence[str] | NDArray[Any]]
 
+# Decimals of each column (m, s, px); other columns have six.
 DECIMALS = {"x_px": 3, "y_px": 3, "radius_px": 2, "frame": 3, "xx": 12, "xy": 12, "yy": 12}
-"""Decimals of each column (m, s, px); other columns have six."""
 SHOT_NUMBER = 0
 
 

@@ -23,8 +23,8 @@ SCHEMA = "trueroll.gap/1"
 PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
 _DECIMALS = 7
 AXES = ("x", "y", "z")
+# Phases by another name in the schema, which has one for contacts with cushions and with walls.
 _PHASES = {"wall_contact": "cushion_contact"}
-"""Phases by another name in the schema, which has one for contacts with cushions and with walls."""
 _STRENGTH_KEYS = ("value", "sigma", "unit", "prior_only", "shot_spread", "body_spread")
 
 
@@ -60,7 +60,6 @@ def write_profile_files(
 
     Args:
         report: Result of a diagnosis of billiards.
-        table: The table.
         folder: Folder of the files.
         views: View, cloth and balls of the shots, of `collect_views`.
     """

@@ -27,7 +27,6 @@ def keep_value(
     Args:
         source: Run folder or track folder that the value belongs to; None for neither.
         cache: Holds the value where the source has no saved shot, or cannot be written.
-        name: Name of the value.
         facts: What the value depends on, such as the hash of the shot, as JSON values.
         kind: Type of the value.
         code: Module that computes it.
@@ -50,7 +49,6 @@ def find_kept_value(
     Args:
         source: Run folder, track folder or tracks.csv that the value belongs to.
         cache: Holds the value where the source has no saved shot, or cannot be written.
-        name: Name of the value.
         facts: What the value depends on, such as the hash of the shot, as JSON values.
         kind: Type of the value.
         code: Module that computes it.

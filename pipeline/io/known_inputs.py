@@ -18,23 +18,23 @@ from scipy.interpolate import make_interp_spline
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 
+# Inputs over mass (m/s^2) or moment of inertia (rad/s^2).
 ACCELERATION_COLUMNS: Mapping[str, tuple[str, ...]] = {"slide": ("force_x", "force_y"), "pendulum": ("torque",)}
-"""Inputs over mass (m/s^2) or moment of inertia (rad/s^2)."""
+# Positions of what carries the bodies; those of a pivot are in m, those of a platform in the unit of x and y.
 POSITION_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "slide": ("platform_x", "platform_y"),
     "pendulum": ("pivot_x", "pivot_y"),
 }
-"""Positions of what carries the bodies; those of a pivot are in m, those of a platform in the unit of x and y."""
+# Spin axis of a flight in space; only its direction counts.
 AXIS_COLUMNS = ("axis_x", "axis_y", "axis_z")
-"""Spin axis of a flight in space; only its direction counts."""
+# Names by scene; no other column is an input.
 INPUT_COLUMNS = {
     "slide": (*ACCELERATION_COLUMNS["slide"], *POSITION_COLUMNS["slide"]),
     "pendulum": (*ACCELERATION_COLUMNS["pendulum"], *POSITION_COLUMNS["pendulum"]),
     "flight": AXIS_COLUMNS,
 }
-"""Names by scene; no other column is an input."""
+# Values from here on, like NaN, count as missing.
 _MAX_VALUE = 1e12
-"""Values from here on, like NaN, count as missing."""
 
 
 def find_input_columns(scene: str, coordinates: tuple[str, ...], names: Iterable[str], path: Path) -> tuple[str, ...]:

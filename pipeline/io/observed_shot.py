@@ -19,12 +19,12 @@ from pipeline.io.text_table import Columns, read_text_table, require_tracks_file
 from pipeline.io.track_conventions import TrackRows, interpret_tracks
 from pipeline.io.track_folder import parse_scene_entry, require_positions_on_table
 
+# Cloth colour (CIE L*a*b*) of a table without a video.
 DEFAULT_CLOTH_LAB = np.array([40.0, -30.0, 10.0])
-"""Cloth colour (CIE L*a*b*) of a table without a video."""
+# m above the cloth, height of the assumed camera if the folder has no calibration.
 ASSUMED_CAMERA_HEIGHT = 4.0
-"""m above the cloth, height of the assumed camera if the folder has no calibration."""
+# px, width of the image of the assumed camera.
 ASSUMED_IMAGE_WIDTH = 1000
-"""px, width of the image of the assumed camera."""
 
 
 def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, Scene, int]:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from models.estimation.particles.particle_fit import ParticleMotion, ParticlePrediction
 
 AXES = ("x", "y", "z")
+# Scenes of track folders; tracks with any other scene, or none, are particles.
 NAMED_SCENES = ("billiards", "flight", "pendulum", "slide")
-"""Scenes of track folders; tracks with any other scene, or none, are particles."""
 
 
 def is_particle_source(source: Path) -> bool:
@@ -122,7 +122,6 @@ def write_particle_positions(path: Path, shots: list[Recording], rows: list[dict
 
     Args:
         path: File to write.
-        shots: The shots.
         rows: Per shot: t (M,) s, x (M, N, D), sigma (M, N) and further columns (M, N).
     """
     parts = [_build_columns(shot, values) for shot, values in zip(shots, rows, strict=True)]

@@ -18,6 +18,7 @@ from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
 from models.physics.billiards.parameter_vector import GRAVITY
 
 SCHEMA = "trueroll.profile/1"
+# pooltool's name of each parameter, and the factor from our value to its value.
 _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "sliding_friction.mu": ("u_s", 1.0),
     "rolling_resistance.mu": ("u_r", 1.0),
@@ -27,27 +28,26 @@ _POOLTOOL_NAMES: Mapping[str, tuple[str, float]] = {
     "cushion_friction.mu": ("f_c", 1.0),
     "cushion_restitution.e": ("e_c", 1.0),
 }
-"""pooltool's name of each parameter, and the factor from our value to its value."""
+# Friction coefficient of an absent effect: pooltool rejects zero; this value slows a ball by 10 um/s in 1 s.
 _NEGLIGIBLE_FRICTION = 1e-6
-"""Friction coefficient of an absent effect: pooltool rejects zero; this value slows a ball by 10 um/s in 1 s."""
 _ABSENT_PARAMETERS = dict.fromkeys(("u_s", "u_r", "u_sp_proportionality", "u_b", "f_c"), _NEGLIGIBLE_FRICTION) | {
     "e_b": 1.0,
     "e_c": 1.0,
 }
+# pooltool's name and options of each cushion model. It has no mirror with friction: the most similar model,
+# `impulse_frictional_inelastic`, reduces the roll of a ball that hits the cushion head-on.
 _CUSHION_MODELS: Mapping[str, tuple[str, dict[str, bool | float]]] = {
     "mirror": ("unrealistic", {"restitution": True}),
     "han_2005": ("han_2005", {}),
     "mathavan_2010": ("mathavan_2010", {}),
     "stronge": ("stronge_compliant", {"omega_ratio": FREQUENCY_RATIO}),
 }
-"""pooltool's name and options of each cushion model. It has no mirror with friction: the most similar model,
-`impulse_frictional_inelastic`, reduces the roll of a ball that hits the cushion head-on."""
+# pooltool's names of each ball contact model and of its friction model.
 _BALL_MODELS = {
     "elastic": ("frictionless_elastic", None),
     "inelastic": ("frictional_inelastic", "average"),
     "alciatore": ("frictional_inelastic", "alciatore"),
 }
-"""pooltool's names of each ball contact model and of its friction model."""
 
 
 def describe_physics(fitted: Iterable[Parameter], cushion: str, ball: str, table: Table) -> dict[str, Any]:

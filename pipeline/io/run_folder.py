@@ -20,10 +20,10 @@ from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.strict_json import read_json
 from pipeline.io.text_table import Columns, read_text_table
 
+# File of a run folder that names the source clip.
 SOURCE_FILE = "source.json"
-"""File of a run folder that names the source clip."""
+# m, standard deviation of positions without a sigma.
 DEFAULT_SIGMA = 1e-3
-"""m, standard deviation of positions without a sigma."""
 
 
 def read_scene_document(path: Path) -> dict[str, Any]:

@@ -30,8 +30,8 @@ from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0
 DEFAULT_MODEL = ("rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution")
+# Fitted groups of parameters that are no effects of the catalogue.
 TABLE_PARAMETERS = ("ball_size", "collision_radius", "nose")
-"""Fitted groups of parameters that are no effects of the catalogue."""
 
 
 def write_tracks(scene: Scene, tracks: Tracks, fit: Fit, path: Path) -> None:
@@ -81,7 +81,6 @@ def write_scene(
     """Write scene.json: table, calibration, fitted model, trust level, explanation and places to check.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.

@@ -26,8 +26,8 @@ from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.correction_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_meeting
 
+# Shots whose views are kept in memory: a command reads one, and compares it with few.
 _KEPT_VIEWS = 4
-"""Shots whose views are kept in memory: a command reads one, and compares it with few."""
 
 
 @lru_cache(_KEPT_VIEWS)
@@ -35,7 +35,6 @@ def view_run(shot: Shot, laws: WholeShotFit | None = None, profile: str = "") ->
     """Evaluate the views of a shot with everything that a run adds.
 
     Args:
-        shot: The shot.
         laws: What published contact models make of it, where somebody asked for them.
         profile: Content of the table profile, JSON; empty for none.
 
@@ -48,12 +47,12 @@ def view_run(shot: Shot, laws: WholeShotFit | None = None, profile: str = "") ->
     return replace(fit, trust=assess_run_trust(shot.notes, fit))
 
 
+# Causes that the course of a shot depends on: a run with such an undecided one is not green.
 DECIDING_CAUSES = ("strike", "ball", "pocket")
-"""Causes that the course of a shot depends on: a run with such an undecided one is not green."""
+# Undecided events that the trust level names.
 MAX_NAMED = 3
-"""Undecided events that the trust level names."""
+# s between two moments of the same event: a contact may be a moment of either ball.
 SAME_TIME = 0.05
-"""s between two moments of the same event: a contact may be a moment of either ball."""
 
 
 def assess_run_trust(notes: Sequence[Note], fit: Fit) -> Trust:

@@ -24,10 +24,10 @@ from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, parse_learne
 FiniteNumber = Annotated[float, Field(allow_inf_nan=False)]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
+# Largest number of rows of trajectory.csv, about 2 GB.
 MAX_ROWS = 20_000_000
-"""Largest number of rows of trajectory.csv, about 2 GB."""
+# m, overlap that is attributed to rounding in the file.
 ALLOWED_OVERLAP = 1e-5
-"""m, overlap that is attributed to rounding in the file."""
 
 
 class _StrictEntry(BaseModel):
@@ -205,7 +205,6 @@ def place_on_learned_table(shot: ShotSetup, text: str) -> ShotSetup:
     """Replace the physics of a shot by that of a profile.
 
     Args:
-        shot: The shot.
         text: Content of the profile, JSON.
 
     Returns:

@@ -26,18 +26,17 @@ from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.value_files import AnyArray, decode_value, encode_value
 
 SHOT_FOLDER, SHOT_FILE, LOCK_FILE = "shot", "shot.json", "lock"
+# Version of the layout; a later program reads every earlier one.
 FORMAT = 1
-"""Version of the layout; a later program reads every earlier one."""
 HASH_DIGITS = 16
+# What files raise that were cut off or altered.
 _UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
-"""What files raise that were cut off or altered."""
 
 
 def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Path) -> None:
     """Write a shot into a folder that holds none.
 
     Args:
-        shot: The shot.
         options: Options that explained it, as JSON values.
         version: Version of the program.
         folder: The folder, which exists.

@@ -26,7 +26,6 @@ def load_laws(source: Path, shot: Shot, cache: ResultCache, on_fit: Callable[[],
 
     Args:
         source: Its run folder or track folder.
-        shot: The shot.
         cache: Holds the models of track folders.
         on_fit: Called before a fit, which takes up to a minute.
 
@@ -45,7 +44,6 @@ def fit_laws(shot: Shot, options: FitOptions, prior: TablePrior | None = None) -
     """Fit published contact models to whole shots, at the capture times of the frames.
 
     Args:
-        shot: The shot.
         options: Options of the fit.
         prior: Physics of the table, where it is known.
 
@@ -74,7 +72,6 @@ def find_laws(source: Path, shot: Shot, cache: ResultCache) -> WholeShotFit | No
 
     Args:
         source: Its run folder.
-        shot: The shot.
         cache: Holds the models where the folder cannot be written.
 
     Returns:

@@ -10,8 +10,8 @@ from models.core.errors import OptionError
 from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
 from pipeline.io.strict_json import replace_nonfinite
 
+# Key of scene.json.
 KEY = "shot_numbers"
-"""Key of scene.json."""
 
 
 def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:

@@ -263,6 +263,7 @@ def _require_form(name: str, choice: ModelChoice) -> str:
     return name
 
 
+# Parameters without which no ball behaves as on a table.
 USUAL_PARAMETERS = (
     "sliding_friction.mu",
     "rolling_resistance.mu",
@@ -270,14 +271,13 @@ USUAL_PARAMETERS = (
     "ball_restitution.e",
     "ball_friction.mu",
 )
-"""Parameters without which no ball behaves as on a table."""
+# Details that a profile without them leaves out.
 NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power", "cushion_height.ratio")
-"""Details that a profile without them leaves out."""
+# Relative error of a covariance that numbers in a file may cause.
 _ROUNDING = 1e-9
-"""Relative error of a covariance that numbers in a file may cause."""
+# Largest relative difference of two measured sizes of one table.
 SIZE_TOLERANCE = 0.02
-"""Largest relative difference of two measured sizes of one table."""
+# m, bound of the offset of a nose, as in the fit of whole shots.
 _MAX_NOSE_OFFSET = 0.03
-"""m, bound of the offset of a nose, as in the fit of whole shots."""
+# Effects of the camera and of the balls, which may differ in the next clip.
 _CAMERA_EFFECTS = tuple(effect.name for effect in BILLIARDS_EFFECTS if not effect.is_in_engine)
-"""Effects of the camera and of the balls, which may differ in the next clip."""

@@ -23,24 +23,25 @@ Columns = dict[str, NDArray[Any]]
 TEXT_COLUMNS = ("id", "kind", "a", "b")
 DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _COMMENTS = ("#", "%", "//")
+# Lines from which delimiter and decimal sign are recognised.
 _SAMPLE_LINES = 50
-"""Lines from which delimiter and decimal sign are recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
+# Cells of numbers that were not measured.
 _MISSING = (*csv.ConvertOptions().null_values, "-", "--", "?", ".", "None", "none", "missing")
-"""Cells of numbers that were not measured."""
+# Characters that no text has.
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-"""Characters that no text has."""
+# Beginnings of JSON, XML and HTML, which would pass as tables with strange names.
 _DOCUMENTS = ("{", "[{", "[[", "<")
-"""Beginnings of JSON, XML and HTML, which would pass as tables with strange names."""
+# Spellings of units in headers.
 UNITS = {
     "px": "px", "pixel": "px", "pixels": "px", "m": "m", "metres": "m", "meters": "m", "cm": "cm", "mm": "mm",
     "km": "km", "in": "in", "inch": "in", "inches": "in", "ft": "ft", "feet": "ft", "s": "s", "sec": "s",
     "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns", "rad": "rad", "radians": "rad", "deg": "deg",
     "degrees": "deg", "°": "deg",
 }  # fmt: skip
-"""Spellings of units in headers."""
 _WITH_UNIT = re.compile(r"(.+?)\s*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|[\s_/]\s*([^\s_/]+))")
+# Names that other programs give to columns of tracks, by ours.
 ALIASES = {
     "shot": ("trial", "take", "throw", "toss"),
     "frame": ("frame_idx", "frame_index", "frame_number", "frame_id", "frame_no", "frames"),
@@ -52,7 +53,6 @@ ALIASES = {
     "theta1": ("theta", "theta_1", "angle", "angle1", "angle_1", "phi", "phi1"),
     "theta2": ("theta_2", "angle2", "angle_2", "phi2"),
 }  # fmt: skip
-"""Names that other programs give to columns of tracks, by ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,6 +331,6 @@ def _to_values(name: str, column: Any, place: str) -> NDArray[Any]:
         ) from error
 
 
+# Further columns in which a text is an error.
 NUMERIC_COLUMNS = ("sigma", "observed", "x_px", "y_px", "radius_px", "force_x", "force_y", "torque", "platform_x",
                    "platform_y", "pivot_x", "pivot_y", "axis_x", "axis_y", "axis_z")  # fmt: skip
-"""Further columns in which a text is an error."""

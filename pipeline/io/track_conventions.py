@@ -31,55 +31,55 @@ from pipeline.io.shot_folder import has_shot
 from pipeline.io.text_table import ALIASES, NUMERIC_COLUMNS, TEXT_COLUMNS, UNITS, TextTable
 from pipeline.reporting.text.text_formatting import escape_text
 
+# Coordinates, frames and durations (s) from here on, like NaN, count as missing: no recording has them, and their
+# squares would overflow.
 MAX_NUMBER = 1e12
-"""Coordinates, frames and durations (s) from here on, like NaN, count as missing: no recording has them, and their
-squares would overflow."""
+# m.
 LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "km": 1000.0}
-"""m."""
+# rad.
 ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}
-"""rad."""
 UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet", "km": "kilometres",
               "rad": "radians", "deg": "degrees"}  # fmt: skip
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# s, four months: a time from here on counts from an epoch, not from the start of a recording.
 _MIN_EPOCH = 1e7
-"""s, four months: a time from here on counts from an epoch, not from the start of a recording."""
+# s between samples from which times are no seconds: nothing that is diagnosed can be followed at two samples per
+# second. A thousandth of it, and so on, separates milli-, micro- and nanoseconds.
 _LONGEST_STEP = 0.5
-"""s between samples from which times are no seconds: nothing that is diagnosed can be followed at two samples per
-second. A thousandth of it, and so on, separates milli-, micro- and nanoseconds."""
+# Difference of the times of one frame, in steps, up to which they are one time: it shifts a body by a hundredth of its
+# path per frame.
 _SAME_TIME = 0.01
-"""Difference of the times of one frame, in steps, up to which they are one time: it shifts a body by a hundredth of its
-path per frame."""
+# Accelerations, in gravity, that drag, lift and noise of short drops explain.
 _FALL_RANGE = (0.4, 2.5)
-"""Accelerations, in gravity, that drag, lift and noise of short drops explain."""
+# Acceleration along the height, in that along another coordinate, below which bodies fall along the other one; a wind
+# accelerates less than half as much as gravity.
 _LEVEL = 0.5
-"""Acceleration along the height, in that along another coordinate, below which bodies fall along the other one; a wind
-accelerates less than half as much as gravity."""
+# Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: the fastest smash
+# of a shuttlecock, twenty times its terminal speed, has 400.
 _MOST_DRAG = 500.0
-"""Acceleration, in gravity, from which drag does not explain the fall of bodies that are never slow: the fastest smash
-of a shuttlecock, twenty times its terminal speed, has 400."""
+# Factor by which the ratio of a coordinate's rate and a column may differ from that of two units: a filtered rate is a
+# few per cent too small, and the nearest two units, centimetres and inches, differ by 2.54.
 _RATE_TOLERANCE = 1.05
-"""Factor by which the ratio of a coordinate's rate and a column may differ from that of two units: a filtered rate is a
-few per cent too small, and the nearest two units, centimetres and inches, differ by 2.54."""
+# Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity.
 _UNIT_TOLERANCE = 1.25
-"""Factor by which a fall in another unit may differ from gravity: half the way from feet to twice gravity."""
+# Misfit of the equation of motion of a pendulum, relative to no equation, from which it describes the angles, and the
+# ratio of two misfits from which one reading of the angles is the better one. Real pendulums have 0.006 to 0.39.
 _GOOD_SWING = 0.5
-"""Misfit of the equation of motion of a pendulum, relative to no equation, from which it describes the angles, and the
-ratio of two misfits from which one reading of the angles is the better one. Real pendulums have 0.006 to 0.39."""
+# Misfit from which the angles contradict a reading: a swing of 1.7 rad to both sides that moves as a spring does.
 _BAD_SWING = 0.1
-"""Misfit from which the angles contradict a reading: a swing of 1.7 rad to both sides that moves as a spring does."""
+# rad, difference of the angle at rest from a quarter or half turn: a tilted camera explains more.
 _REST_TOLERANCE = 0.3
-"""rad, difference of the angle at rest from a quarter or half turn: a tilted camera explains more."""
+# m/s, twice the fastest shot of ice hockey: nothing slides or rolls faster on a table.
 _MAX_SPEED = 50.0
-"""m/s, twice the fastest shot of ice hockey: nothing slides or rolls faster on a table."""
+# Tolerated distance beyond a cushion, in table lengths: a badly calibrated camera shifts positions by as much.
 MAX_OVERSHOOT = 0.1
-"""Tolerated distance beyond a cushion, in table lengths: a badly calibrated camera shifts positions by as much."""
+# Largest tolerated share of positions off the table: lost and flying balls are fewer, wrong units give more.
 MAX_SHARE_OFF_TABLE = 0.25
-"""Largest tolerated share of positions off the table: lost and flying balls are fewer, wrong units give more."""
+# Share of the table, from its corner, that a shot reaches at least: positions that fit on less in another unit may as
+# well have exchanged columns.
 _MIN_SHARE_USED = 0.1
-"""Share of the table, from its corner, that a shot reaches at least: positions that fit on less in another unit may as
-well have exchanged columns."""
+# m, three times the length of the largest table: a larger value is not in metres.
 MAX_TABLE_LENGTH = 10.0
-"""m, three times the length of the largest table: a larger value is not in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,6 @@ def interpret_tracks(table: TextTable, scene: TrackScene) -> TrackRows:
     """Interpret the rows of a table of tracks.
 
     Args:
-        table: The table.
         scene: What is stated about it.
 
     Returns:

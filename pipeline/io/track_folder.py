@@ -38,19 +38,19 @@ from pipeline.reporting.text.text_formatting import escape_text
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegativeNumber = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
+# px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it.
 DEFAULT_NOISE_PX = 0.3
-"""px, initial standard deviation of positions without a sigma; the diagnosis re-estimates it."""
+# m or rad, the same for scenes without an image.
 DEFAULT_NOISE = 1e-3
-"""m or rad, the same for scenes without an image."""
+# Largest relative difference of two measured sizes of the same table.
 _SIZE_TOLERANCE = 0.05
-"""Largest relative difference of two measured sizes of the same table."""
+# Frame of reference of each scene; flight and pendulum may lack coordinates.
 SCENE_FRAMES = {
     "billiards": TABLE_PLANE,
     "slide": ReferenceFrame(("x", "y"), "m", "in a plane"),
     "flight": ReferenceFrame(("x", "y", "z"), "m", "in the air"),
     "pendulum": ReferenceFrame(("theta1", "theta2"), "rad", "from the vertical"),
 }
-"""Frame of reference of each scene; flight and pendulum may lack coordinates."""
 
 
 class SceneTableEntry(BaseModel):

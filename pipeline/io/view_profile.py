@@ -24,12 +24,12 @@ from pipeline.io.strict_json import write_json
 from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, read_profile_text
 from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
 
+# Parameters of the cloth that every shot gives.
 FRICTION = ("sliding_friction.mu", "rolling_resistance.mu")
-"""Parameters of the cloth that every shot gives."""
+# Standard deviations by which the friction of a shot differs from a profile of another cloth: by chance in 0.3 %.
 MISFIT_SIGMAS = 3.0
-"""Standard deviations by which the friction of a shot differs from a profile of another cloth: by chance in 0.3 %."""
+# m/s, of the rolls from which a single shot gives rolling friction; a drag of the profile adds to it at this speed.
 ROLLING_SPEED, ROLLING_SPEED_SIGMA = 1.0, 0.5
-"""m/s, of the rolls from which a single shot gives rolling friction; a drag of the profile adds to it at this speed."""
 
 
 class ImageSizeEntry(BaseModel):

@@ -14,12 +14,12 @@ from models.core.errors import OptionError
 from models.core.recording import Recording
 
 WALL_SPELLINGS = '[x0, y0, x1, y1], {"x": [x0, x1], "y": [y0, y1]} or {"length": ..., "width": ...}, in metres'
+# Tolerated distance beyond a wall, in sides of the rectangle: wrong units give more.
 _MAX_OVERSHOOT = 0.1
-"""Tolerated distance beyond a wall, in sides of the rectangle: wrong units give more."""
+# Largest tolerated share of positions further outside.
 _MAX_SHARE_OUTSIDE = 0.25
-"""Largest tolerated share of positions further outside."""
+# Lower and upper limit along x and along y, m.
 Limits = tuple[tuple[float, float], tuple[float, float]]
-"""Lower and upper limit along x and along y, m."""
 
 
 def parse_walls(value: Any) -> Limits | None:
@@ -52,8 +52,8 @@ def parse_walls(value: Any) -> Limits | None:
     return (x0, x1), (y0, y1)
 
 
+# Field of a scene.json.
 WallsEntry = Annotated[Limits | None, BeforeValidator(parse_walls)]
-"""Field of a scene.json."""
 
 
 def find_centre_limits(

@@ -10,8 +10,8 @@ from pipeline.engine.stage import Inputs, NoOptions, Stage
 from pipeline.io.run_views import view_run
 from video.io.video_options import RenderOptions
 
+# The slow motion; and the file with the time in the clip of its first frame, s.
 SLOW_FILE, START_FILE = "slow.mp4", "start.json"
-"""The slow motion; and the file with the time in the clip of its first frame, s."""
 
 
 def background_stage() -> Stage:

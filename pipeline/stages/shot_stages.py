@@ -68,9 +68,6 @@ class ClipShot:
 def find_single_span(clip: Clip) -> bool:
     """Find out whether a clip is one shot by its length and its views alone, so that no frame need be searched.
 
-    Args:
-        clip: The clip.
-
     Returns:
         False where it has a cut or a fade, balls may jump, or it is long enough for several shots.
     """
@@ -102,7 +99,6 @@ def shot_stage(shot: ClipShot, digest: str, read: ReadOptions, memory: FrameMemo
     """Build the stage that reads one shot, in place of the stage that reads a whole clip.
 
     Args:
-        shot: The shot.
         digest: SHA-256 of the recording.
         read: How the user wants the recording to be read.
         memory: Keeps the decoded frames for later stages.

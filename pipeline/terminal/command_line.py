@@ -21,10 +21,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 console = Console(stderr=True, highlight=False)
+# A file or folder, as functions take it.
 AnyPath = str | PathLike[str]
-"""A file or folder, as functions take it."""
+# Line width where the output is no terminal, in characters: wide enough not to break a path.
 _FILE_WIDTH = 10_000
-"""Line width where the output is no terminal, in characters: wide enough not to break a path."""
 
 
 def make_output_console() -> Console:
@@ -41,7 +41,6 @@ def print_answer(answer: Answer, as_json: bool) -> None:
     """Print an answer: its document as one line of JSON, or its sentences, its table and where to look.
 
     Args:
-        answer: The answer.
         as_json: Whether to print JSON.
     """
     from pipeline.io.strict_json import format_strict_json  # numpy is slow to import

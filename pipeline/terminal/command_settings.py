@@ -10,8 +10,8 @@ import typer
 
 from pipeline.settings import DoorOptions, Setting, collect_settings, set_value
 
+# Stages whose options are for researchers: the help shows them in a separate panel.
 EXPERT_STAGES = ("track", "fit")
-"""Stages whose options are for researchers: the help shows them in a separate panel."""
 
 
 def add_door_settings(excluded: Collection[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -44,7 +44,6 @@ def append_settings(
 
     Args:
         function: The command.
-        settings: The settings.
         build: Makes the options of their values by name.
 
     Returns:

@@ -209,31 +209,6 @@ def find_cycles(graph: Mapping[str, set[str]]) -> list[list[str]]:
     return components
 
 
-def shared_functions(modules: Iterable[Module]) -> Iterator[tuple[Module, Functions]]:
-    """Yield the public functions that a module of another top-level package imports."""
-    modules = tuple(modules)
-    imported = {
-        (node.module, alias.name)
-        for module in modules
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] != module.name.split(".")[0]
-        for alias in node.names
-    }
-    for module in modules:
-        for node in module.tree.body:
-            if isinstance(node, Functions) and (module.name, node.name) in imported:
-                yield module, node
-
-
-def is_documented(function: Functions) -> bool:
-    """Whether a docstring has Args and Returns sections, where there are arguments and a result."""
-    text = ast.get_docstring(function) or ""
-    arguments = function.args.posonlyargs + function.args.args + function.args.kwonlyargs
-    result = None if function.returns is None else ast.unparse(function.returns)
-    returns = result in (None, "None", "NoReturn") or "Returns:" in text or "Yields:" in text
-    return bool(text) and returns and (not arguments or "Args:" in text)
-
-
 def summarize_structure(root: Path) -> dict[str, str]:
     """Measure the tree of one checkout; each value is text for a table."""
     modules = read_modules(root)
@@ -241,7 +216,6 @@ def summarize_structure(root: Path) -> dict[str, str]:
     private = [name for name in functions if name.startswith("_")]
     participles = sum(map(is_participle, functions))
     one_word = sum(map(is_one_word, private))
-    shared = [is_documented(function) for _, function in shared_functions(modules)]
     return {
         "modules": str(len(modules)),
         "lines": str(sum(module.lines for module in modules)),
@@ -256,7 +230,6 @@ def summarize_structure(root: Path) -> dict[str, str]:
         "modules in the fullest folder": str(max(modules_per_folder(modules).values())),
         "import cycles of modules": str(len(find_cycles(import_graph(modules)))),
         "import cycles of packages": str(len(find_cycles(package_graph(modules)))),
-        "functions used across top-level packages with Args/Returns": _share(sum(shared), len(shared)),
     }
 
 

@@ -13,32 +13,32 @@ from models.core.typing import FloatArray, ImageArray
 from models.physics.billiards.tables import BALL_RADIUS_RANGE
 from video.calibration.cloth_region import compare_with_cloth, estimate_local_cloth_colour
 
+# px: balls are measured in images whose longer side is at most this long.
 PROBE_SIDE_PX = 960
-"""px: balls are measured in images whose longer side is at most this long."""
+# Smallest 4 pi area / perimeter^2 of a blob's hull for a ball.
 MIN_ROUNDNESS = 0.75
-"""Smallest 4 pi area / perimeter^2 of a blob's hull for a ball."""
+# Smallest share of directions in which a ball's edge must lie on its circle.
 MIN_RIM_SHARE = 0.6
-"""Smallest share of directions in which a ball's edge must lie on its circle."""
+# px, standard deviation between a ball's steepest edge and its rim (shading, stripes, blur) where presets are compared:
+# cautious, because the noses of real tables are also misplaced, which changes the ratio by up to 5 %.
 EDGE_SIGMA_PX = 0.6
-"""px, standard deviation between a ball's steepest edge and its rim (shading, stripes, blur) where presets are
-compared: cautious, because the noses of real tables are also misplaced, which changes the ratio by up to 5 %."""
+# px, systematic standard deviation of the typical radius. On 14 clips with known balls (the sample clips, and eight of
+# a snooker table) the radius was wrong by 0.16 px (root mean square) and at most 0.33 px.
 SIZE_FLOOR_PX = 0.25
-"""px, systematic standard deviation of the typical radius. On 14 clips with known balls (the sample clips, and eight of
-a snooker table) the radius was wrong by 0.16 px (root mean square) and at most 0.33 px."""
+# Share of the spread between balls that all of them share. With it and `SIZE_FLOOR_PX`, the errors of the 14 clips and
+# of four broadcasts are 0.8 standard deviations (root mean square) and at most 2.1.
 SHARED_SPREAD = 0.5
-"""Share of the spread between balls that all of them share. With it and `SIZE_FLOOR_PX`, the errors of the 14 clips and
-of four broadcasts are 0.8 standard deviations (root mean square) and at most 2.1."""
+# Number of measured objects in the typical group, and their share of all peers, from which they count as the balls.
 MIN_GROUP_COUNT, MIN_GROUP_SHARE = 3, 0.5
-"""Number of measured objects in the typical group, and their share of all peers, from which they count as the balls."""
+# Radius, in that of the typical group, below which an object is no peer: no set has balls so unequal, and around one
+# ball there may be more scraps (finger tips, chalk, the end of a cue) than balls.
 MIN_PEER_SHARE = 0.6
-"""Radius, in that of the typical group, below which an object is no peer: no set has balls so unequal, and around one
-ball there may be more scraps (finger tips, chalk, the end of a cue) than balls."""
+# Ball radii between the places of an object in two images within which it is the same object at rest.
 SAME_PLACE_RADII = 0.7
-"""Ball radii between the places of an object in two images within which it is the same object at rest."""
+# Spots on the cloth, in quarters of the length along the middle: stickers of a fifth to a half of a ball's radius.
 SPOT_QUARTERS = (1, 2, 3)
-"""Spots on the cloth, in quarters of the length along the middle: stickers of a fifth to a half of a ball's radius."""
+# Range of ball radius over table length: 0.0073 on a 12 ft snooker table, 0.0156 on a small pool table.
 RADIUS_RATIO_RANGE = (0.005, 0.025)
-"""Range of ball radius over table length: 0.0073 on a 12 ft snooker table, 0.0156 on a small pool table."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,20 +9,20 @@ import numpy as np
 from models.core.scene import NOSE_HEIGHT_RADII, Camera, Table, apply_homography
 from models.core.typing import FloatArray
 
+# Prior mean of the focal length, in longer sides of the image: a field of view of 64 degrees, also held upright.
 FOCAL_PRIOR_SIDES = 0.8
-"""Prior mean of the focal length, in longer sides of the image: a field of view of 64 degrees, also held upright."""
+# Prior standard deviation of the logarithm of the focal length: 48 to 83 degrees, broadcast cameras to phones.
 FOCAL_PRIOR_SIGMA = 0.35
-"""Prior standard deviation of the logarithm of the focal length: 48 to 83 degrees, broadcast cameras to phones."""
+# Standard deviation of the logarithm of length over width: tables are built 2:1, all presets within 1 %.
 ASPECT_SIGMA = 0.01
-"""Standard deviation of the logarithm of length over width: tables are built 2:1, all presets within 1 %."""
+# Length over width of small tables for homes, relative to 2:1, and the standard deviation of its logarithm: cushions of
+# one width on a board of 2:1 leave 2.0 to 2.2.
 HOME_ASPECT, HOME_ASPECT_SIGMA = 1.05, 0.06
-"""Length over width of small tables for homes, relative to 2:1, and the standard deviation of its logarithm: cushions
-of one width on a board of 2:1 leave 2.0 to 2.2."""
+# Squared standard deviations that such a shape costs: -2 log of the ratio of the densities of the two kinds at their
+# means, if 3 of 100 filmed tables are of the second one.
 HOME_COST = 11.0
-"""Squared standard deviations that such a shape costs: -2 log of the ratio of the densities of the two kinds at their
-means, if 3 of 100 filmed tables are of the second one."""
+# Standard deviation of the cosine between the sides.
 SQUARE_SIGMA = 0.004
-"""Standard deviation of the cosine between the sides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +208,6 @@ def build_camera(
     Args:
         corners: (4, 2) px, in the order of `Table.corners`.
         covariance: (8, 8) px^2 of the corners.
-        table: the table.
         perspective: focal length and its uncertainty.
         width_px: width of the image.
         height_px: height of the image.
@@ -228,8 +227,8 @@ def build_camera(
     return Camera(matrix, width_px, height_px, corners, covariance, "noses", height, height * perspective.focal_sigma)
 
 
+# px, step of the numerical derivatives by the corners.
 STEP_PX = 0.5
-"""px, step of the numerical derivatives by the corners."""
 
 
 def estimate_place_sigma(camera: Camera, table: Table, xy: FloatArray) -> FloatArray:
@@ -240,7 +239,6 @@ def estimate_place_sigma(camera: Camera, table: Table, xy: FloatArray) -> FloatA
 
     Args:
         camera: Camera that was calibrated by the corners of the table.
-        table: The table.
         xy: Centres of balls (N, 2), m.
 
     Returns:

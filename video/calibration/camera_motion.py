@@ -13,25 +13,25 @@ from models.core.scene import Camera, apply_homography
 from models.core.typing import ByteArray, FloatArray
 from video.calibration.camera_model import homography_between
 
+# px: images are registered so that their longer side has about this length.
 REGISTRATION_SIDE_PX = 640
-"""px: images are registered so that their longer side has about this length."""
+# Ring that contains the features, in table lengths outside the noses: cushions, pockets, wood, diamonds.
 RAIL_RANGE = (-0.012, 0.075)
-"""Ring that contains the features, in table lengths outside the noses: cushions, pockets, wood, diamonds."""
+# Largest number of tracked corner features.
 MAX_FEATURES = 240
-"""Largest number of tracked corner features."""
+# Smallest number of features that must agree on a homography.
 MIN_INLIERS = 12
-"""Smallest number of features that must agree on a homography."""
+# px of the original image by which features may appear to move for a fixed camera: noise, coding, heat.
 MAX_STILL_SHIFT_PX = 0.8
-"""px of the original image by which features may appear to move for a fixed camera: noise, coding, heat."""
+# Smallest share of the tracked features that must agree; below it the image shows something else.
 MIN_INLIER_SHARE = 0.4
-"""Smallest share of the tracked features that must agree; below it the image shows something else."""
+# px, median distance of the located corners from their usual place up to which a camera stands on a stand: noise of the
+# registration; the least motion in a hand is 1 px.
 STILL_NOISE_PX = 0.4
-"""px, median distance of the located corners from their usual place up to which a camera stands on a stand: noise of
-the registration; the least motion in a hand is 1 px."""
+# Multiple of that distance up to which the camera is at its usual place.
 STILL_SIGMAS = 4.0
-"""Multiple of that distance up to which the camera is at its usual place."""
+# Frames over which the motion of a camera is smoothed.
 SMOOTHING_FRAMES = 5
-"""Frames over which the motion of a camera is smoothed."""
 
 
 @dataclass(frozen=True, slots=True)

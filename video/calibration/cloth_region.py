@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray, ImageArray
 from video.io.pixel_kernels import dot_products
 
+# Longer side in px of the reduced image in which the cloth is searched: a turned image gives the turned table.
 SEARCH_SIDE_PX = 480
-"""Longer side in px of the reduced image in which the cloth is searched: a turned image gives the turned table."""
+# Smallest share of the image that a table must cover to be measured.
 MIN_TABLE_SHARE = 0.06
-"""Smallest share of the image that a table must cover to be measured."""
+# Longer side in px of the reduced image from which the local cloth colour is taken: balls cover a few px there.
 ILLUMINATION_SIDE_PX = 160
-"""Longer side in px of the reduced image from which the local cloth colour is taken: balls cover a few px there."""
+# Smallest share of the quadrangle that must have the cloth's colour; players, shadows and balls cover the rest.
 MIN_FILL_SHARE = 0.5
-"""Smallest share of the quadrangle that must have the cloth's colour; players, shadows and balls cover the rest."""
+# Candidate thresholds (rad) of the angle between colour vectors within which a pixel has the hue of the cloth.
 MAX_HUE_ANGLES = (0.07, 0.12, 0.2)
-"""Candidate thresholds (rad) of the angle between colour vectors within which a pixel has the hue of the cloth."""
+# Distance from the outline of a region, in its length, up to which a polygon replaces it.
 POLYGON_TOLERANCE = 0.006
-"""Distance from the outline of a region, in its length, up to which a polygon replaces it."""
+# Candidate thresholds of the brightness relative to the cloth; cushions are shaded.
 MIN_BRIGHTNESSES = (0.35, 0.5, 0.65)
-"""Candidate thresholds of the brightness relative to the cloth; cushions are shaded."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,25 +20,25 @@ from video.calibration.camera_model import (
 )
 from video.calibration.cloth_region import SEARCH_SIDE_PX, intersect_lines, line_through
 
+# Standard deviation of the logarithm of a cushion's width relative to `USUAL_CUSHION`.
 CUSHION_SIGMA = 0.25
-"""Standard deviation of the logarithm of a cushion's width relative to `USUAL_CUSHION`."""
+# Standard deviation of the width among the four cushions of one table, in table lengths.
 EQUAL_SIGMA = 0.0018
-"""Standard deviation of the width among the four cushions of one table, in table lengths."""
+# Height of the cloth's outer edge above the nose in table lengths: mean and standard deviation.
 RISE = (0.0025, 0.0015)
-"""Height of the cloth's outer edge above the nose in table lengths: mean and standard deviation."""
+# px, standard deviation of the outer edge relative to the nose.
 EDGE_SIGMA_PX = 0.7
-"""px, standard deviation of the outer edge relative to the nose."""
+# Cost of a nose that is not visible, in squared standard deviations.
 HIDDEN_COST = 7.0
-"""Cost of a nose that is not visible, in squared standard deviations."""
+# Cost of skipping a line further out: shadows end inside the nose, never outside it.
 SKIPPED_COST = 4.0
-"""Cost of skipping a line further out: shadows end inside the nose, never outside it."""
+# Standard deviations of an expected nose within which a line is that nose.
 NEAR_SIGMAS = 3.0
-"""Standard deviations of an expected nose within which a line is that nose."""
+# px, longer side of the image in which lines are searched. A nose is a soft edge of some millimetres: a pixel or two of
+# this size. In a photograph of 4032 px the seam, the weave and the shadow beside it are lines of their own.
 PROFILE_SIDE_PX = 1920
-"""px, longer side of the image in which lines are searched. A nose is a soft edge of some millimetres: a pixel or two
-of this size. In a photograph of 4032 px the seam, the weave and the shadow beside it are lines of their own."""
+# Largest number of candidate lines per side.
 MAX_LINES_PER_SIDE = 4
-"""Largest number of candidate lines per side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,20 +277,20 @@ def _perturb_line(fitted: FittedLine, offset: float, angle: float) -> FloatArray
     return np.array([normal[0], normal[1], -normal @ fitted.centre - offset])
 
 
+# Width of a cushion's cloth in table lengths: about 50 mm on 2.54 m.
 USUAL_CUSHION = 0.021
-"""Width of a cushion's cloth in table lengths: about 50 mm on 2.54 m."""
+# Range of apparent cushion widths: narrower from behind, wider from the front.
 CUSHION_RANGE = (0.003, 0.048)
-"""Range of apparent cushion widths: narrower from behind, wider from the front."""
+# (D,) sample positions across a side, in table lengths inwards from the outer edge of the cloth.
 DEPTHS = np.linspace(-0.01, 0.055, 164)
-"""(D,) sample positions across a side, in table lengths inwards from the outer edge of the cloth."""
+# (S,) sample positions along a side, away from corner and middle pockets.
 POSITIONS = np.concatenate([np.linspace(0.09, 0.44, 70), np.linspace(0.56, 0.91, 70)])
-"""(S,) sample positions along a side, away from corner and middle pockets."""
+# Smallest gradient across a nose, CIE Lab units per px.
 MIN_NOSE_GRADIENT = 0.6
-"""Smallest gradient across a nose, CIE Lab units per px."""
+# Gradient (Lab units per px) at which an edge may be a pixel off, as measured on recompressed and resized clips.
 FAINT_GRADIENT = 1.5
-"""Gradient (Lab units per px) at which an edge may be a pixel off, as measured on recompressed and resized clips."""
+# px, systematic deviation of a sharp edge from the nose: shading, blur, chroma subsampling.
 SYSTEMATIC_SIGMA_PX = 0.4
-"""px, systematic deviation of a sharp edge from the nose: shading, blur, chroma subsampling."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,41 +23,41 @@ from video.calibration.cloth_region import find_cloth_regions
 from video.calibration.table_finder import locate_table
 from video.io.clip import Clip, read_frames
 
+# px, height of the reduced frame: the smallest ball of a table that fills the frame covers four of its pixels.
 SCAN_HEIGHT_PX = 180
-"""px, height of the reduced frame: the smallest ball of a table that fills the frame covers four of its pixels."""
+# s between two compared frames: a ball at 5 mm/s is not at rest and moves half a millimetre.
 COMPARISON_GAP_S = 0.12
-"""s between two compared frames: a ball at 5 mm/s is not at rest and moves half a millimetre."""
+# Grey levels of the fourth largest change on the cloth; coding and a flickering lamp reach up to 10.
 MIN_MOTION_CHANGE = 16.0
-"""Grey levels of the fourth largest change on the cloth; coding and a flickering lamp reach up to 10."""
+# Rank of the change that is used: one flickering pixel is no motion.
 CHANGE_RANK = 4
-"""Rank of the change that is used: one flickering pixel is no motion."""
+# Share of the cloth that changes where a person or the camera moves; 16 balls of a break cover 2.5 %, twice.
 LARGE_SHARE = 0.05
-"""Share of the cloth that changes where a person or the camera moves; 16 balls of a break cover 2.5 %, twice."""
+# s without motion that separate two shots.
 MIN_STILLNESS_S = 1.0
-"""s without motion that separate two shots."""
+# s of motion; shorter ones are a light that is switched.
 MIN_MOTION_S = 0.25
-"""s of motion; shorter ones are a light that is switched."""
+# s of stillness before and after the motion of a shot: longer observation of balls at rest is more precise.
 MARGIN_S = 0.5
-"""s of stillness before and after the motion of a shot: longer observation of balls at rest is more precise."""
+# s above which a view may contain several shots.
 LONG_RECORDING_S = 12.0
-"""s above which a view may contain several shots."""
+# Frames of a view in which a table is searched, and s between them: a player may stand before it.
 TABLE_TRIES, TABLE_TRY_S = 8, 1.0
-"""Frames of a view in which a table is searched, and s between them: a player may stand before it."""
+# Cameras of a recording whose table is remembered: to find one takes as long as to read 10 s of a view.
 MAX_CAMERAS = 12
-"""Cameras of a recording whose table is remembered: to find one takes as long as to read 10 s of a view."""
+# Grey levels by which a pixel of one camera's view changes with light and coding, the share of the pixels that do not
+# change more, and the blur before, px. People and balls take up to a tenth; two cameras share less than half.
 SAME_CAMERA_CHANGE, SAME_CAMERA_SHARE, SAME_CAMERA_BLUR_PX = 12.0, 0.9, 1.0
-"""Grey levels by which a pixel of one camera's view changes with light and coding, the share of the pixels that do not
-change more, and the blur before, px. People and balls take up to a tenth; two cameras share less than half."""
+# Earlier shots of which a shot may be a replay; each takes up to 3 MB.
 REPLAY_SHOTS = 12
-"""Earlier shots of which a shot may be a replay; each takes up to 3 MB."""
+# Most frames that are kept of a shot to recognise its replay.
 REPLAY_FRAMES = 200
-"""Most frames that are kept of a shot to recognise its replay."""
+# Frames of a shot that are searched among those of an earlier one.
 REPLAY_SAMPLES = 16
-"""Frames of a shot that are searched among those of an earlier one."""
+# Frames of the earlier shot that are compared with a sample pixel by pixel, the nearest in blocks of so many px.
 REPLAY_CANDIDATES, REPLAY_BLOCK_PX = 4, 3
-"""Frames of the earlier shot that are compared with a sample pixel by pixel, the nearest in blocks of so many px."""
+# Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there.
 MIN_REPLAY_SHARE = 0.75
-"""Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,6 +18,7 @@ from video.calibration.ball_size import BallSizes
 from video.calibration.camera_model import homography_between
 from video.calibration.cloth_region import compare_with_cloth
 
+# Relative frequency of filmed tables (prior); decisive only where the ball sizes are ambiguous.
 TABLE_PRIOR = {
     "pool-9ft": 1.0,
     "pool-8ft": 0.4,
@@ -32,31 +33,30 @@ TABLE_PRIOR = {
     "carom-230": 0.15,
     "carom-210": 0.25,
 }
-"""Relative frequency of filmed tables (prior); decisive only where the ball sizes are ambiguous."""
+# Probability of a preset below which the alternatives are reported to the user.
 SURE_PROBABILITY = 0.9
-"""Probability of a preset below which the alternatives are reported to the user."""
+# Smallest probability of a reported alternative.
 MIN_ALTERNATIVE_PROBABILITY = 0.05
-"""Smallest probability of a reported alternative."""
+# First words of the warning about alternative tables.
 ALTERNATIVES_PREFIX = "The table size is a guess: it could also be "
-"""First words of the warning about alternative tables."""
+# Standard deviations between a measured ball size and the nearest preset up to which a preset explains it. Beyond them
+# none does: the set is another, and the sizes of presets vary as much as the nearest one is off.
 EXPLAINED_SIGMAS = 2.0
-"""Standard deviations between a measured ball size and the nearest preset up to which a preset explains it. Beyond them
-none does: the set is another, and the sizes of presets vary as much as the nearest one is off."""
+# Probability that a D is detected on a snooker table, and on another. Misses: no D on the cloth, lines too thin for a
+# small image; false alarms: round shadows, rings of chalk.
 D_TRUE_POSITIVE_RATE, D_FALSE_POSITIVE_RATE = 0.7, 0.02
-"""Probability that a D is detected on a snooker table, and on another. Misses: no D on the cloth, lines too thin for a
-small image; false alarms: round shadows, rings of chalk."""
+# Radius of the D over the width of the table: 292 mm on 1778 mm (WPBSA rules, section 1.1).
 D_RADIUS_WIDTHS = 0.164
-"""Radius of the D over the width of the table: 292 mm on 1778 mm (WPBSA rules, section 1.1)."""
+# px, size of the plan view in which marks are searched.
 PLAN_SIZE_PX = (800, 400)
-"""px, size of the plan view in which marks are searched."""
+# px of the plan, wider than any painted line (50 mm of 6.1 m are 3), and grey levels by which paint is brighter than
+# the surface beside it; chalk and seams on cloth are darker or fainter.
 LINE_WIDTH_PX, LINE_LEVELS = 13, 25
-"""px of the plan, wider than any painted line (50 mm of 6.1 m are 3), and grey levels by which paint is brighter than
-the surface beside it; chalk and seams on cloth are darker or fainter."""
+# Share of the width at the border that is left out: noses and their highlights.
 LINE_BORDER = 0.04
-"""Share of the width at the border that is left out: noses and their highlights."""
+# Share of a side over which a line runs, and the largest angle (rad) between them: the surface of a court is located by
+# its mat, which is not quite parallel to its lines.
 LINE_COVER, LINE_TILT = 0.5, 0.05
-"""Share of a side over which a line runs, and the largest angle (rad) between them: the surface of a court is located
-by its mat, which is not quite parallel to its lines."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,42 +46,42 @@ from video.calibration.view_prior import CLOTH_MISFIT, MOTION_NOTE, PROFILE_NOTE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import CalibrateOptions
 
+# Number of frames spread over the clip; their median shows the table without moving objects.
 SAMPLED_FRAMES = 9
-"""Number of frames spread over the clip; their median shows the table without moving objects."""
+# Number of frames in which the image sways most; they show whether a camera on a stand was knocked.
 SWAYING_FRAMES = 6
-"""Number of frames in which the image sways most; they show whether a camera on a stand was knocked."""
+# Range of length over width of a billiard table, as measured; those above 2.1 are home tables.
 ASPECT_RANGE = (1.9, 2.3)
-"""Range of length over width of a billiard table, as measured; those above 2.1 are home tables."""
+# Relative difference from 2:1 from which the measured shape replaces that of the preset: three standard deviations of
+# the shape of usual tables, where `fit_perspective` begins to prefer the other kind.
 UNUSUAL_ASPECT_SHARE = 0.035
-"""Relative difference from 2:1 from which the measured shape replaces that of the preset: three standard deviations of
-the shape of usual tables, where `fit_perspective` begins to prefer the other kind."""
+# Smallest share of the cloth's sides that must end in a straight line.
 MIN_SIDE_SUPPORT = 0.6
-"""Smallest share of the cloth's sides that must end in a straight line."""
+# Squared standard deviations of shape, cushions and missing lines above which a table is rejected.
 MAX_MISFIT = 40.0
-"""Squared standard deviations of shape, cushions and missing lines above which a table is rejected."""
+# Misfit below which other regions need not be examined.
 GOOD_MISFIT = 8.0
-"""Misfit below which other regions need not be examined."""
+# Cost of a cloth without straight sides, in squared standard deviations.
 UNSUPPORTED_COST = 20.0
-"""Cost of a cloth without straight sides, in squared standard deviations."""
+# Smallest share of the six pocket positions that differ from the cloth on a table with pockets.
 MIN_POCKET_SHARE = 0.3
-"""Smallest share of the six pocket positions that differ from the cloth on a table with pockets."""
+# Largest share of frames that may fail to register when the camera moves.
 MAX_LOST_SHARE = 0.1
-"""Largest share of frames that may fail to register when the camera moves."""
+# Noses at their expected places that show the table where it cannot be located without earlier clips: two pairs of
+# parallel noses leave no room for another place, a single pair does.
 MIN_EXPECTED_NOSES = 3
-"""Noses at their expected places that show the table where it cannot be located without earlier clips: two pairs of
-parallel noses leave no room for another place, a single pair does."""
+# px, standard deviation of corners given by the user.
 USER_CORNER_SIGMA_PX = 2.0
-"""px, standard deviation of corners given by the user."""
+# Remedy where a table is in view but is not recognised.
 GIVE_CORNERS = "give the corners of the playing surface with --corners x,y,x,y,x,y,x,y"
-"""Remedy where a table is in view but is not recognised."""
+# Painted lines in either direction that make a court: a table has a line across and none along at most.
 MIN_COURT_LINES = 2
-"""Painted lines in either direction that make a court: a table has a line across and none along at most."""
+# Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the
+# length leaves 0.9, and tables that stand side by side do not overlap.
 SAME_TABLE_OVERLAP = 0.8
-"""Intersection over union of two quadrangles from which they are one table: a corner that is wrong by a tenth of the
-length leaves 0.9, and tables that stand side by side do not overlap."""
+# Standardized distance between a given and a measured corner above which they contradict: twice the usual three,
+# because the errors of either are not normal.
 CORNER_CONTRADICTION_SIGMAS = 6.0
-"""Standardized distance between a given and a measured corner above which they contradict: twice the usual three,
-because the errors of either are not normal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,6 @@ def calibrate_clip(
     """Locate the table in a clip and calibrate the camera; the first frame is the reference of a moving camera.
 
     Args:
-        clip: the clip.
         options: corners, table and ball radius if the user gave them.
         progress: is called with the share of the work done, 0 to 1.
         prior: table and view of earlier clips; what does not fit is named in the notes and not used.

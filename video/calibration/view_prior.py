@@ -10,18 +10,18 @@ from models.core.scene import BallSize, Table
 from models.core.typing import FloatArray
 from models.numerics.covariance_intersection import measure_contradiction
 
+# First words of the note about a moving camera.
 MOTION_NOTE = "the camera moves"
-"""First words of the note about a moving camera."""
+# Start of the notes about a profile of which something does not fit.
 PROFILE_NOTE = "table profile:"
-"""Start of the notes about a profile of which something does not fit."""
+# Note about a profile of another cloth.
 CLOTH_MISFIT = f"{PROFILE_NOTE} the cloth has another colour than in it; its friction is not used"
-"""Note about a profile of another cloth."""
+# Probability of a larger difference below which two estimates of the corners, or of the cloth, are of different views:
+# a fitting profile is refused once in a thousand clips.
 MIN_AGREEMENT = 1e-3
-"""Probability of a larger difference below which two estimates of the corners, or of the cloth, are of different views:
-a fitting profile is refused once in a thousand clips."""
+# CIE L*a*b* units of a* and b*, by which white balance and lamps change the colour of one cloth between clips: gains of
+# 12 % of the three channels, as the training images assume, change usual cloths by 3.8 (root mean square).
 CLOTH_SIGMA = 4.0
-"""CIE L*a*b* units of a* and b*, by which white balance and lamps change the colour of one cloth between clips: gains
-of 12 % of the three channels, as the training images assume, change usual cloths by 3.8 (root mean square)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from video.drawing.palette import Colour
 from video.drawing.text import blend_mask
 from video.io.yuv_frame import Canvas
 
+# Fractional bits of OpenCV's fixed-point coordinates.
 SHIFT = 4
-"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
 def drawing_scale(height: int) -> float:

@@ -11,27 +11,27 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
+# left, top, width, height in px.
 Rect = tuple[float, float, float, float]
-"""left, top, width, height in px."""
+# Rectangles to keep free, also as an array (n, 4).
 Obstacles = Sequence[Rect] | FloatArray
-"""Rectangles to keep free, also as an array (n, 4)."""
 
+# Directions from a ball to its label in order of preference, rad clockwise from right.
 LABEL_ANGLES = np.deg2rad([-45.0, -135.0, 45.0, 135.0, -90.0, 90.0, 0.0, 180.0])
-"""Directions from a ball to its label in order of preference, rad clockwise from right."""
+# Distances of a label from the edge of its ball, in ball radii.
 LABEL_GAPS = (0.7, 2.2, 5.0)
-"""Distances of a label from the edge of its ball, in ball radii."""
+# Costs of a label that covers anything or leaves the image, on its ball's path, of moving to the opposite side, of each
+# larger gap, and of each step down in the order of preference. A fully covered label costs 2 more; one outside 8.
 COVER_COST, ON_PATH_COST, MOVE_COST, FAR_COST, RANK_COST = 4.0, 0.5, 0.5, 0.15, 0.02
-"""Costs of a label that covers anything or leaves the image, on its ball's path, of moving to the opposite side, of
-each larger gap, and of each step down in the order of preference. A fully covered label costs 2 more; one outside 8."""
 LABEL_POSITIONS = np.column_stack([np.tile(LABEL_ANGLES, len(LABEL_GAPS)), np.repeat(LABEL_GAPS, len(LABEL_ANGLES))])
+# All candidate positions (24, 2), rad and radii, and the costs of their gap and rank (24,).
 POSITION_COSTS = np.add.outer(FAR_COST * np.arange(len(LABEL_GAPS)), RANK_COST * np.arange(len(LABEL_ANGLES))).ravel()
-"""All candidate positions (24, 2), rad and radii, and the costs of their gap and rank (24,)."""
+# Candidate positions of a panel, as shares of the free width and of the free height.
 PANEL_POSITIONS = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
-"""Candidate positions of a panel, as shares of the free width and of the free height."""
+# Cost of a panel outside the corners, in the unit of the cost map.
 NO_CORNER_COST = 0.2
-"""Cost of a panel outside the corners, in the unit of the cost map."""
+# Margin between panels and the border of the image, share of the image height.
 PANEL_MARGIN = 0.022
-"""Margin between panels and the border of the image, share of the image height."""
 
 
 def overlap_area(a: Rect, b: Rect) -> float:

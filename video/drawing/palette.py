@@ -11,24 +11,24 @@ from models.core.ball_look import WHITE as WHITE
 from models.core.ball_look import Colour as Colour
 from models.core.typing import FloatArray
 
+# Background of panels and labels.
 INK: Colour = (12, 16, 22)
-"""Background of panels and labels."""
+# Secondary text on `INK`.
 MUTED_GREY: Colour = (168, 178, 190)
-"""Secondary text on `INK`."""
+# Contact flashes and highlighted lines.
 FLASH: Colour = (255, 214, 102)
-"""Contact flashes and highlighted lines."""
+# Colours of the trust levels.
 TRUST_COLOURS: dict[str, Colour] = {"green": (64, 200, 110), "amber": (255, 176, 32), "red": (240, 68, 68)}
-"""Colours of the trust levels."""
 
+# Weights of red, green and blue in brightness (ITU-R BT.601).
 LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
-"""Weights of red, green and blue in brightness (ITU-R BT.601)."""
+# Brightness of 255 from which a background counts as bright.
 BRIGHT_LUMA = 150.0
-"""Brightness of 255 from which a background counts as bright."""
+# Least difference in brightness, of 255, between a trail and the cloth.
 MIN_LUMA_CONTRAST = 60.0
-"""Least difference in brightness, of 255, between a trail and the cloth."""
+# Brightness limits, of 255, between which a grey line has a contrast of 3 to 1 both on a dark background and on white
+# (WCAG 2.1, 1.4.11).
 MIN_LUMA_ON_DARK, MAX_LUMA_ON_WHITE = 105.0, 148.0
-"""Brightness limits, of 255, between which a grey line has a contrast of 3 to 1 both on a dark background and on
-white (WCAG 2.1, 1.4.11)."""
 
 
 def lab_to_rgb(lab: FloatArray) -> Colour:

@@ -15,14 +15,14 @@ from video.drawing.circles import SHIFT
 from video.drawing.palette import INK, WHITE, Colour, mix_colours
 from video.drawing.table_plan import SUPERSAMPLE, TableInset, draw_table_plan
 
+# Opacity of the shade where all samples pass.
 MAX_SHADE = 0.8
-"""Opacity of the shade where all samples pass."""
+# Power of the share of the samples in the opacity: a tenth of them is still seen.
 SHADE_POWER = 0.5
-"""Power of the share of the samples in the opacity: a tenth of them is still seen."""
+# Factor by which the shade is computed smaller than the canvas: it has no detail below a ball.
 SHADE_SCALE = 4
-"""Factor by which the shade is computed smaller than the canvas: it has no detail below a ball."""
+# m; a ball that travels less in every sample has no fan.
 MIN_TRAVEL = 0.01
-"""m; a ball that travels less in every sample has no fan."""
 
 
 @dataclass(frozen=True, slots=True)

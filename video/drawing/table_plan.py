@@ -29,16 +29,16 @@ from video.drawing.text import (
 )
 from video.io.yuv_frame import Canvas
 
+# Cloth of a table without footage.
 CLOTH_COLOUR: Colour = (34, 104, 96)
-"""Cloth of a table without footage."""
+# px, longer side of the drawing, and font size of the names of balls and rails.
 PLAN_WIDTH, NAME_PX = 1280, 15
-"""px, longer side of the drawing, and font size of the names of balls and rails."""
+# px, font size and margin of the text below the table.
 FOOTER_TEXT_PX, FOOTER_MARGIN = 17, 16
-"""px, font size and margin of the text below the table."""
+# Share of the cloth colour in a ball that is drawn at its start.
 START_FADE = 0.55
-"""Share of the cloth colour in a ball that is drawn at its start."""
+# Half width of the band of a striped ball, ball radii.
 BAND_SHARE = 0.5
-"""Half width of the band of a striped ball, ball radii."""
 
 
 def draw_ball_disc(canvas: ImageArray, centre: Sequence[int], radius: int, look: BallLook, faded: float = 0.0) -> None:
@@ -169,12 +169,12 @@ def _draw_ball_name(image: ImageArray, inset: TableInset, place: FloatArray, nam
     draw_text(image, name, int(max(left, 0)), int(np.clip(y - height / 2, 0, image.shape[0] - height)), size, WHITE)
 
 
+# Width of the drawn rails, share of the table length.
 RAIL_SHARE = 0.055
-"""Width of the drawn rails, share of the table length."""
+# Factor by which the canvas is larger than the final plan: reducing it gives even anti-aliasing.
 SUPERSAMPLE = 2
-"""Factor by which the canvas is larger than the final plan: reducing it gives even anti-aliasing."""
+# Factor by which balls are drawn larger than true to scale, to remain visible.
 BALL_GROWTH = 1.35
-"""Factor by which balls are drawn larger than true to scale, to remain visible."""
 WOOD: Colour = (58, 44, 36)
 
 
@@ -243,8 +243,8 @@ class TableInset:
                     blend_mask(image, cover, x + left, y + top, paint)
 
 
+# Fixed-point px of the canvas per px of the plan.
 PLAN_PX = SUPERSAMPLE << SHIFT
-"""Fixed-point px of the canvas per px of the plan."""
 
 
 @lru_cache(maxsize=4096)

@@ -14,10 +14,10 @@ from video.drawing.palette import Colour
 from video.io.pixel_kernels import blend_rgb, blend_yuv
 from video.io.yuv_frame import Canvas, YuvFrame, convert_colours
 
+# Distance of two lines over the font size.
 LINE_SPACING = 1.4
-"""Distance of two lines over the font size."""
+# A space at which a line may end: not within a number with its error and unit.
 _BREAK = re.compile(r"(?<![±=]) (?![±=%]|(?:m|mm|ms|s)\b)")
-"""A space at which a line may end: not within a number with its error and unit."""
 FONTS = Path(__file__).resolve().parent / "fonts"
 
 
@@ -152,7 +152,6 @@ def draw_text(
         size: Font size, px.
         colour: Colour of the text.
         bold: Whether to use the bold font.
-        opacity: 0 to 1.
 
     Returns:
         Width of the text, px.

@@ -31,20 +31,20 @@ from video.io.frame_layout import read_layout
 from video.io.image_sequence import ImageSequence
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock, nominal_fps
 
+# Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core.
 PIXEL_BUDGET = 100_000_000
-"""Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core."""
+# Fewest and most frames of a sample of a longer clip; more are no use.
 FRAME_RANGE = (24, 300)
-"""Fewest and most frames of a sample of a longer clip; more are no use."""
+# Colour frames, spread over the sample, from which the table is located.
 STILLS = 5
-"""Colour frames, spread over the sample, from which the table is located."""
+# px, width of the small grey frames.
 THUMBNAIL_WIDTH = 320
-"""px, width of the small grey frames."""
+# Start of FFmpeg's AVVideoEncParams: blocks, offset and size of a block, kind of quantiser, quantiser of the frame.
 QUANTISER_STRUCT = "IxxxxQQii"
-"""Start of FFmpeg's AVVideoEncParams: blocks, offset and size of a block, kind of quantiser, quantiser of the frame."""
+# Kinds of quantiser: AV_VIDEO_ENC_PARAMS_H264 and AV_VIDEO_ENC_PARAMS_MPEG2.
 H264_KIND, MPEG2_KIND = 1, 2
-"""Kinds of quantiser: AV_VIDEO_ENC_PARAMS_H264 and AV_VIDEO_ENC_PARAMS_MPEG2."""
+# Frames whose quantiser is read; PyAV frees a frame late once its side data was read.
 QUANTISER_FRAMES = 40
-"""Frames whose quantiser is read; PyAV frees a frame late once its side data was read."""
 
 
 @dataclass(frozen=True, slots=True)

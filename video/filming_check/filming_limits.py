@@ -74,5 +74,5 @@ class FilmingLimits:
         return limit
 
 
+# Names of all measurements.
 CODES = tuple(one.name for one in fields(FilmingLimits))
-"""Names of all measurements."""

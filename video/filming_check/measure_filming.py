@@ -18,14 +18,14 @@ from video.filming_check.motion_measurements import measure_drift
 from video.io.clip import Clip
 from video.io.video_options import CalibrateOptions
 
+# Radius of a ball, share of the image width, where no table was located: a table of 2.54 m that fills the image.
 UNKNOWN_RADIUS_SHARE = 0.012
-"""Radius of a ball, share of the image width, where no table was located: a table of 2.54 m that fills the image."""
+# Share of the image on each side outside the assumed table, where none was located.
 UNKNOWN_INSET = 0.2
-"""Share of the image on each side outside the assumed table, where none was located."""
+# Share of the table's size around it in which edges count for the focus: the rails.
 RAIL_SHARE = 0.06
-"""Share of the table's size around it in which edges count for the focus: the rails."""
+# Deviation of a step between frames from the usual one from which it is irregular.
 IRREGULAR_SHARE = 0.25
-"""Deviation of a step between frames from the usual one from which it is irregular."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,31 +174,30 @@ def _draw_mask_with_rails(view: FilmedView) -> BoolArray:
     return draw_table_mask((width, height), outer)
 
 
+# Level of 255 from which a colour counts as clipped; video rarely reaches 255.
 CLIPPED_LEVEL = 250
-"""Level of 255 from which a colour counts as clipped; video rarely reaches 255."""
+# A pixel of glare is so many times brighter than the median of the cloth, and has at most this share of its saturation.
 GLARE_RATIO, GLARE_GREY = 1.6, 0.5
-"""A pixel of glare is so many times brighter than the median of the cloth, and has at most this share of its
-saturation."""
+# Limits of the level of 255 from which a pixel is glare: no dark grey is, and nearly white always is.
 GLARE_LEVELS = (150, 240)
-"""Limits of the level of 255 from which a pixel is glare: no dark grey is, and nearly white always is."""
+# Radius of the smallest spot that is no ball, ball radii.
 SPOT_RADII = 1.6
-"""Radius of the smallest spot that is no ball, ball radii."""
+# px around an edge within which both sides are seen, and the least step of a strong edge, grey levels.
 EDGE_WINDOW, STRONG_EDGE = 21, 40.0
-"""px around an edge within which both sides are seen, and the least step of a strong edge, grey levels."""
+# Quantile of the blur over strong edges: many edges are soft by themselves, the sharpest show the focus.
 SHARPEST_SHARE = 0.2
-"""Quantile of the blur over strong edges: many edges are soft by themselves, the sharpest show the focus."""
+# px^2 that a slope over two pixels (4 / 12) and the pixels themselves (1 / 12) add to the variance of the blur.
 SLOPE_VARIANCE = 5 / 12
-"""px^2 that a slope over two pixels (4 / 12) and the pixels themselves (1 / 12) add to the variance of the blur."""
+# Pixels of strong edges below which the focus is not measured.
 LEAST_EDGES = 60
-"""Pixels of strong edges below which the focus is not measured."""
+# Percentiles of the cells that give the brightness of a frame: what moves lies outside.
 STEADY_SHARES = (25, 75)
-"""Percentiles of the cells that give the brightness of a frame: what moves lies outside."""
+# Fewest frames whose brightness shows flicker: at 25 fps, lamps of 100 Hz on cameras beat over several frames.
 FLICKER_FRAMES = 12
-"""Fewest frames whose brightness shows flicker: at 25 fps, lamps of 100 Hz on cameras beat over several frames."""
+# Percentiles over the frames that bound the range of the brightness.
 RANGE_PERCENTILES = (3, 97)
-"""Percentiles over the frames that bound the range of the brightness."""
+# Level of 255 below which a cell is too dark for a ratio.
 LEAST_LEVEL = 12
-"""Level of 255 below which a cell is too dark for a ratio."""
 
 
 def draw_table_mask(size: tuple[int, int], corners: FloatArray, scale: float = 1.0) -> BoolArray:

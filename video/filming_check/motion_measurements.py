@@ -11,24 +11,24 @@ from models.core.detections import Detections
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
 from video.calibration.camera_motion import MIN_INLIER_SHARE, register_image, select_reference_features
 
+# Runs of consecutive frames in which balls are measured, and frames of each.
 RUNS, RUN_FRAMES = 4, 3
-"""Runs of consecutive frames in which balls are measured, and frames of each."""
+# Grey levels by which a thumbnail pixel changes where something moves.
 CHANGED_LEVELS = 14
-"""Grey levels by which a thumbnail pixel changes where something moves."""
+# Share of the table that changes where a player or the camera moves, not a ball.
 LARGE_SHARE = 0.03
-"""Share of the table that changes where a player or the camera moves, not a ball."""
+# Ball radii that a resting ball seems to move from one frame to the next, and that a fast one moves at most.
 STILL_RADII, REACH_RADII = 0.5, 14.0
-"""Ball radii that a resting ball seems to move from one frame to the next, and that a fast one moves at most."""
+# Ball radii that a ball moves where no streak shows a short exposure: detectors report streaks from a radius on.
 SHARP_RADII = 3.0
-"""Ball radii that a ball moves where no streak shows a short exposure: detectors report streaks from a radius on."""
+# Largest ratio of the radii of one ball in two frames.
 RADIUS_RATIO = 1.35
-"""Largest ratio of the radii of one ball in two frames."""
+# Largest deviation of a streak from the direction of motion, share of its length.
 SIDEWAYS_SHARE = 0.3
-"""Largest deviation of a streak from the direction of motion, share of its length."""
+# Pairs of views of fast balls from which the exposure time is measured.
 LEAST_PAIRS = 2
-"""Pairs of views of fast balls from which the exposure time is measured."""
+# Exposure time, share of the frame interval, above which a streak is not one of its ball.
 LARGEST_SHARE = 1.1
-"""Exposure time, share of the frame interval, above which a streak is not one of its ball."""
 
 
 def select_lively_runs(thumbnails: ImageArray, mask: BoolArray) -> list[list[int]]:

@@ -14,29 +14,29 @@ from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
 from video.flow.optical_flow import FlowPair, prepare_flow
 from video.io.pixel_kernels import CELL_PX, fill_cell_means
 
+# x0, y0, x1, y1
 Box = tuple[int, int, int, int]
-"""x0, y0, x1, y1"""
+# A box and the indices of the components that it holds.
 Part = tuple[Box, tuple[int, ...]]
-"""A box and the indices of the components that it holds."""
 
+# Levels of 255, and multiple of the typical change of a cell (coding and sensor noise), above which a cell moves.
 MIN_CHANGE, NOISE_FACTOR = 7.0, 5.0
-"""Levels of 255, and multiple of the typical change of a cell (coding and sensor noise), above which a cell moves."""
+# px, an even number: displacement of edges that is tolerated where the camera moves.
 EDGE_TOLERANCE_PX = 2
-"""px, an even number: displacement of edges that is tolerated where the camera moves."""
+# px around the moving cells that the optical flow receives: a share of the longest displacements of cue and hands.
 MARGIN_PX = 28
-"""px around the moving cells that the optical flow receives: a share of the longest displacements of cue and hands."""
+# px over which the interpolated region fades into its surroundings.
 FEATHER_PX = 10
-"""px over which the interpolated region fades into its surroundings."""
+# Boxes that are interpolated, and the largest ones that are considered.
 MAX_BOXES, MAX_CANDIDATE_BOXES = 6, 24
-"""Boxes that are interpolated, and the largest ones that are considered."""
+# A component is split where two boxes together have at most this share of the area of one box.
 MAX_SPLIT_AREA_SHARE = 0.7
-"""A component is split where two boxes together have at most this share of the area of one box."""
+# Two boxes merge where their common box is larger than both by at most this share.
 MAX_EXTRA_AREA_SHARE = 0.2
-"""Two boxes merge where their common box is larger than both by at most this share."""
+# Connected cells; fewer are glints or noise, and the cross-fade handles them.
 MIN_CELLS = 4
-"""Connected cells; fewer are glints or noise, and the cross-fade handles them."""
+# Share of the frame above which the whole frame becomes one box.
 MAX_BOXED_SHARE = 0.5
-"""Share of the frame above which the whole frame becomes one box."""
 
 
 @dataclass(frozen=True, slots=True)

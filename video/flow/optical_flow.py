@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from models.core.typing import Float32Array, ImageArray
 from video.io.pixel_kernels import blend_displaced
 
+# Fixed-point iterations of the flow lookup; after two, displacements are within 0.1 px except at edges.
 LOOKUP_ITERATIONS = 2
-"""Fixed-point iterations of the flow lookup; after two, displacements are within 0.1 px except at edges."""
+# Levels of 255 between the two ends of a displacement above which they do not show the same object.
 MAX_DISAGREEMENT = 10.0
-"""Levels of 255 between the two ends of a displacement above which they do not show the same object."""
+# px of the reduced images over which the two ends of a displacement are compared.
 MATCH_WINDOW_PX = 5
-"""px of the reduced images over which the two ends of a displacement are compared."""
+# Parameters of the dense inverse search: half the work of OpenCV's medium preset, as accurate on hands and cues.
 PATCH_STRIDE, DESCENT_ITERATIONS, REFINEMENT_ITERATIONS = 4, 16, 1
-"""Parameters of the dense inverse search: half the work of OpenCV's medium preset, as accurate on hands and cues."""
+# Reduction of the sides of a wide box.
 QUARTER_SIZE = 4
-"""Reduction of the sides of a wide box."""
+# Reduction of the sides of a box, and the shorter side in px from which it applies.
 SHRINK_FROM_SIDE = ((QUARTER_SIZE, 288), (2, 96))
-"""Reduction of the sides of a box, and the shorter side in px from which it applies."""
+# Weights that average the differences of three channels.
 CHANNEL_MEAN = np.array([[0.5, 0.5, 0.5]], dtype=np.float32)
-"""Weights that average the differences of three channels."""
 
 
 def prepare_flow(first: ImageArray, second: ImageArray) -> FlowPair:
@@ -181,22 +181,22 @@ def compute_flow(first: ImageArray, second: ImageArray, finest: int = 1) -> Floa
     return np.asarray(search.calc(first, second, np.zeros((*first.shape, 2), dtype=np.float32)), dtype=np.float32)
 
 
+# Shifts that are sought in one box.
 MAX_SHIFTS = 2
-"""Shifts that are sought in one box."""
+# Optical flow follows shorter shifts.
 MIN_SHIFT_PX = 3.0
-"""Optical flow follows shorter shifts."""
+# Least height of a correlation peak, 1 for a pure translation; lower peaks are chance and coding noise.
 MIN_PEAK = 0.04
-"""Least height of a correlation peak, 1 for a pure translation; lower peaks are chance and coding noise."""
+# px, side of the window whose mean is subtracted, so that letters count and not the background.
 HIGH_PASS_PX = 9
-"""px, side of the window whose mean is subtracted, so that letters count and not the background."""
+# Levels of 255 above which a pixel counts as changed.
 MIN_CHANGE = 12.0
-"""Levels of 255 above which a pixel counts as changed."""
+# px over which the two ends of a shift are compared.
 WINDOW_PX = 5
-"""px over which the two ends of a shift are compared."""
+# Levels by which a shift must fit better than the flow, and by which its two ends may differ at most.
 MIN_IMPROVEMENT, MAX_DIFFERENCE = 6.0, 12.0
-"""Levels by which a shift must fit better than the flow, and by which its two ends may differ at most."""
+# Pixels that a shift must explain better to be accepted.
 MIN_AREA_PX = 160
-"""Pixels that a shift must explain better to be accepted."""
 
 
 def find_ticker_shifts(first: ImageArray, second: ImageArray) -> list[Float32Array]:

@@ -12,10 +12,10 @@ from av.filter import Graph
 from video.io.clip import Clip
 from video.io.decoder import demux_packets, open_container
 
+# Sample rate of the output, Hz, and its channel layout.
 SAMPLE_RATE_HZ, CHANNEL_LAYOUT = 48000, "stereo"
-"""Sample rate of the output, Hz, and its channel layout."""
+# Smallest tempo of one `atempo` filter; slower tempos use several in series.
 MIN_TEMPO = 0.5
-"""Smallest tempo of one `atempo` filter; slower tempos use several in series."""
 
 
 def add_audio(silent_video: Path, clip: Clip, slowdown: float, out: Path) -> None:

@@ -17,23 +17,22 @@ import numpy as np
 from models.core.typing import BoolArray, FloatArray
 from video.io.duplicate_frames import MIN_MOTION_CHANGE, find_duplicate_frames, find_repeated_fields
 
+# Frames of the camera per frame of the file: 25 to 30 fps and 30 to 25 fps, 24 and 30, 20 and 30, 30 and 50, 24 to 60.
 RATIOS = tuple(Fraction(*each) for each in ((5, 6), (6, 5), (4, 5), (5, 4), (2, 3), (3, 2), (3, 5), (5, 3), (2, 5)))
-"""Frames of the camera per frame of the file: 25 to 30 fps and 30 to 25 fps, 24 and 30, 20 and 30, 30 and 50, 24 to 60.
-"""
+# Periods of moving frames from which a pattern is more than chance.
 MIN_PERIODS = 3
-"""Periods of moving frames from which a pattern is more than chance."""
+# Share of the variance of the changes that the pattern explains, at least (converted clips: 0.5 to 0.8; clips of
+# cameras: below 0.1, and up to 0.37 where a hand moves balls at 4 fps).
 MIN_AGREEMENT = 0.52
-"""Share of the variance of the changes that the pattern explains, at least (converted clips: 0.5 to 0.8; clips of
-cameras: below 0.1, and up to 0.37 where a hand moves balls at 4 fps)."""
+# Strength of the pattern relative to balls that move by more than their diameter from frame to frame: for slower ones
+# it is less, and 1 with some noise at most.
 STRENGTH_RANGE = (0.35, 1.15)
-"""Strength of the pattern relative to balls that move by more than their diameter from frame to frame: for slower ones
-it is less, and 1 with some noise at most."""
+# Difference of agreements that says nothing: rhythms of 4:5 and 6:5 differ by 0.01 on real mixtures of either.
 SAME_AGREEMENT = 0.05
-"""Difference of agreements that says nothing: rhythms of 4:5 and 6:5 differ by 0.01 on real mixtures of either."""
+# Relative change of a frame that shows nothing new: coding and noise.
 LEAST_CHANGE = 0.05
-"""Relative change of a frame that shows nothing new: coding and noise."""
+# Share of the second image up to which a frame is observed: a detector takes so faint a ball for none.
 LARGEST_MINOR_SHARE = 0.25
-"""Share of the second image up to which a frame is observed: a detector takes so faint a ball for none."""
 
 
 @dataclass(frozen=True, slots=True)

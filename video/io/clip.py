@@ -32,26 +32,26 @@ from video.io.image_sequence import open_image_sequence
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock
 from video.io.view_changes import ViewMeter
 
+# Fewest distinct frames of a clip; fewer do not show a motion that can be tracked.
 MIN_DISTINCT_FRAMES = 5
-"""Fewest distinct frames of a clip; fewer do not show a motion that can be tracked."""
 
+# Smallest and largest side of a frame: no table is recognised in smaller frames, and no camera records larger ones.
 SIDE_RANGE_PX = (32, 16384)
-"""Smallest and largest side of a frame: no table is recognised in smaller frames, and no camera records larger ones."""
 
+# Lowest and highest frame rate of a clip, 1/s.
 FPS_RANGE = (1, 1000)
-"""Lowest and highest frame rate of a clip, 1/s."""
 
+# s by which a time may be before that of its frame: rounding.
 TIME_TOLERANCE_S = 1e-9
-"""s by which a time may be before that of its frame: rounding."""
 
+# Longest time between two frames: a screen recording skips still moments, but a damaged timestamp skips years.
 MAX_GAP_S = 60.0
-"""Longest time between two frames: a screen recording skips still moments, but a damaged timestamp skips years."""
 
+# First words of the notes that report missing frames.
 INCOMPLETE_PREFIXES = ("it breaks off", "it is damaged")
-"""First words of the notes that report missing frames."""
 
+# Frame rate, 1/s, where neither timestamps nor header contain one; FFmpeg uses the same value.
 DEFAULT_FPS = Fraction(25)
-"""Frame rate, 1/s, where neither timestamps nor header contain one; FFmpeg uses the same value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

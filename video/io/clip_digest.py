@@ -9,12 +9,11 @@ from pathlib import Path
 
 from video.io.image_sequence import compute_sequence_digest
 
+# ns, more than the resolution of file times (4 or 10 ms on Linux).
 CLOCK_TICK_NS = 20_000_000
-"""ns, more than the resolution of file times (4 or 10 ms on Linux)."""
 
+# Size, inode, and times of modification and change (ns) of a file, or of all files of a folder; a write changes them.
 FileState = tuple[tuple[int, int, int, int], ...]
-"""Size, inode, and times of modification and change (ns) of a file, or of all files of a folder; a write changes them.
-"""
 
 
 def read_file_state(path: Path) -> FileState:

@@ -17,31 +17,31 @@ from models.core.srgb import decode_srgb, encode_srgb
 from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
 from video.io.pixel_kernels import fill_light, fill_standard_colours
 
+# cd/m^2 of the largest level of PQ, and of HLG on its reference display (BT.2100).
 PQ_PEAK, HLG_PEAK = 10000.0, 1000.0
-"""cd/m^2 of the largest level of PQ, and of HLG on its reference display (BT.2100)."""
+# Exponent of the luminance of a scene with which that display shows it (BT.2100).
 HLG_GAMMA = 1.2
-"""Exponent of the luminance of a scene with which that display shows it (BT.2100)."""
+# Percentiles of the light of a frame that are the brightest highlight and a lit table, which fills a tenth of it.
 WHITE_PERCENTILE, TABLE_PERCENTILE = 99.99, 90.0
-"""Percentiles of the light of a frame that are the brightest highlight and a lit table, which fills a tenth of it."""
+# cd/m^2 of the least white: the first frame of a clip that fades from black is no measure.
 LEAST_WHITE = 50.0
-"""cd/m^2 of the least white: the first frame of a clip that fades from black is no measure."""
+# Least light of the table relative to white; cloth reflects 10 to 30 % of the light. Beside a lamp or its reflection it
+# is less, down to a hundredth, and would be black.
 TABLE_LIGHT = 0.12
-"""Least light of the table relative to white; cloth reflects 10 to 30 % of the light. Beside a lamp or its reflection
-it is less, down to a hundredth, and would be black."""
+# Largest lift of dark parts: 40 raises light of 0.0034 to 0.12. Beyond, noise would be lifted.
 MAX_LIFT = 40.0
-"""Largest lift of dark parts: 40 raises light of 0.0034 to 0.12. Beyond, noise would be lifted."""
+# Levels of a 16-bit image, and entries of the tables.
 LEVELS = 65536
-"""Levels of a 16-bit image, and entries of the tables."""
+# Chromaticities x, y of red, green and blue (BT.709, BT.2020, Display P3).
 PRIMARIES = {
     ColorPrimaries.BT709: ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060)),
     ColorPrimaries.BT2020: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
     ColorPrimaries.SMPTE432: ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
 }
-"""Chromaticities x, y of red, green and blue (BT.709, BT.2020, Display P3)."""
 WIDE_PRIMARIES = (ColorPrimaries.BT2020, ColorPrimaries.SMPTE432)
 WIDE_GAMUT = "wide gamut"
+# Chromaticity of their common white.
 WHITE_D65 = (0.3127, 0.3290)
-"""Chromaticity of their common white."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,29 +20,28 @@ from video.io.image_sequence import LOCAL_FILES_ONLY, ImageSequence, decode_imag
 
 av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
 
+# Frames decoded in parallel; each costs the memory of one frame.
 DECODER_THREADS = 2
-"""Frames decoded in parallel; each costs the memory of one frame."""
 
+# Formats that store a time for each frame; AVI only numbers its packets, transport streams may restart their clock.
 TIMESTAMPED_FORMATS = ("mov", "matroska")
-"""Formats that store a time for each frame; AVI only numbers its packets, transport streams may restart their clock."""
+# s before the wanted frame at which decoding starts: a frame just after a key frame may refer to one before it.
 SEEK_MARGIN_S = 0.5
-"""s before the wanted frame at which decoding starts: a frame just after a key frame may refer to one before it."""
+# s within which two times are equal: millisecond clocks round, and frames at 1000 fps are five times as far apart.
 TIME_TOLERANCE_S = 2e-4
-"""s within which two times are equal: millisecond clocks round, and frames at 1000 fps are five times as far apart."""
 
+# Metadata with the rate at which the camera took frames. Apple's slow motion stores true timestamps instead.
 CAPTURE_RATE_KEYS = ("com.android.capture.fps",)
-"""Metadata with the rate at which the camera took frames. Apple's slow motion stores true timestamps instead."""
+# The same rate in the NonRealTimeMeta of Sony's XAVC, an XML that FFmpeg does not read.
 SONY_CAPTURE_RATE = re.compile(rb'captureFps="(\d+(?:\.\d+)?)[pi]"', re.IGNORECASE)
-"""The same rate in the NonRealTimeMeta of Sony's XAVC, an XML that FFmpeg does not read."""
+# Bytes of a box of MP4 in which this XML is searched: it comes before the tables of samples and is some kB long.
 HEADER_BYTES = 1 << 22
-"""Bytes of a box of MP4 in which this XML is searched: it comes before the tables of samples and is some kB long."""
 
+# Codecs whose packets hold a shown frame each, where there are no fields; others hide frames in packets of their own.
 ONE_FRAME_CODECS = ("h264", "hevc")
-"""Codecs whose packets hold a shown frame each, where there are no fields; others hide frames in packets of their own.
-"""
 
+# Formats as which FFmpeg would read a text file or a still image.
 NON_VIDEO_FORMATS = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
-"""Formats as which FFmpeg would read a text file or a still image."""
 
 
 @dataclass(slots=True)
@@ -145,7 +144,6 @@ def decode_frames(container: Any, stream: Any, damage: DecodingDamage | None = N
     """Yield every frame that can be decoded, in presentation order, each field of an interlaced one as a frame.
 
     Args:
-        container: the container.
         stream: its video stream.
         damage: collects errors; while a frame is yielded, it states whether this one is damaged.
 

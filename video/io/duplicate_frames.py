@@ -16,47 +16,47 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
 
+# px. A block of the thumbnail averages the noise of at least 2 x 2 pixels; a ball still covers several blocks.
 THUMBNAIL_HEIGHT = 180
-"""px. A block of the thumbnail averages the noise of at least 2 x 2 pixels; a ball still covers several blocks."""
 
+# The change of a frame is the fourth largest of all blocks: one flickering block is no motion, and the smallest ball
+# covers four.
 CHANGE_RANK = 4
-"""The change of a frame is the fourth largest of all blocks: one flickering block is no motion, and the smallest ball
-covers four."""
 
+# Grey levels: largest change of a duplicate frame by coding alone (real clips: 1 to 3).
 MAX_DUPLICATE_CHANGE = 4.0
-"""Grey levels: largest change of a duplicate frame by coding alone (real clips: 1 to 3)."""
 
+# Largest change of a duplicate relative to its neighbours', where it is a key frame (real clips: below 0.06).
 MAX_DUPLICATE_CHANGE_SHARE = 0.08
-"""Largest change of a duplicate relative to its neighbours', where it is a key frame (real clips: below 0.06)."""
 
+# Grey levels: a ball moves by about a pixel or more. Below this, encoders may drop slow motion by themselves.
 MIN_MOTION_CHANGE = 24.0
-"""Grey levels: a ball moves by about a pixel or more. Below this, encoders may drop slow motion by themselves."""
 
+# Grey levels: above this a frame is no duplicate, unless its neighbours changed far more.
 MIN_DISTINCT_CHANGE = 10.0
-"""Grey levels: above this a frame is no duplicate, unless its neighbours changed far more."""
 
+# Frames: longest run of duplicates (10 fps in a 60 fps container); longer runs are a scene at rest.
 MAX_DUPLICATE_RUN = 5
-"""Frames: longest run of duplicates (10 fps in a 60 fps container); longer runs are a scene at rest."""
 
 MIN_DUPLICATES = 3
+# Smallest number of duplicates, and smallest share among frames with motion: a container with duplicates has them
+# regularly. A cue that reverses, or a ball that leaves a cushion where it arrived, resembles a single duplicate.
 MIN_DUPLICATE_SHARE = 0.03
-"""Smallest number of duplicates, and smallest share among frames with motion: a container with duplicates has them
-regularly. A cue that reverses, or a ball that leaves a cushion where it arrived, resembles a single duplicate."""
 
+# A ball that reverses at a cushion gives two equal frames, then the one before them again: the change over three frames
+# is below this share of the changes on both sides. Around a duplicate during a motion it is larger.
 MAX_REVERSAL_SHARE = 0.25
-"""A ball that reverses at a cushion gives two equal frames, then the one before them again: the change over three
-frames is below this share of the changes on both sides. Around a duplicate during a motion it is larger."""
 
+# Largest change, relative to its neighbours', of a frame that the cadence marks as duplicate: encoders lag behind slow
+# motion.
 MAX_CADENCE_CHANGE_SHARE = 0.5
-"""Largest change, relative to its neighbours', of a frame that the cadence marks as duplicate: encoders lag behind slow
-motion."""
 
+# Largest change of a second field relative to that of a first one where both show one moment: the lines between are
+# interpolated, which changes sharp edges. Of two moments the changes are alike.
 MAX_FIELD_CHANGE_SHARE = 0.6
-"""Largest change of a second field relative to that of a first one where both show one moment: the lines between are
-interpolated, which changes sharp edges. Of two moments the changes are alike."""
 
+# Frames: the pattern of 25 fps in a 60 fps container has a period of 12.
 MAX_PERIOD = 12
-"""Frames: the pattern of 25 fps in a 60 fps container has a period of 12."""
 
 
 class FrameChangeMeter:

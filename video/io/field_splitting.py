@@ -8,8 +8,8 @@ from typing import Any
 import av
 from av.filter import Graph
 
+# FFmpeg filter that makes a frame of each field, in the order that the frame states, and passes progressive frames.
 FIELD_FILTER = ("bwdif", "mode=send_field:parity=auto:deint=interlaced")
-"""FFmpeg filter that makes a frame of each field, in the order that the frame states, and passes progressive frames."""
 
 
 class FieldSplitter:

@@ -15,19 +15,19 @@ from models.core.typing import FloatArray, ImageArray
 from video.io.colour_conversion import ColourConversion, expose_conversion, find_video_colours
 from video.io.square_pixels import compute_square_size, stretch_to_square_pixels
 
+# Deviation of the pixel aspect ratio from 1 that is applied: below, a ball of 20 px is 0.2 px wider than high, which is
+# less than its outline is measured to, and resampling would blur it more.
 LEAST_OBLONG_SHARE = 0.01
-"""Deviation of the pixel aspect ratio from 1 that is applied: below, a ball of 20 px is 0.2 px wider than high, which
-is less than its outline is measured to, and resampling would blur it more."""
+# Pixel aspect ratios that cameras and anamorphic lenses write (8:11 to 2); others are a damaged header.
 ASPECT_RANGE = (0.25, 4.0)
-"""Pixel aspect ratios that cameras and anamorphic lenses write (8:11 to 2); others are a damaged header."""
 
+# Least width or height, px, of video in BT.709 colours where nothing states them (as in mpv): standard definition,
+# which is in BT.601, has at most 576 lines. FFmpeg takes BT.601 for all of it, which shifts greens by 20 levels.
 HD_SIZE = (1280, 577)
-"""Least width or height, px, of video in BT.709 colours where nothing states them (as in mpv): standard definition,
-which is in BT.601, has at most 576 lines. FFmpeg takes BT.601 for all of it, which shifts greens by 20 levels."""
+# Matrix of frames without this tag (AVCOL_SPC_UNSPECIFIED).
 UNSPECIFIED_MATRIX = 2
-"""Matrix of frames without this tag (AVCOL_SPC_UNSPECIFIED)."""
+# 16-bit levels, which neither HLG nor PQ coarsens.
 DEEP_FORMAT = "rgb48le"
-"""16-bit levels, which neither HLG nor PQ coarsens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +90,8 @@ class FrameLayout:
         return compute_square_size(frame.width, frame.height, self.aspect)
 
 
+# Frames used as stored.
 STORED_LAYOUT = FrameLayout(FrameOrientation(), Fraction(1), None)
-"""Frames used as stored."""
 
 
 def read_layout(frame: Any, aspect: Fraction) -> FrameLayout:

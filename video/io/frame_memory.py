@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+# 720 frames of 720p, or 320 of 1080p. A run takes 0.7 GB without them; a batch ends a clip that takes 4 GB.
 MAX_BYTES = 1_000_000_000
-"""720 frames of 720p, or 320 of 1080p. A run takes 0.7 GB without them; a batch ends a clip that takes 4 GB."""
+# Share of the available memory per core: a batch runs a clip on every core, and most memory is for other programs.
 MAX_SHARE_PER_CORE = 0.25
-"""Share of the available memory per core: a batch runs a clip on every core, and most memory is for other programs."""
 
 
 def frame_memory_budget(available_bytes: int, cores: int) -> int:

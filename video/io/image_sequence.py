@@ -14,18 +14,19 @@ import av
 
 from models.core.errors import ClipError
 
+# Fewest numbered images that form a sequence.
 MIN_IMAGES = 5
-"""Fewest numbered images that form a sequence."""
+# Largest share of other files in the folder, such as notes or a thumbnail.
 MAX_OTHER_SHARE = 0.2
-"""Largest share of other files in the folder, such as notes or a thumbnail."""
+# Largest share of numbers missing between the first and the last image; a folder of selected photos misses more.
 MAX_MISSING_SHARE = 0.5
-"""Largest share of numbers missing between the first and the last image; a folder of selected photos misses more."""
+# Frame rate, 1/s, of numbered images unless --fps sets it; FFmpeg uses the same value.
 SEQUENCE_FPS = Fraction(25)
-"""Frame rate, 1/s, of numbered images unless --fps sets it; FFmpeg uses the same value."""
+# A file name split at its last number.
 NUMBERED_NAME = re.compile(r"(?P<before>.*?)(?P<number>\d{1,18})(?P<after>\D*)", re.DOTALL)
-"""A file name split at its last number."""
+# FFmpeg options that forbid a file to load anything over the network.
 LOCAL_FILES_ONLY = {"protocol_whitelist": "file"}
-"""FFmpeg options that forbid a file to load anything over the network."""
+# First bytes of png, jpeg, bmp, tiff (both byte orders), netpbm, exr and dpx files.
 IMAGE_SIGNATURES = (
     b"\x89PNG\r\n\x1a\n",
     b"\xff\xd8\xff",
@@ -37,12 +38,11 @@ IMAGE_SIGNATURES = (
     b"v/1\x01",
     b"SDPX",
 )
-"""First bytes of png, jpeg, bmp, tiff (both byte orders), netpbm, exr and dpx files."""
+# FFmpeg's names of the image formats; files of any other format are not decoded here.
 IMAGE_FORMATS = (
     "png_pipe", "jpeg_pipe", "bmp_pipe", "tiff_pipe", "webp_pipe", "pgm_pipe", "ppm_pipe", "exr_pipe", "dpx_pipe",
     "image2",
 )  # fmt: skip
-"""FFmpeg's names of the image formats; files of any other format are not decoded here."""
 
 
 def is_image_sequence(folder: Path) -> bool:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from models.core.typing import ByteArray, Float32Array, ImageArray
 from models.numerics.jit import compile_kernel
 
+# px, side of the cells to which an image is reduced.
 CELL_PX = 4
-"""px, side of the cells to which an image is reduced."""
 
 
 @compile_kernel
@@ -399,16 +399,16 @@ def copy_yuv(bright: ByteArray, blue: ByteArray, red: ByteArray, x: int, y: int,
             patch[j, i, 1], patch[j, i, 2] = blue[(y + j) // 2, (x + i) // 2], red[(y + j) // 2, (x + i) // 2]
 
 
+# x0, y0, x1, y1 in px
 Box = tuple[int, int, int, int]
-"""x0, y0, x1, y1 in px"""
 
+# Luma weights of RGB (BT.601); other standards differ by a few hundredths.
 LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
-"""Luma weights of RGB (BT.601); other standards differ by a few hundredths."""
+# Largest deviation from the chroma of the own 2 x 2 block, relative to that on a shifted grid; rounding alone gives a
+# tenth.
 MAX_ALIGNED_SHARE = 0.3
-"""Largest deviation from the chroma of the own 2 x 2 block, relative to that on a shifted grid; rounding alone gives a
-tenth."""
+# One of this many rows of blocks is examined.
 SAMPLED_ROW_STEP = 8
-"""One of this many rows of blocks is examined."""
 
 
 def has_subsampled_chroma(image: ImageArray) -> bool:

@@ -9,15 +9,14 @@ import av
 from video.io.clip import Clip, read_frames
 from video.io.video_writer import VideoWriter
 
+# Pixel formats that browsers and the rerun viewer can play.
 PLAYABLE_FORMATS = ("yuv420p", "yuvj420p")
-"""Pixel formats that browsers and the rerun viewer can play."""
 
 
 def ensure_playable(clip: Clip, copy_path: Path) -> Path:
     """Provide a file of the clip that browsers and the rerun viewer can play upright.
 
     Args:
-        clip: the clip.
         copy_path: the mp4 file to write where the original is not playable.
 
     Returns:
@@ -30,7 +29,6 @@ def re_encode_clip(clip: Clip, copy_path: Path) -> Path:
     """Write all frames of a clip upright as H.264 in mp4.
 
     Args:
-        clip: the clip.
         copy_path: the mp4 file to write.
 
     Returns:

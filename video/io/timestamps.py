@@ -11,22 +11,21 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray
 
+# Frame rates of cameras and broadcasters, 1/s.
 STANDARD_FPS = (
     *(Fraction(r) for r in (10, 12, 15, 20, 24, 25, 30, 48, 50, 60, 90, 100, 120, 240)),
     *(Fraction(r * 1000, 1001) for r in (15, 24, 30, 60, 120, 240)),
     Fraction(25, 2),
 )
-"""Frame rates of cameras and broadcasters, 1/s."""
 
+# Relative distance within which a measured frame rate counts as a standard one (the clock of a phone is better). Of
+# rates a tenth of a per cent apart, such as 29.97 and 30, the nearest is taken.
 FPS_TOLERANCE = 0.0025
-"""Relative distance within which a measured frame rate counts as a standard one (the clock of a phone is better).
-Of rates a tenth of a per cent apart, such as 29.97 and 30, the nearest is taken."""
 
 
+# Ratio of capture rate and stored rate from which a file is slow motion, and below the inverse of which it is a time
+# lapse. Cameras slow down twice at least; one that drops frames in poor light stores fewer than the rate it was set to.
 LEAST_SLOW_MOTION = 1.5
-"""Ratio of capture rate and stored rate from which a file is slow motion, and below the inverse of which it is a time
-lapse. Cameras slow down twice at least; one that drops frames in poor light stores fewer than the rate it was set to.
-"""
 
 
 def is_slow_motion(stored: Fraction, capture: Fraction) -> bool:
@@ -66,16 +65,16 @@ def compute_presentation_times(
     ], f"{missing} of {len(ticks)} frames have no usable timestamp and were placed between their neighbours"
 
 
+# Frames below which a line through the timestamps follows their jitter.
 MIN_FRAMES = 20
-"""Frames below which a line through the timestamps follows their jitter."""
+# Frame intervals, root mean square deviation of timestamps from even ones that counts: clocks of a millisecond round to
+# 0.017 of the interval at 60 fps.
 LEAST_JITTER = 0.02
-"""Frame intervals, root mean square deviation of timestamps from even ones that counts: clocks of a millisecond round
-to 0.017 of the interval at 60 fps."""
+# Frame intervals: a timestamp that is further off is not late; frames are missing or held there.
 MOST_JITTER = 1.0
-"""Frame intervals: a timestamp that is further off is not late; frames are missing or held there."""
+# Correlation of successive deviations: three standard deviations of that of 100 independent ones. That of a camera
+# whose rate really changes is nearly 1.
 MOST_CORRELATION = 0.3
-"""Correlation of successive deviations: three standard deviations of that of 100 independent ones. That of a camera
-whose rate really changes is nearly 1."""
 
 
 def find_jitter(t: FloatArray) -> tuple[FloatArray, float]:

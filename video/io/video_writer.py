@@ -15,9 +15,9 @@ from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTr
 from models.core.errors import ClipError
 from video.io.yuv_frame import Canvas, YuvFrame
 
+# x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
+# control of x264 0.165 reads uninitialised memory (seen at 64 x 48 and 854 x 480 px), so that two runs may differ.
 X264_PARAMETERS = "force-cfr=1:mbtree=0"
-"""x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
-control of x264 0.165 reads uninitialised memory (seen at 64 x 48 and 854 x 480 px), so that two runs may differ."""
 
 
 class VideoWriter:

@@ -19,36 +19,36 @@ from numpy.typing import NDArray
 
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
+# Columns and rows of blocks: 576 bytes a frame, 62 MB for an hour at 30 frames per second.
 BLOCKS = (32, 18)
-"""Columns and rows of blocks: 576 bytes a frame, 62 MB for an hour at 30 frames per second."""
+# Grey levels of mean change at a cut. Cuts between takes of one fixed camera change 1.8 and more.
 MIN_CUT_CHANGE = 1.5
-"""Grey levels of mean change at a cut. Cuts between takes of one fixed camera change 1.8 and more."""
+# Smallest ratio of this change to that of any frame nearby: up to 2.0 without a cut, 2.7 and more at cuts.
 MIN_CUT_RATIO = 2.4
-"""Smallest ratio of this change to that of any frame nearby: up to 2.0 without a cut, 2.7 and more at cuts."""
+# Frames on each side of a cut: more than two periods of a video with duplicate frames.
 NEARBY_FRAMES = 8
-"""Frames on each side of a cut: more than two periods of a video with duplicate frames."""
+# s between two compared frames of a fade.
 FADE_GAP_S = 0.12
-"""s between two compared frames of a fade."""
+# Grey levels by which the median block changes over `FADE_GAP_S`: up to 2 where people move, 5 in a fade over 3 s.
 MIN_FADE_CHANGE = 4.0
-"""Grey levels by which the median block changes over `FADE_GAP_S`: up to 2 where people move, 5 in a fade over 3 s."""
+# Grey levels by which a fade changes the median block altogether; less is a camera that adapts its exposure.
 MIN_FADE_RANGE = 12.0
-"""Grey levels by which a fade changes the median block altogether; less is a camera that adapts its exposure."""
+# Frames: shorter stretches are no view.
 MIN_VIEW_FRAMES = 12
-"""Frames: shorter stretches are no view."""
+# Grey levels of a pixel of the thumbnail that a ball leaves or takes; coding changes still pixels by up to 10.
 MIN_JUMP_CHANGE = 16
-"""Grey levels of a pixel of the thumbnail that a ball leaves or takes; coding changes still pixels by up to 10."""
+# Pixels of a thing that jumps: the smallest ball covers four, one of a close view 25 x 25 / 1.3.
 JUMP_AREA = (4, 500)
-"""Pixels of a thing that jumps: the smallest ball covers four, one of a close view 25 x 25 / 1.3."""
+# Longer side over the shorter, and filled share of the box: a disk fills 0.79, a line of light or a letter less.
 MAX_JUMP_ASPECT, MIN_JUMP_FILL = 2.0, 0.4
-"""Longer side over the shorter, and filled share of the box: a disk fills 0.79, a line of light or a letter less."""
+# Diameters around a thing within which nothing moves before it appears, or after it goes: a ball that stops where it
+# hits another one, or is struck, takes or leaves its place in one frame too, but comes from nearby, or rolls on there.
 JUMP_CLEARANCE = 4.0
-"""Diameters around a thing within which nothing moves before it appears, or after it goes: a ball that stops where it
-hits another one, or is struck, takes or leaves its place in one frame too, but comes from nearby, or rolls on there."""
+# Smallest ratio of how much a thing differs from its surroundings to how much the place without it does: shadows and
+# sleeves that move by a pixel change thin places whose contrast was there before.
 MIN_CONTRAST_RATIO = 2.0
-"""Smallest ratio of how much a thing differs from its surroundings to how much the place without it does: shadows and
-sleeves that move by a pixel change thin places whose contrast was there before."""
+# Share of a thing that may change in the frames after it appeared; more is a ball that rolls on.
 MAX_MOVED_SHARE = 0.2
-"""Share of a thing that may change in the frames after it appeared; more is a ball that rolls on."""
 
 
 class ViewMeter:

@@ -11,10 +11,10 @@ import numpy as np
 from models.core.typing import ByteArray, Float32Array, ImageArray
 from video.io.pixel_kernels import Box, copy_yuv, fill_blend, fill_yuv_planes
 
+# Luma weights of red, green and blue (ITU-R BT.709-6, item 3.2).
 BT709_LUMA_WEIGHTS = (0.2126, 0.7152, 0.0722)
-"""Luma weights of red, green and blue (ITU-R BT.709-6, item 3.2)."""
+# Levels of black (BT.709-6, item 3.4).
 OFFSETS = (16.0, 128.0, 128.0)
-"""Levels of black (BT.709-6, item 3.4)."""
 
 
 def _rgb_to_yuv_matrix() -> Float32Array:
@@ -25,12 +25,12 @@ def _rgb_to_yuv_matrix() -> Float32Array:
     return shares.astype(np.float32)
 
 
+# (3, 4) red, green, blue and 1 to the levels of one pixel.
 RGB_TO_YUV = np.column_stack([_rgb_to_yuv_matrix(), OFFSETS]).astype(np.float32)
-"""(3, 4) red, green, blue and 1 to the levels of one pixel."""
+# The same for `fill_yuv_planes`, which adds four pixels for chroma, and truncates: 0.5 rounds.
 PLANE_SHARES = np.column_stack(
     [_rgb_to_yuv_matrix() / np.array([[1], [4], [4]], np.float32), np.add(OFFSETS, 0.5)]
 ).astype(np.float32)
-"""The same for `fill_yuv_planes`, which adds four pixels for chroma, and truncates: 0.5 rounds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +100,10 @@ class YuvFrame:
         return patch
 
 
+# What is drawn upon: an RGB image (H, W, 3), or a frame for the encoder.
 Canvas = ImageArray | YuvFrame
-"""What is drawn upon: an RGB image (H, W, 3), or a frame for the encoder."""
+# The same where a function returns what it was given.
 Image = TypeVar("Image", ImageArray, YuvFrame)
-"""The same where a function returns what it was given."""
 
 
 def convert_colours(rgb: ImageArray) -> ImageArray:

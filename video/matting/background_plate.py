@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from models.core.typing import BoolArray, FloatArray, ImageArray
 
+# Levels of 255 by which a pixel of the ring around a ball may differ from the plate and still be cloth. Larger
+# differences are hands, cues and other balls; smaller ones are light, shadow and coding.
 RING_TOLERANCE = 14.0
-"""Levels of 255 by which a pixel of the ring around a ball may differ from the plate and still be cloth. Larger
-differences are hands, cues and other balls; smaller ones are light, shadow and coding."""
+# Pixels of the ring that are used: enough for three parameters.
 MAX_RING_PIXELS = 500
-"""Pixels of the ring that are used: enough for three parameters."""
+# Levels of a coverage mask: the shadow of a ball, in which the colour is still measurable, or the ball itself.
 COVERED_BY_SHADOW, COVERED_BY_BALL = 100, 255
-"""Levels of a coverage mask: the shadow of a ball, in which the colour is still measurable, or the ball itself."""
+# Levels of 255 within which a sample has the colour of the surrounding cloth; such samples from which they replace the
+# median; and the share of a transient object that must have been seen uncovered.
 MAX_CLOTH_DIFFERENCE, MIN_SIMILAR_SAMPLES, MIN_UNCOVERED_SHARE = 12, 2, 0.1
-"""Levels of 255 within which a sample has the colour of the surrounding cloth; such samples from which they replace
-the median; and the share of a transient object that must have been seen uncovered."""
+# Reduction of the frames for the local colour, and reduced pixels of its median window: a cue, a line or a ball fills
+# less than half of it.
 LOCAL_COLOUR_SHRINK, LOCAL_COLOUR_CELLS = 8, 9
-"""Reduction of the frames for the local colour, and reduced pixels of its median window: a cue, a line or a ball
-fills less than half of it."""
+# Pixels of the plate whose samples are sorted together, which bounds memory.
 SORT_CHUNK_PX = 65536
-"""Pixels of the plate whose samples are sorted together, which bounds memory."""
 
 
 @dataclass(frozen=True, slots=True)

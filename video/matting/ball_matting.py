@@ -12,33 +12,32 @@ from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
 from video.io.pixel_kernels import fill_background_difference
 from video.matting.background_plate import BackgroundPlate, relight_background
 
+# Width beyond the measured radius that belongs to the ball, in radii and at least in px: optics and coding blur it.
 EDGE_RADII, MIN_EDGE_PX = 0.10, 1.0
-"""Width beyond the measured radius that belongs to the ball, in radii and at least in px: optics and coding blur it."""
+# Distance from the centre, in radii, up to which a ball darkens the cloth.
 SHADOW_RADII = 2.0
-"""Distance from the centre, in radii, up to which a ball darkens the cloth."""
+# Width in radii over which the shadow fades out.
 FADE_RADII = 0.5
-"""Width in radii over which the shadow fades out."""
+# Width in radii of the ring outside the shadow that measures the light.
 RING_RADII = 0.6
-"""Width in radii of the ring outside the shadow that measures the light."""
+# Limits of the brightness ratio of a shadow and of a glow; larger changes are other objects.
 SHADING_LIMITS = (0.3, 1.25)
-"""Limits of the brightness ratio of a shadow and of a glow; larger changes are other objects."""
+# Levels of 255 by which a pixel may differ from the relit empty table and still be table; at twice that it is another
+# object.
 MAX_TABLE_DIFFERENCE = 14.0
-"""Levels of 255 by which a pixel may differ from the relit empty table and still be table; at twice that it is
-another object."""
+# Distance from the centre, in radii plus px, within which optics, coding and sharpening add a coloured fringe to a
+# ball; a cue is not distinguishable from the ball there.
 HALO_RADII, HALO_PX = 1.15, 3.0
-"""Distance from the centre, in radii plus px, within which optics, coding and sharpening add a coloured fringe to a
-ball; a cue is not distinguishable from the ball there."""
+# Weight of colours that stand in for occluded ones; they count where no frame shows the ball.
 MIN_VISIBILITY = 1e-3
-"""Weight of colours that stand in for occluded ones; they count where no frame shows the ball."""
 
 
+# px between the places over which a streak is averaged, and the largest number of places.
 PATH_SAMPLE_PX, MAX_PATH_SAMPLES = 0.7, 48
-"""px between the places over which a streak is averaged, and the largest number of places."""
+# Largest brightness of a ball in multiples of the sensor range: it is saturated after a quarter of the shutter time.
 MAX_OVEREXPOSURE = 4.0
-"""Largest brightness of a ball in multiples of the sensor range: it is saturated after a quarter of the shutter
-time."""
+# Radii of motion during the shutter time from which a ball is a streak.
 MIN_STREAK_RADII = 0.5
-"""Radii of motion during the shutter time from which a ball is a streak."""
 
 
 def comparison_half_width(radius: float) -> int:

@@ -17,28 +17,28 @@ from video.drawing.palette import lab_to_rgb
 from video.io.clip import Clip, read_frames
 from video.matting.ball_matting import BallOutline
 
+# px between two frames below which a ball stays untouched, as nobody can see the motion.
 MIN_SHIFT_PX = 0.15
-"""px between two frames below which a ball stays untouched, as nobody can see the motion."""
+# px, and radii, between the observed positions in two frames above which a ball moves regardless of the fit: the
+# measured circle of a half-occluded resting ball jumps by less.
 MIN_OBSERVED_SHIFT_PX, MIN_OBSERVED_SHIFT_RADII = 2.0, 0.4
-"""px, and radii, between the observed positions in two frames above which a ball moves regardless of the fit: the
-measured circle of a half-occluded resting ball jumps by less."""
+# px outside the frame within which an unobserved ball is still followed.
 BORDER_MARGIN_PX = 40.0
-"""px outside the frame within which an unobserved ball is still followed."""
+# Limits of measured over expected radius of a ball: glare, dark rims and calibration explain no more.
 RADIUS_RATIO = (0.8, 1.3)
-"""Limits of measured over expected radius of a ball: glare, dark rims and calibration explain no more."""
+# Share of the sum of two radii within which one ball occludes the other, and the radii of motion of both in a gap up to
+# which optical flow follows the visible part better than matting.
 OVERLAP_SHARE, SLOW_RADII = 0.9, 1.0
-"""Share of the sum of two radii within which one ball occludes the other, and the radii of motion of both in a gap
-up to which optical flow follows the visible part better than matting."""
+# The same limit for a ball that is unobserved in one of the two frames: its position is uncertain, so its matte would
+# hold half of the other ball.
 UNOBSERVED_SLOW_RADII = 2.0
-"""The same limit for a ball that is unobserved in one of the two frames: its position is uncertain, so its matte
-would hold half of the other ball."""
+# Positions per gap that measure when a ball moves, and px between two of them above which it moves.
 GAP_POINTS, MIN_STEP_PX = 17, 0.01
-"""Positions per gap that measure when a ball moves, and px between two of them above which it moves."""
+# m/s from which a streak measures the shutter time; largest measured shutter time in frame intervals, errors included;
+# radii of motion blur from which detectors report a streak.
 MIN_STREAK_SPEED, MAX_SHUTTER_FRAMES, BLURRED_RADII = 0.1, 1.2, 1.0
-"""m/s from which a streak measures the shutter time; largest measured shutter time in frame intervals, errors
-included; radii of motion blur from which detectors report a streak."""
+# Points along the path of a streaked ball: enough for a rebound during one shutter time.
 STREAK_POINTS = 7
-"""Points along the path of a streaked ball: enough for a rebound during one shutter time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,11 @@ from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.optical_flow import pixel_grid
 from video.matting.ball_matting import BallOutline, MattedSprite
 
+# x0, y0, x1, y1
 Box = tuple[int, int, int, int]
-"""x0, y0, x1, y1"""
 
+# Places over which a shadow, which is soft, is averaged.
 MAX_SHADING_CENTRES = 5
-"""Places over which a shadow, which is soft, is averaged."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,14 +10,14 @@ import numpy as np
 from models.core.typing import Float32Array, FloatArray
 from video.matting.ball_matting import MattedSprite, sample_path
 
+# Richardson-Lucy iterations; more amplify coding noise.
 ITERATIONS = 12
-"""Richardson-Lucy iterations; more amplify coding noise."""
+# Limits of the brightness ratio of a ball between two places on the table.
 GAIN_LIMITS = (0.6, 1.6)
-"""Limits of the brightness ratio of a ball between two places on the table."""
+# Relative change of the radius below which a sprite is not scaled.
 MIN_SCALE_CHANGE = 0.02
-"""Relative change of the radius below which a sprite is not scaled."""
+# px of streak below which a sprite is sharp.
 MAX_SHARP_STREAK_PX = 1.0
-"""px of streak below which a sprite is sharp."""
 
 
 def blur_along_path(patch: Float32Array, places: FloatArray) -> Float32Array:

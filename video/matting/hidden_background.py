@@ -20,14 +20,14 @@ from video.matting.background_plate import (
 from video.matting.ball_matting import SHADOW_RADII, BallOutline
 from video.matting.ball_timeline import BallTimeline, read_rows
 
+# Largest and smallest number of frames, spread over the clip, that the plate is estimated from.
 MAX_SAMPLES, MIN_SAMPLES = 32, 13
-"""Largest and smallest number of frames, spread over the clip, that the plate is estimated from."""
+# Memory for the needed pixels of those frames; larger areas use fewer frames.
 MAX_PLATE_BYTES = 64_000_000
-"""Memory for the needed pixels of those frames; larger areas use fewer frames."""
+# s after the first motion in which further frames are used, and their number.
 AFTER_STRIKE_S, AFTER_STRIKE_ROWS = 0.5, 6
-"""s after the first motion in which further frames are used, and their number."""
+# Radii around a ball's position that it may hide; beyond, it only casts shadow.
 HIDDEN_RADII = 1.2
-"""Radii around a ball's position that it may hide; beyond, it only casts shadow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,6 @@ def estimate_hidden_background(timeline: BallTimeline, clip: Clip) -> HiddenBack
 
     Args:
         timeline: Positions of the balls.
-        clip: The clip.
 
     Returns:
         The timeline and the background plate.

@@ -16,21 +16,21 @@ from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.deblur import deblur_sprite, match_brightness, scale_sprite
 
+# Views of each ball, spread over the clip because light and visible markings change.
 VIEWS_PER_BALL = 3
-"""Views of each ball, spread over the clip because light and visible markings change."""
+# Radii to the next ball from which a ball is visible as a whole with its shadow.
 ISOLATED_RADII = 3.5
-"""Radii to the next ball from which a ball is visible as a whole with its shadow."""
+# Radii of motion per frame above which a ball may be streaked, and below which it cannot: no shutter is open for
+# longer.
 FAST_RADII, SLOW_RADII = 1.0, 0.3
-"""Radii of motion per frame above which a ball may be streaked, and below which it cannot: no shutter is open for
-longer."""
+# Cost of a view from another time, in radii of streak of a view at hand: constant, per s, and at most.
 OTHER_TIME_COST, COST_PER_SECOND, MAX_AGE_COST = 0.1, 0.05, 0.3
-"""Cost of a view from another time, in radii of streak of a view at hand: constant, per s, and at most."""
 
+# Step between neighbouring pixels of the background, relative to its brightness plus these levels of 255, that is the
+# border of a cushion, a pocket or a line.
 BORDER_STEP_SHARE, BORDER_OFFSET_LEVELS = 0.3, 10.0
-"""Step between neighbouring pixels of the background, relative to its brightness plus these levels of 255, that is
-the border of a cushion, a pocket or a line."""
+# Levels below which the background is too dark to measure shading.
 DARK_LEVEL = 16
-"""Levels below which the background is too dark to measure shading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,6 @@ def collect_sharp_balls(timeline: BallTimeline, clip: Clip, plate: BackgroundPla
 
     Args:
         timeline: Positions of the balls.
-        clip: The clip.
         plate: Background plate.
 
     Returns:

@@ -18,23 +18,23 @@ from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.deblur import match_brightness
 from video.matting.sharp_balls import FAST_RADII, SharpBalls, find_isolated_rows, frame_to_frame_shifts
 
+# Candidate shutter times as shares of the frame interval.
 SHUTTER_SHARES = np.array([0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.7, 0.9])
-"""Candidate shutter times as shares of the frame interval."""
+# Views that are evaluated, the fastest ones.
 MAX_VIEWS = 10
-"""Views that are evaluated, the fastest ones."""
+# Views below which the shutter time stays as it was.
 MIN_VIEWS = 2
-"""Views below which the shutter time stays as it was."""
+# Largest error of a streak relative to a sharp ball: balls that rotate, or are in another light, fit a little better
+# when blurred (0.5 to 0.8 on clips with a short shutter time; 0.25 on one with a long one).
 MAX_ERROR_SHARE = 0.4
-"""Largest error of a streak relative to a sharp ball: balls that rotate, or are in another light, fit a little
-better when blurred (0.5 to 0.8 on clips with a short shutter time; 0.25 on one with a long one)."""
+# Radii of streak from which a larger error share suffices, and that share: a sharp ball blurred so far fits worse.
 LONG_STREAK_RADII, MAX_ERROR_SHARE_LONG = 1.0, 0.75
-"""Radii of streak from which a larger error share suffices, and that share: a sharp ball blurred so far fits worse."""
+# Radii of isotropic blur that coding may add to a moving ball, besides none: such blur is no streak.
 SOFT_RADII = (0.05, 0.1, 0.2)
-"""Radii of isotropic blur that coding may add to a moving ball, besides none: such blur is no streak."""
+# Resolution of the shutter share.
 FINE_STEPS = 181
-"""Resolution of the shutter share."""
+# Multiple of the typical least error from which a view shows another object, such as a hand or a wrong ball.
 MAX_RELATIVE_ERROR = 3.0
-"""Multiple of the typical least error from which a view shows another object, such as a hand or a wrong ball."""
 
 
 def estimate_shutter_time(
@@ -44,7 +44,6 @@ def estimate_shutter_time(
 
     Args:
         timeline: Positions of the balls.
-        clip: The clip.
         plate: Background plate.
         balls: Sharp views of the balls.
 

@@ -9,15 +9,15 @@ from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import BallOutline
 from video.matting.ball_timeline import BallTimeline
 
+# x, y, width, height
 Box = tuple[int, int, int, int]
-"""x, y, width, height"""
 
+# Radii around its centre in which the colour of a ball is measured, and share of its box that must be unoccluded.
 INNER_RADII, MIN_VISIBLE_SHARE = 0.7, 0.08
-"""Radii around its centre in which the colour of a ball is measured, and share of its box that must be unoccluded."""
+# Radii around its centre between which an isolated ball is surrounded by table.
 RING_RADII = (1.3, 1.7)
-"""Radii around its centre between which an isolated ball is surrounded by table."""
+# Levels of 255 by which a pixel may differ from the table in any usual light.
 MAX_TABLE_LEVELS = 28.0
-"""Levels of 255 by which a pixel may differ from the table in any usual light."""
 
 
 def find_visible_balls(timeline: BallTimeline, plate: BackgroundPlate, row: int, image: ImageArray) -> BoolArray:

@@ -40,34 +40,34 @@ from video.overlay.frame_overlay import (
 )
 from video.overlay.motion_paths import POINTS_APART, ContactMark, MotionPath, sample_motion_path, select_contact_marks
 
+# s of the shot that a trail spans.
 TRAIL_S = 0.9
-"""s of the shot that a trail spans."""
+# s of the shot for which a contact flashes.
 FLASH_S = 0.15
-"""s of the shot for which a contact flashes."""
+# s of the output video for which the time of a contact stays legible.
 READING_S = 2.0
-"""s of the output video for which the time of a contact stays legible."""
+# Points of a path per point on the plan, which is small.
 PLAN_POINT_STEP = 3
-"""Points of a path per point on the plan, which is small."""
+# Names and contact times shown at once; more would hide the shot.
 MAX_LABELS, MAX_CONTACT_TIMES = 6, 3
-"""Names and contact times shown at once; more would hide the shot."""
+# Share of the remaining way that a label moves per frame, so that it glides rather than jumps.
 GLIDE_SHARE = 0.12
-"""Share of the remaining way that a label moves per frame, so that it glides rather than jumps."""
+# Change of a label's opacity per frame after it was absent: it disappears at once where it would hide something.
 FADE_IN_STEP = 0.1
-"""Change of a label's opacity per frame after it was absent: it disappears at once where it would hide something."""
+# Ball radii around each ball that stay free of labels.
 NAME_MARGIN_RADII = 0.3
-"""Ball radii around each ball that stay free of labels."""
+# Longer side of the plan, share of the frame width.
 INSET_SHARE = 0.23
-"""Longer side of the plan, share of the frame width."""
+# px of the frame per cell of the panel cost map.
 COST_CELL_PX = 8
-"""px of the frame per cell of the panel cost map."""
+# Costs of hidden table, pockets and image detail.
 TABLE_COST, POCKET_COST, DETAIL_COST = 1.0, 2.0, 1.5
-"""Costs of hidden table, pockets and image detail."""
+# Ball radii around the centres of all balls, at any time, that no panel covers.
 PANEL_GAP_RADII = 1.3
-"""Ball radii around the centres of all balls, at any time, that no panel covers."""
 
 
+# Options of the default slow motion.
 DEFAULT_OPTIONS = RenderOptions()
-"""Options of the default slow motion."""
 
 
 @dataclass(slots=True)

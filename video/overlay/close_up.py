@@ -14,28 +14,28 @@ from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
 from video.drawing.table_plan import append_footer
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
+# px, size of a close-up.
 CLOSE_UP_SIZE = (960, 720)
-"""px, size of a close-up."""
+# px, size of one frame of a strip, and of its caption.
 TILE_SIZE, CAPTION_SIZE = (320, 320), (190, 46)
-"""px, size of one frame of a strip, and of its caption."""
+# px, size of the view of a place.
 PLACE_SIZE = (480, 360)
-"""px, size of the view of a place."""
+# Ball radii shown around the balls.
 MARGIN_RADII = 2.6
-"""Ball radii shown around the balls."""
+# Ball radii shown on either side of a place.
 PLACE_RADII = 7.0
-"""Ball radii shown on either side of a place."""
+# Largest magnification of pixels.
 MAX_MAGNIFICATION = 24.0
-"""Largest magnification of pixels."""
+# Dashes of a ring.
 DASHES = 36
-"""Dashes of a ring."""
+# Colours of the outlines of the first and of the second ball.
 RING_COLOURS: tuple[Colour, Colour] = ((96, 214, 255), (255, 150, 110))
-"""Colours of the outlines of the first and of the second ball."""
+# Fractional bits of OpenCV's fixed-point coordinates.
 SHIFT = 4
-"""Fractional bits of OpenCV's fixed-point coordinates."""
 
 
+# (2, 2) px, middle and least extent of a part of a frame.
 Window = FloatArray
-"""(2, 2) px, middle and least extent of a part of a frame."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,12 @@ from video.drawing.circles import SHIFT, draw_disc, draw_ring, drawing_scale, to
 from video.drawing.palette import FLASH, INK, TRUST_COLOURS, Colour
 from video.drawing.text import draw_text
 
+# Width of the panel relative to the image, and at least.
 PANEL_SHARE, LEAST_PANEL_PX = 0.42, 380
-"""Width of the panel relative to the image, and at least."""
+# Font size at a drawing scale of 1, and the least one.
 FONT_PX, LEAST_FONT_PX = 17.0, 13
-"""Font size at a drawing scale of 1, and the least one."""
+# Distance of the lines, and margin, in font sizes.
 LINE_SPACING, MARGIN_LINES = 1.5, 1.0
-"""Distance of the lines, and margin, in font sizes."""
 GLARE_COLOUR: Colour = (240, 68, 68)
 
 

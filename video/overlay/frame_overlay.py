@@ -22,10 +22,10 @@ from video.drawing.text import blend_levels, blend_mask, draw_text, number_mask,
 from video.io.yuv_frame import Canvas, YuvFrame
 
 LABEL_OPACITY = 0.72
+# px around a ball on which nothing is drawn.
 BALL_MARGIN_PX = 1.0
-"""px around a ball on which nothing is drawn."""
+# px, length of a dash with its gap around a ball whose position is measured, not fitted.
 DASH_PX, MIN_DASHES = 12.0, 5
-"""px, length of a dash with its gap around a ball whose position is measured, not fitted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +93,8 @@ def draw_measured_rings(image: Canvas, balls: FrameBalls, colours: Sequence[Colo
             )
 
 
+# Ball radii from a point of contact that both balls lie within.
 CONTACT_RADII = 2.2
-"""Ball radii from a point of contact that both balls lie within."""
 
 
 def draw_flash(
@@ -158,8 +158,8 @@ def _name_tile(name: str, colour: Colour, width: int, height: int, letters: int)
     return compose_tile(width, height, inks)
 
 
+# Font size of labels in a frame of 720 rows, px.
 LABEL_LETTERS = 14.0
-"""Font size of labels in a frame of 720 rows, px."""
 
 
 def _font_size(scale: float) -> int:
@@ -209,10 +209,10 @@ def _clock_tile(clock: ClockPanel, width: int, height: int, advance: int, scale:
     return compose_tile(width, height, inks)
 
 
+# px of a trail with one opacity, and largest number of such pieces.
 TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
-"""px of a trail with one opacity, and largest number of such pieces."""
+# Opacity of the coloured line and of its white core.
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
-"""Opacity of the coloured line and of its white core."""
 
 
 def draw_trail(image: Canvas, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:

@@ -16,28 +16,28 @@ from video.drawing.palette import FLASH
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import Label
 
+# s between points of a path.
 PATH_STEP = 1 / 240
-"""s between points of a path."""
+# m/s below which a ball counts as resting.
 MIN_SPEED = 2e-3
-"""m/s below which a ball counts as resting."""
+# px between drawn points of a path.
 POINTS_APART = 6.0
-"""px between drawn points of a path."""
+# Ball radii that a ball must travel in a span that is drawn and named; less is noise or invisible.
 MIN_TRAVEL_RADII = 0.4
-"""Ball radii that a ball must travel in a span that is drawn and named; less is noise or invisible."""
+# Least probability of a drawn event, see `models.estimation.shot_hypotheses`.
 MIN_PROBABILITY = 0.1
-"""Least probability of a drawn event, see `models.estimation.shot_hypotheses`."""
+# s, largest sigma of the time of a drawn event: others would flash at a wrong moment.
 MAX_SIGMA = 0.05
-"""s, largest sigma of the time of a drawn event: others would flash at a wrong moment."""
+# s, and largest number of contacts within that time that are drawn.
 CROWDED_S, MAX_CROWDED = 0.03, 4
-"""s, and largest number of contacts within that time that are drawn."""
+# Ball radii outside the noses up to which a path is drawn: includes pockets, excludes diverging fits.
 OUTSIDE_RADII = 3.0
-"""Ball radii outside the noses up to which a path is drawn: includes pockets, excludes diverging fits."""
+# Opacity of an event that is drawn faintly.
 FAINT_OPACITY = 0.5
-"""Opacity of an event that is drawn faintly."""
+# Sizes of the flashes by event type.
 EVENT_STRENGTHS = {"ball": 1.0, "strike": 0.75, "cushion": 0.65, "pocket": 0.8}
-"""Sizes of the flashes by event type."""
+# Directions (x, y) from a ball to each cushion.
 CUSHION_NORMALS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
-"""Directions (x, y) from a ball to each cushion."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,22 +26,22 @@ from video.drawing.table_plan import (
 )
 from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
+# Points of the outline of a ball.
 OUTLINE_POINTS = 72
-"""Points of the outline of a ball."""
+# px, font sizes on a frame of 720 rows.
 TEXT_PX, HEADER_PX = 15, 17
-"""px, font sizes on a frame of 720 rows."""
+# Least length of an arrow in ball radii: a shift of two millimetres is a pixel or two.
 MIN_ARROW_RADII = 0.9
-"""Least length of an arrow in ball radii: a shift of two millimetres is a pixel or two."""
+# Colour of a ball that lies where it is wanted.
 PLACED_COLOUR: Colour = TRUST_COLOURS["green"]
-"""Colour of a ball that lies where it is wanted."""
+# Colour of a ball that must still be moved.
 MISPLACED_COLOUR: Colour = TRUST_COLOURS["amber"]
-"""Colour of a ball that must still be moved."""
+# Colour of a wanted place without a ball.
 MISSING_COLOUR: Colour = TRUST_COLOURS["red"]
-"""Colour of a wanted place without a ball."""
+# Colour of a place on the frame that it comes from.
 WANTED_COLOUR: Colour = WHITE
-"""Colour of a place on the frame that it comes from."""
+# Colour of notes.
 NOTE_COLOUR: Colour = MUTED_GREY
-"""Colour of notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,6 @@ def project_ball_outline(camera: Camera, xy: FloatArray, radius: float) -> Float
     centre lies further from the image centre than that of the ball.
 
     Args:
-        camera: The camera.
         xy: Centre (2,) of the ball, m.
         radius: Radius of the ball, m.
 
@@ -213,12 +212,12 @@ def _draw_header(image: ImageArray, header: list[tuple[str, Colour]], scale: flo
     return float(margin), float(margin), float(width), float(height)
 
 
+# px, width of the drawing.
 PLAN_WIDTH_PX = 1680
-"""px, width of the drawing."""
+# px, font sizes.
 NUMBER_PX, NAME_PX = 16, 16
-"""px, font sizes."""
+# Places of a number along its line, in order of preference, as shares of the way from the ball to the nose.
 LINE_SHARES = (0.5, 0.35, 0.65, 0.22, 0.78)
-"""Places of a number along its line, in order of preference, as shares of the way from the ball to the nose."""
 _OUTWARDS = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}
 
 
@@ -228,7 +227,6 @@ def draw_placement_plan(
     """Draw the balls of a table to scale, each with a line and the distance to its two nearest cushions.
 
     Args:
-        table: The table.
         naming: Names and looks of the balls, and how the table lies in the frame.
         ids: Ids of the N balls.
         xy: Centres (N, 2), m.

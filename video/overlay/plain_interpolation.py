@@ -14,10 +14,10 @@ from video.matting.ball_timeline import BallTimeline
 from video.overlay.slow_motion import balls_at_times
 from video.synthesis.frame_synthesis import ClipAppearance, prepare_interval
 
+# s of jitter within which timestamps count as regular: some containers count milliseconds.
 REGULAR_TOLERANCE_S = 1e-3
-"""s of jitter within which timestamps count as regular: some containers count milliseconds."""
+# Share of the frame interval within which a decoded frame replaces a synthesized one.
 SNAP_SHARE = 0.02
-"""Share of the frame interval within which a decoded frame replaces a synthesized one."""
 
 
 def synthesize_frames(
@@ -26,7 +26,6 @@ def synthesize_frames(
     """Yield the frames at ascending times within the clip; at most two decoded frames are held in memory.
 
     Args:
-        clip: The clip.
         appearance: Its estimated appearance.
         times: Times (K,), s.
         shutter_time: s for which the shutter is open; None: as filmed.
@@ -71,7 +70,6 @@ def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
     """Divide every gap between distinct frames evenly.
 
     Args:
-        clip: The clip.
         factor: Parts per gap.
 
     Returns:
@@ -91,7 +89,6 @@ def regular_frame_times(clip: Clip, rate: float) -> FloatArray:
     """Return regular times within a clip.
 
     Args:
-        clip: The clip.
         rate: Frames per second.
 
     Returns:
@@ -108,7 +105,6 @@ def regular_frame_rate(clip: Clip, factor: int) -> Fraction | None:
     """Return the frame rate of a clip with subdivided gaps.
 
     Args:
-        clip: The clip.
         factor: Parts per gap.
 
     Returns:
@@ -129,14 +125,14 @@ def _inner_times(first: float, last: float, factor: int) -> FloatArray:
     return first + (last - first) * np.arange(1, factor) / factor
 
 
+# Width to height.
 ASPECT_RATIO = (9, 16)
-"""Width to height."""
+# s, standard deviation of the smoothing of the window's motion.
 SMOOTHING_S = 0.35
-"""s, standard deviation of the smoothing of the window's motion."""
+# 1/s, at which the action is sampled.
 SAMPLE_RATE = 60.0
-"""1/s, at which the action is sampled."""
+# m/s from which a ball is part of the action.
 MIN_ACTION_SPEED = 0.02
-"""m/s from which a ball is part of the action."""
 
 
 def window_width(width: int, height: int) -> int:

@@ -26,12 +26,12 @@ from video.overlay.annotation import COST_CELL_PX, DEFAULT_OPTIONS, Annotation, 
 from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
 from video.overlay.motion_paths import EVENT_STRENGTHS
 
+# Ball radii between two ghosts of a ball.
 GHOST_SPACING_RADII = 5.0
-"""Ball radii between two ghosts of a ball."""
+# Opacity of the ghosts.
 GHOST_OPACITY = 0.5
-"""Opacity of the ghosts."""
+# Width of a phone's page, and the least font size on it that people read without zooming, CSS px.
 PHONE_WIDTH, LEAST_LETTERS = 390.0, 9.0
-"""Width of a phone's page, and the least font size on it that people read without zooming, CSS px."""
 
 
 @dataclass(slots=True)

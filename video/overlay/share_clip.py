@@ -30,19 +30,19 @@ from video.overlay.slow_motion import (
 )
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval
 
+# px, and frames per second.
 WIDTH, HEIGHT, RATE = 720, 1280, Fraction(30)
-"""px, and frames per second."""
+# px: place of the film between the question and the answer, and margin of the text.
 VIEW_TOP, VIEW_HEIGHT, MARGIN = 212, 760, 24
-"""px: place of the film between the question and the answer, and margin of the text."""
+# s of the output: all; at normal speed, at most; of these, while the view comes closer; slowly before and after the
+# moment.
 LENGTH_S, RUN_UP_S, ZOOM_S, BEFORE_S, AFTER_S = 10.0, 2.5, 0.6, 1.6, 2.4
-"""s of the output: all; at normal speed, at most; of these, while the view comes closer; slowly before and after the
-moment."""
+# Of these, the one is taken with which a ball takes at least `BEFORE_S` from the border of the view to the moment.
 SLOWDOWNS = (4, 8, 16, 32)
-"""Of these, the one is taken with which a ball takes at least `BEFORE_S` from the border of the view to the moment."""
+# Font sizes, px, and scale of the names: a phone shows the 720 px at half of that in its own units.
 QUESTION_PX, VERDICT_PX, SENTENCE_PX, NOTE_PX, NAME_SCALE = 42, 48, 36, 28, 2.0
-"""Font sizes, px, and scale of the names: a phone shows the 720 px at half of that in its own units."""
+# x264 parameters: with at most 3500 kbit/s, ten seconds have less than 4.5 MB.
 SIZE_LIMIT = "vbv-maxrate=3500:vbv-bufsize=3500"
-"""x264 parameters: with at most 3500 kbit/s, ten seconds have less than 4.5 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,6 @@ def render_share_clip(
     """Write a clip of 9:16: run-up, the moment from near and slowly, and a card with the plan and the whole answer.
 
     Args:
-        clip: The clip.
         appearance: Its estimated appearance.
         fit: Fitted motion.
         naming: Names and looks of the balls.

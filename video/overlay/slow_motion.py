@@ -32,28 +32,28 @@ from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
 from video.overlay.motion_paths import MIN_SPEED, ContactMark, select_contact_marks
 from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval, prepare_interval
 
+# Limits of the frame rate of the output video, 1/s.
 MIN_RATE, MAX_RATE = Fraction(25), Fraction(60)
-"""Limits of the frame rate of the output video, 1/s."""
+# s of the shot kept before the first and after the last motion when still parts are trimmed.
 TRIM_MARGIN_S = 0.5
-"""s of the shot kept before the first and after the last motion when still parts are trimmed."""
+# Frames that may wait for their annotation.
 PREFETCHED_FRAMES = 8
-"""Frames that may wait for their annotation."""
+# x264 options, and the slowdown from which they apply: motion is then about a pixel per frame, which needs neither a
+# wide nor a fine search, and arithmetic coding would save 7 % of the bytes for 12 % of the work. A constant quantizer
+# needs no look ahead at coming frames, a third of the work: neighbouring frames of a slow motion are equally complex.
+# With 19, frames are closer to what was drawn than with `CRF`, on clips without and with grain.
 SLOW_TUNING, TUNING_MIN_SLOWDOWN = "me=dia:subme=0:cabac=0:qp=19:scenecut=0:weightp=0:rc-lookahead=0", 4.0
-"""x264 options, and the slowdown from which they apply: motion is then about a pixel per frame, which needs neither
-a wide nor a fine search, and arithmetic coding would save 7 % of the bytes for 12 % of the work. A constant quantizer
-needs no look ahead at coming frames, a third of the work: neighbouring frames of a slow motion are equally complex.
-With 19, frames are closer to what was drawn than with `CRF`, on clips without and with grain."""
+# Constant rate factor of x264 below that slowdown. At 8 times slower, cloth keeps its grain, and the error is close to
+# that of 20 with macroblock-tree rate control, which the writer disables.
 CRF = 26
-"""Constant rate factor of x264 below that slowdown. At 8 times slower, cloth keeps its grain, and the error is close to
-that of 20 with macroblock-tree rate control, which the writer disables."""
+# Threads of the encoder: it returns at once, so that one frame is encoded while the next is drawn.
 ENCODER_THREADS = 2
-"""Threads of the encoder: it returns at once, so that one frame is encoded while the next is drawn."""
+# s between keyframes: a quarter of a second of a shot that is eight times slower.
 KEYFRAME_INTERVAL_S = 2.0
-"""s between keyframes: a quarter of a second of a shot that is eight times slower."""
+# Times for which the balls are evaluated together: single evaluations take ten times as long.
 TIMES_PER_LOOKUP = 256
-"""Times for which the balls are evaluated together: single evaluations take ten times as long."""
+# Share of the output frame interval within which a decoded frame replaces a synthesized one.
 SNAP_SHARE = 0.05
-"""Share of the output frame interval within which a decoded frame replaces a synthesized one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,6 @@ def render_slow_motion(
     """Write the annotated slow motion of a shot as H.264; the umpire style appends replays of the contacts.
 
     Args:
-        clip: The clip.
         appearance: Its estimated appearance.
         tracks: Tracks of the balls.
         fit: Fitted motion and events.
@@ -125,7 +124,6 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
     """Find the times in the clip of the frames of the slow motion.
 
     Args:
-        clip: The clip.
         timeline: Positions of its balls.
         options: Slowdown, and whether still parts are left out.
 
@@ -155,7 +153,6 @@ def synthesize_frames(
     """Yield the frames of a slow motion before annotation; at most two decoded frames are held in memory.
 
     Args:
-        clip: The clip.
         appearance: Its estimated appearance.
         fit: Fitted motion.
         times: Times of the frames (K,), s.
@@ -217,14 +214,14 @@ def prefetch_items(items: Iterator[T], max_ahead: int) -> Iterator[T]:
                 future.cancel()
 
 
+# Slowdown relative to the slow motion before.
 REPLAY_SLOWDOWN = 4.0
-"""Slowdown relative to the slow motion before."""
+# s of the output video for each contact, at most.
 MAX_REPLAY_S = 2.5
-"""s of the output video for each contact, at most."""
+# Contacts that are replayed: the strongest ones.
 MAX_REPLAYS = 8
-"""Contacts that are replayed: the strongest ones."""
+# Ball radii from the middle to the upper border of the view.
 AROUND_RADII = 7.0
-"""Ball radii from the middle to the upper border of the view."""
 
 
 def select_replay_marks(marks: tuple[ContactMark, ...]) -> list[ContactMark]:

@@ -11,20 +11,20 @@ from models.core.typing import FloatArray
 from video.rendering.random_scene import RandomScene
 from video.rendering.scene_renderer import BallPoses, Motion
 
+# Largest number of balls in an image.
 MAX_BALLS = 22
-"""Largest number of balls in an image."""
+# Largest displacement during the exposure, in ball radii, and in px at the detector's scale.
 MAX_STREAK_RADII, MAX_STREAK_PX = 7.0, 62.0
-"""Largest displacement during the exposure, in ball radii, and in px at the detector's scale."""
+# Share of images with a triangle of touching balls, and share with moving balls.
 RACK_SHARE, MOVING_SHARE = 0.15, 0.6
-"""Share of images with a triangle of touching balls, and share with moving balls."""
+# Share of balls that touch the previously placed ball, and share on its line of sight: one then covers the other.
 TOUCHING_SHARE, COVERED_SHARE = 0.2, 0.2
-"""Share of balls that touch the previously placed ball, and share on its line of sight: one then covers the other."""
+# Largest distance between the apparent centres of such a pair, along the line of sight and across it, in radii.
 MAX_COVERING_RADII, MAX_BESIDE_RADII = 1.9, 1.2
-"""Largest distance between the apparent centres of such a pair, along the line of sight and across it, in radii."""
+# Mean number of moving balls in an image with motion: far more than in clips, where streaks are too rare to learn.
 MEAN_MOVING_BALLS = 3.0
-"""Mean number of moving balls in an image with motion: far more than in clips, where streaks are too rare to learn."""
+# Share of moving balls that roll; the others slide without rotating.
 ROLLING_SHARE = 0.7
-"""Share of moving balls that roll; the others slide without rotating."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,12 +18,12 @@ from models.core.srgb import decode_srgb
 from models.core.typing import Float32Array, FloatArray
 from video.rendering.scene_appearance import IVORY, BallAppearance, Colour
 
+# Share of the cloth's reflected light that reaches the lower half of a ball.
 CLOTH_BOUNCE_SHARE = 0.55
-"""Share of the cloth's reflected light that reaches the lower half of a ball."""
+# Cosines of the angular radii of a dot and of a number's disc; half height of a stripe in ball radii.
 DOT_COSINE, DISC_COSINE, STRIPE_HALF_HEIGHT = 0.972, 0.895, 0.56
-"""Cosines of the angular radii of a dot and of a number's disc; half height of a stripe in ball radii."""
+# px, side of the bitmap of a number.
 NUMBER_SIZE_PX = 64
-"""px, side of the bitmap of a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,5 +206,5 @@ def shadow_factor(
     return to_float32(1 - np.clip(blocked, 0, 1) * near)
 
 
+# Ball radii from the centre beyond which a ball casts no shadow.
 SHADOW_REACH_RADII = 5.0
-"""Ball radii from the centre beyond which a ball casts no shadow."""

@@ -17,7 +17,6 @@ def look_at(
     """Build a camera at a position that looks at a target.
 
     Args:
-        table: the table.
         eye: (3,) m, camera position.
         target: (3,) m, point on the table at the image centre.
         focal_px: focal length, px.

@@ -13,10 +13,10 @@ from video.rendering.ball_shading import Illumination, srgb_to_linear
 from video.rendering.pinhole_camera import Lens, project_points
 from video.rendering.scene_appearance import Colour
 
+# Colour of hands.
 SKIN: Colour = (0.80, 0.58, 0.46)
-"""Colour of hands."""
+# m.
 CUE_LENGTH_M = 1.45
-"""m."""
 
 
 @dataclass(frozen=True, slots=True)

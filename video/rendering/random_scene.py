@@ -29,29 +29,29 @@ from video.rendering.scene_appearance import (
     snooker_ball,
 )
 
+# Cloth hues of hold-out scenes: violet to purple.
 HOLD_OUT_HUES = (0.72, 0.93)
-"""Cloth hues of hold-out scenes: violet to purple."""
+# Elevation of the camera above the horizon in hold-out scenes, degrees.
 HOLD_OUT_ELEVATION = (38.0, 47.0)
-"""Elevation of the camera above the horizon in hold-out scenes, degrees."""
+# Number of small lamps in a row, and their height above the table, m: more and lower than in training.
 HOLD_OUT_LAMPS, HOLD_OUT_LAMP_HEIGHT = 5, (0.66, 0.82)
-"""Number of small lamps in a row, and their height above the table, m: more and lower than in training."""
+# Colours of the hold-out set of pool balls.
 PASTEL_COLOURS: tuple[Colour, ...] = (
     (0.95, 0.86, 0.45), (0.35, 0.62, 0.85), (0.93, 0.45, 0.50), (0.75, 0.52, 0.85), (0.98, 0.66, 0.42),
     (0.42, 0.78, 0.58), (0.62, 0.40, 0.32), (0.10, 0.10, 0.11),
 )  # fmt: skip
-"""Colours of the hold-out set of pool balls."""
+# Degrees; most frequent camera elevations in videos. Intermediate ones occur too.
 LOW_ELEVATION, OVERHEAD_ELEVATION = (17.0, 30.0), (75.0, 89.7)
-"""Degrees; most frequent camera elevations in videos. Intermediate ones occur too."""
+# Shares of scenes with low and with overhead cameras.
 LOW_SHARE, OVERHEAD_SHARE = 0.25, 0.35
-"""Shares of scenes with low and with overhead cameras."""
+# Share of darkened balls (never white ones), and the range of the factor on their colour.
 DARK_SHARE, DARK_FACTOR_RANGE = 0.12, (0.25, 0.7)
-"""Share of darkened balls (never white ones), and the range of the factor on their colour."""
+# m: the balls of shorter tables look the same at the scale of the detector.
 MIN_LENGTH_M = 1.5
-"""m: the balls of shorter tables look the same at the scale of the detector."""
+# m, range of distances from the camera to the point it looks at.
 MIN_DISTANCE_M, MAX_DISTANCE_M = 1.6, 7.0
-"""m, range of distances from the camera to the point it looks at."""
+# px, range of ball radii in the middle of the image, at the detector's working scale.
 MIN_RADIUS_PX, MAX_RADIUS_PX = 3.7, 12.5
-"""px, range of ball radii in the middle of the image, at the detector's working scale."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+# sRGB in [0, 1].
 Colour = tuple[float, float, float]
-"""sRGB in [0, 1]."""
 BallStyle = Literal["plain", "solid", "stripe", "spotted"]
 ClothMarks = Literal["none", "pool", "snooker", "carom"]
 FloorKind = Literal["carpet", "planks", "dark"]
@@ -64,13 +64,13 @@ class SceneAppearance:
     """Random seed of the textures of cloth, wood and floor."""
 
 
+# White of cue balls, stripes and number discs.
 IVORY: Colour = (0.95, 0.93, 0.86)
-"""White of cue balls, stripes and number discs."""
+# Colours of the numbers 1 to 8; 9 to 15 are the stripes of 1 to 7.
 POOL_COLOURS: tuple[Colour, ...] = (
     (0.93, 0.70, 0.05), (0.06, 0.16, 0.55), (0.80, 0.08, 0.07), (0.27, 0.10, 0.42), (0.90, 0.36, 0.05),
     (0.03, 0.36, 0.18), (0.45, 0.07, 0.09), (0.03, 0.03, 0.03),
 )  # fmt: skip
-"""Colours of the numbers 1 to 8; 9 to 15 are the stripes of 1 to 7."""
 SNOOKER_COLOURS: dict[str, Colour] = {
     "cue": (0.95, 0.93, 0.86), "red": (0.68, 0.03, 0.04), "yellow": (0.92, 0.76, 0.08), "green": (0.02, 0.33, 0.16),
     "brown": (0.38, 0.18, 0.06), "blue": (0.05, 0.20, 0.62), "pink": (0.93, 0.50, 0.60), "black": (0.03, 0.03, 0.03),

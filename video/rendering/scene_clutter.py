@@ -22,8 +22,8 @@ from video.rendering.player_props import Rod, draw_rods, make_cue_rods, make_han
 from video.rendering.random_scene import RandomScene, sample_colour
 from video.rendering.scene_appearance import Colour
 
+# Fractional bits of pixel coordinates in OpenCV's drawing functions.
 SHIFT = 4
-"""Fractional bits of pixel coordinates in OpenCV's drawing functions."""
 
 
 def paint_backdrop(rng: np.random.Generator, image: Float32Array, scene: RandomScene, outside_m: Float32Array) -> None:
@@ -32,7 +32,6 @@ def paint_backdrop(rng: np.random.Generator, image: Float32Array, scene: RandomS
     Args:
         rng: source of randomness.
         image: (H, W, 3) linear light.
-        scene: the scene.
         outside_m: (H, W) m, distance of each pixel outside the noses.
     """
     is_surroundings = outside_m > 0.18
@@ -184,6 +183,7 @@ def _paint_smear(rng: np.random.Generator, image: Float32Array, scene: RandomSce
     image *= to_float32(np.exp(rng.normal(0, 0.5) * share))[..., None]
 
 
+# Painters of marks, the share of images with each, and its largest count.
 _CLOTH_MARKS: tuple[tuple[Callable[[np.random.Generator, Float32Array, RandomScene], None], float, int], ...] = (
     (_paint_smear, 0.5, 4),
     (_paint_spot, 0.4, 4),
@@ -191,7 +191,6 @@ _CLOTH_MARKS: tuple[tuple[Callable[[np.random.Generator, Float32Array, RandomSce
     (_paint_logo, 0.3, 2),
     (_paint_chalk, 0.2, 2),
 )
-"""Painters of marks, the share of images with each, and its largest count."""
 
 
 def _paint_blob(rng: np.random.Generator, image: Float32Array, px: FloatArray, size: float) -> None:

@@ -25,10 +25,10 @@ from video.rendering.player_props import Rod, draw_rods
 from video.rendering.scene_appearance import BallAppearance, SceneAppearance
 from video.rendering.table_rendering import EmptyTable, build_illumination, render_empty_table
 
+# px, largest motion of the fastest ball between two moments of an exposure.
 STEP_PX = 0.6
-"""px, largest motion of the fastest ball between two moments of an exposure."""
+# Largest number of moments of an exposure.
 MAX_MOMENTS = 40
-"""Largest number of moments of an exposure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +72,6 @@ def build_view(
     """Build a view; the empty table is rendered once and reused.
 
     Args:
-        table: the table.
-        camera: the camera.
         appearance: colours, lamps, optics and noise.
         balls: N ball appearances.
         exposure: s.

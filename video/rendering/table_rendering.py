@@ -18,18 +18,18 @@ from video.rendering.ball_shading import Illumination, lamp_irradiance, srgb_to_
 from video.rendering.pinhole_camera import Lens, pixel_rays
 from video.rendering.scene_appearance import SceneAppearance
 
+# m, cloth-covered top of the cushion, and wood behind it.
 CUSHION_WIDTH, RAIL_WIDTH = 0.050, 0.125
-"""m, cloth-covered top of the cushion, and wood behind it."""
+# m below the cloth: the floor, and the lower edge of the wood around the table.
 FLOOR_DEPTH, APRON_HEIGHT = 0.80, 0.16
-"""m below the cloth: the floor, and the lower edge of the wood around the table."""
+# m, radius of a pocket's hole, and distance of its centre behind the noses (corner: along both axes).
 HOLE_RADIUS, HOLE_BACK_CORNER, HOLE_BACK_SIDE = 0.060, 0.020, 0.042
-"""m, radius of a pocket's hole, and distance of its centre behind the noses (corner: along both axes)."""
+# m of leather around a hole.
 RIM_WIDTH = 0.012
-"""m of leather around a hole."""
+# m from a pocket along the rail to the start of the nose; how fast the mouth narrows backwards.
 JAW_CORNER, JAW_SIDE, JAW_TAPER = 0.080, 0.064, 0.75
-"""m from a pocket along the rail to the start of the nose; how fast the mouth narrows backwards."""
+# px, side of a texture tile.
 TEXTURE_PX = 1024
-"""px, side of a texture tile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,6 @@ def distance_outside_table(table: Table, point: FloatArray) -> FloatArray:
     """Return the distance of points outside the nose rectangle along the larger axis.
 
     Args:
-        table: the table.
         point: (R, 3) m.
 
     Returns:

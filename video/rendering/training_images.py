@@ -26,20 +26,20 @@ from video.rendering.scene_renderer import (
 )
 from video.rendering.table_rendering import distance_outside_table
 
+# px, side of a training image.
 SIZE_PX = 160
-"""px, side of a training image."""
+# Visible class of a ball in a single image; its colour determines the rest.
 APPEARANCE_CLASSES = ("white", "black", "coloured", "striped")
-"""Visible class of a ball in a single image; its colour determines the rest."""
+# Images rendered per scene, because the empty table costs more than the balls on it.
 IMAGES_PER_SCENE = 6
-"""Images rendered per scene, because the empty table costs more than the balls on it."""
+# Share of scenes rendered at twice the size and scaled down, as the detector does with large balls.
 MAGNIFIED_SHARE = 0.2
-"""Share of scenes rendered at twice the size and scaled down, as the detector does with large balls."""
+# Share of images in which a projector draws rings around balls.
 HALO_SHARE = 0.08
-"""Share of images in which a projector draws rings around balls."""
+# Relative change of a pixel's light above which an object in front hides the ball.
 MIN_OCCLUSION_CHANGE = 0.25
-"""Relative change of a pixel's light above which an object in front hides the ball."""
+# Sample points on a disc for its visible share.
 DISC_SAMPLES = 61
-"""Sample points on a disc for its visible share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,6 @@ def render_training_image(
 
     Args:
         rng: source of randomness.
-        scene: the scene.
         view: its view with the empty table, `magnify` times larger than the result.
         magnify: factor by which the image is finally scaled down.
 

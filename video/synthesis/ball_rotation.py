@@ -21,30 +21,29 @@ from video.matting.ball_matting import MattedSprite, comparison_half_width
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import RotationWarp
 
+# Integration steps of the spin between two frames.
 ROTATION_STEPS = 16
-"""Integration steps of the spin between two frames."""
+# Share of a ball that must show another paint for its rotation to matter.
 MIN_PAINT_CHANGE_SHARE = 0.003
-"""Share of a ball that must show another paint for its rotation to matter."""
+# Radii between which the rotating part fades into the edge, which does not rotate: fringe and alpha belong to it.
 RIM_RADII = (0.78, 0.95)
-"""Radii between which the rotating part fades into the edge, which does not rotate: fringe and alpha belong to it."""
+# Radii from the centre beyond which a view shows the edge, and weight of a place out of sight.
 MAX_LOOKUP_RADII, MIN_VIEW_WEIGHT = 0.93, 0.03
-"""Radii from the centre beyond which a view shows the edge, and weight of a place out of sight."""
+# Cosines between surface normal and direction to the camera from which a place is visible at all, and well.
 FACING_COSINES = (0.25, 0.45)
-"""Cosines between surface normal and direction to the camera from which a place is visible at all, and well."""
+# Levels of 255 by which a place must differ to count as another paint; light changes by less.
 CHANGED_LEVELS = 30.0
-"""Levels of 255 by which a place must differ to count as another paint; light changes by less."""
+# Share of the squared change that an accepted rotation may leave, and share of the change that must be at places
+# visible in both views for a rotation to be testable.
 MAX_RESIDUAL_SHARE, MIN_TESTABLE_SHARE = 0.5, 0.15
-"""Share of the squared change that an accepted rotation may leave, and share of the change that must be at places
-visible in both views for a rotation to be testable."""
+# Candidate rotations about the vertical axis between two frames, as cues and cushions cause them.
 VERTICAL_TURNS_RAD = tuple(sign * np.radians(angle) for angle in (8, 16, 24, 34, 46, 60) for sign in (1, -1))
-"""Candidate rotations about the vertical axis between two frames, as cues and cushions cause them."""
+# Cost below which no rotation about the vertical axis is sought, and reduction of the cost that one must give per rad.
 MAX_COST_WITHOUT_SEARCH, VERTICAL_TURN_PENALTY = 0.2, 0.3
-"""Cost below which no rotation about the vertical axis is sought, and reduction of the cost that one must give per
-rad."""
+# Change in levels of 255 that is paint rather than light where no rotation is testable.
 PAINT_LEVELS = 50.0
-"""Change in levels of 255 that is paint rather than light where no rotation is testable."""
+# px around a place within which an equal colour matches: edges are a pixel off.
 NEIGHBOURHOOD = np.ones((3, 3), dtype=np.uint8)
-"""px around a place within which an equal colour matches: edges are a pixel off."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,16 +40,16 @@ from video.synthesis.ball_rotation import (
 )
 
 NO_SHARP_BALLS = SharpBalls({})
+# Radii of motion during the shutter time up to which the markings of a ball are rotated.
 MAX_ROTATION_STREAK_RADII = 1.5
-"""Radii of motion during the shutter time up to which the markings of a ball are rotated."""
+# Ratio of the view differences after rotation by spin and after optical flow, which fits the views to each other, up to
+# which the spin is preferred.
 MAX_ROTATION_ERROR_RATIO = 1.5
-"""Ratio of the view differences after rotation by spin and after optical flow, which fits the views to each other,
-up to which the spin is preferred."""
+# Radii by which the ends of two similar streaks may differ.
 SIMILAR_STREAK_RADII = 0.4
-"""Radii by which the ends of two similar streaks may differ."""
+# Shares of the gap between which everything except balls cross-fades: short, so that hands and cues appear double only
+# briefly.
 CROSS_FADE_SHARES = (0.3, 0.7)
-"""Shares of the gap between which everything except balls cross-fades: short, so that hands and cues appear double
-only briefly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,6 @@ def estimate_clip_appearance(background: HiddenBackground, clip: Clip) -> ClipAp
 
     Args:
         background: Positions of the balls, and the background plate.
-        clip: The clip.
 
     Returns:
         The appearance; its timeline has the estimated shutter time.
@@ -408,19 +407,19 @@ def _matte_frame(
     return MattedFrame(matted.background, tuple(sprites.get(ball) for ball in balls))
 
 
+# px to which small balls are magnified before the flow is computed, and largest magnification: its patches are 8 px
+# wide.
 MIN_VIEW_SIDE, MAX_MAGNIFICATION = 96, 4.0
-"""px to which small balls are magnified before the flow is computed, and largest magnification: its patches are 8 px
-wide."""
+# Share of the difference between two views that an accepted flow may leave.
 MAX_DIFFERENCE_SHARE = 0.9
-"""Share of the difference between two views that an accepted flow may leave."""
+# Radii by which a dot may move between two views; farther dots are not identifiable.
 MAX_FLOW_RADII = 0.8
-"""Radii by which a dot may move between two views; farther dots are not identifiable."""
+# Radii around its centre within which a ball must be visible for a flow to be measured.
 VISIBLE_RADII = 0.8
-"""Radii around its centre within which a ball must be visible for a flow to be measured."""
+# Radii over which the flow on a ball is averaged.
 SMOOTHING_RADII = 0.12
-"""Radii over which the flow on a ball is averaged."""
+# Map from RGBA to brightness (ITU-R BT.601-7) times alpha, and alpha.
 TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.float32)
-"""Map from RGBA to brightness (ITU-R BT.601-7) times alpha, and alpha."""
 
 
 @dataclass(frozen=True, slots=True)

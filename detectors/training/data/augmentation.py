@@ -8,14 +8,14 @@ import numpy as np
 from detectors.training.data.distractors import paint_distractors
 from models.core.typing import ByteArray, Float32Array, FloatArray
 
+# Share of images rotated by any angle and scaled, of those with distractors, and of those in another light.
 ZOOMED_SHARE, DISTRACTOR_SHARE, LIGHT_SHARE = 0.5, 0.4, 0.7
-"""Share of images rotated by any angle and scaled, of those with distractors, and of those in another light."""
+# Limits of the scaling.
 ZOOM_LIMITS = (0.75, 1.35)
-"""Limits of the scaling."""
+# Limits of the radii after scaling: those that the network is made for.
 RADIUS_LIMITS_PX = (3.5, 13.0)
-"""Limits of the radii after scaling: those that the network is made for."""
+# Column of `training_shards.COLUMNS`.
 VISIBLE_COLUMN = 6
-"""Column of `training_shards.COLUMNS`."""
 
 
 def augment_image(rng: np.random.Generator, rgb: ByteArray, balls: Float32Array) -> tuple[ByteArray, Float32Array]:

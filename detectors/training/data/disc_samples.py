@@ -22,17 +22,17 @@ from detectors.training.data.offset_samples import (
 from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
 from models.core.typing import FloatArray, IntArray
 
+# Displacement during the exposure up to which a ball counts as at rest.
 MAX_DISPLACEMENT_RADII = 0.6
-"""Displacement during the exposure up to which a ball counts as at rest."""
+# Standard deviation of the logarithm of the crop's scale: errors of the calibration.
 SIZE_ERROR = 0.03
-"""Standard deviation of the logarithm of the crop's scale: errors of the calibration."""
+# Share of the crops with a small error of the centre, its standard deviation per axis, and the radius of the disc in
+# which the other centres are uniformly distributed.
 NEAR_SHARE, NEAR_RADII, FAR_RADII = 0.7, 0.1, 0.5
-"""Share of the crops with a small error of the centre, its standard deviation per axis, and the radius of the disc in
-which the other centres are uniformly distributed."""
+# Share of the crops with a small roll, and its standard deviation; the others have any roll.
 LEVEL_SHARE, LEVEL_RAD = 0.8, 0.15
-"""Share of the crops with a small roll, and its standard deviation; the others have any roll."""
+# Share of the images with distractors beneath the balls.
 DISTRACTOR_IMAGE_SHARE = 0.2
-"""Share of the images with distractors beneath the balls."""
 
 
 @dataclass(frozen=True, slots=True)

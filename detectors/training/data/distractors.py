@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from models.core.typing import ByteArray, Float32Array, FloatArray
 
+# Most distractors in one image.
 MAX_DISTRACTORS = 5
-"""Most distractors in one image."""
+# Limits of the size of a distractor, ball radii.
 SIZE_LIMITS_RADII = (0.6, 2.2)
-"""Limits of the size of a distractor, ball radii."""
+# Limits of the foreshortening of flat distractors; a disc that is not foreshortened could be a dull ball.
 FLATNESS_LIMITS = (0.3, 0.75)
-"""Limits of the foreshortening of flat distractors; a disc that is not foreshortened could be a dull ball."""
+# Share of the rings around a ball, as projectors show them.
 RING_ABOUT_BALL_SHARE = 0.3
-"""Share of the rings around a ball, as projectors show them."""
+# Radius about a ball's centre, ball radii, within which nothing is painted.
 PROTECTED_RADII = 1.08
-"""Radius about a ball's centre, ball radii, within which nothing is painted."""
+# Ball radius assumed in an image without balls.
 DEFAULT_RADIUS_PX = 7.0
-"""Ball radius assumed in an image without balls."""
+# Binary digits of a pixel's fraction in OpenCV's drawing functions.
 SUBPIXEL_BITS = 4
-"""Binary digits of a pixel's fraction in OpenCV's drawing functions."""
 
 
 def paint_distractors(rng: np.random.Generator, rgb: ByteArray, balls: Float32Array) -> ByteArray:

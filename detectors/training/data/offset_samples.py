@@ -13,11 +13,11 @@ from models.core.typing import ByteArray, Float32Array, FloatArray
 
 S = TypeVar("S", bound=Sized)
 
+# Unoccluded share and radius from which a ball makes a sample.
 MIN_VISIBLE_SHARE, MIN_RADIUS_PX = 0.35, 3.3
-"""Unoccluded share and radius from which a ball makes a sample."""
 
+# Crop, offset, radius px and unoccluded share of one ball.
 SampleRow = tuple[ByteArray, FloatArray, float, float]
-"""Crop, offset, radius px and unoccluded share of one ball."""
 
 
 @dataclass(frozen=True, slots=True)

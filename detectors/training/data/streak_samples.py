@@ -26,17 +26,17 @@ from detectors.training.data.offset_samples import (
 from detectors.training.data.training_shards import prepare_shard_file, read_shard
 from models.core.typing import ByteArray, FloatArray
 
+# Augmented forms of each training image that the ball network processes.
 FORMS = 6
-"""Augmented forms of each training image that the ball network processes."""
+# Confidence score from which a detected streak counts: see `FAINT_SCORE` in `network/candidate_rules.py`.
 MIN_STREAK_SCORE = 0.12
-"""Confidence score from which a detected streak counts: see `FAINT_SCORE` in `network/candidate_rules.py`."""
+# Detected over true radius; a detection outside is another object.
 SIZE_LIMITS = (0.6, 1.6)
-"""Detected over true radius; a detection outside is another object."""
+# Errors added to those of the ball network: standard deviations of the logarithm of the radius, of the centre per axis
+# in ball radii, and of the relative length and the direction of the displacement.
 RADIUS_ERROR, CENTRE_RADII, DISPLACEMENT_ERROR = 0.03, 0.05, 0.05
-"""Errors added to those of the ball network: standard deviations of the logarithm of the radius, of the centre per axis
-in ball radii, and of the relative length and the direction of the displacement."""
+# Arrays of a shard file and the fields of `OffsetSamples` that they hold.
 FILE_ARRAYS = {"shown": "crops", "told": "offsets", "radius": "radius", "visible": "visible"}
-"""Arrays of a shard file and the fields of `OffsetSamples` that they hold."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,12 @@ from models.core.typing import ByteArray, Float32Array
 from video.rendering.ball_arrangement import MAX_BALLS
 from video.rendering.training_images import TrainingImage, generate_training_images
 
+# Images in a file.
 IMAGES_PER_SHARD = 240
-"""Images in a file."""
+# Columns of `TrainingShard.balls`; lengths in px.
 COLUMNS = ("x", "y", "radius", "streak_x", "streak_y", "look", "visible")
-"""Columns of `TrainingShard.balls`; lengths in px."""
+# Offset of the random seeds of hold-out files.
 HOLD_OUT_SEED = 7_000_000
-"""Offset of the random seeds of hold-out files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,8 @@ def stack_training_images(images: list[TrainingImage]) -> TrainingShard:
 
 T = TypeVar("T")
 
+# Steps after which the next file is read.
 STEPS_PER_SHARD = 50
-"""Steps after which the next file is read."""
 
 
 @dataclass(slots=True)

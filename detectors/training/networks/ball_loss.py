@@ -10,30 +10,30 @@ from torch import Tensor
 from detectors.network.peak_decoding import CHANNELS, LOG_SIGMA_LIMITS, RADIUS_UNIT_PX, STREAK_UNIT_PX, STRIDE
 
 FIRST_APPEARANCE_CHANNEL = CHANNELS.index("white")
+# Visible share of a ball from which it must be detected; otherwise detection is optional.
 CLEAR_SHARE = 0.4
-"""Visible share of a ball from which it must be detected; otherwise detection is optional."""
+# Least radius of a ball that must be detected; smaller ones, far away in a low view, are optional.
 MIN_RADIUS_PX = 3.3
-"""Least radius of a ball that must be detected; smaller ones, far away in a low view, are optional."""
+# Standard deviation of a peak in the score's target.
 PEAK_RADII, MIN_PEAK_PX = 0.3, 2.2
-"""Standard deviation of a peak in the score's target."""
+# Addition to it along a streak, share of its length: the middle of a streak is less precise.
 STREAK_PEAK_SHARE = 0.08
-"""Addition to it along a streak, share of its length: the middle of a streak is less precise."""
+# Distance from the middle of a streak within which the target of the score is 1: along it this share of its length and
+# the px, across it the px. The image does not determine a single cell, which would get a low score.
 STREAK_PLATEAU_SHARE, STREAK_PLATEAU_PX = 0.12, 2.0
-"""Distance from the middle of a streak within which the target of the score is 1: along it this share of its length and
-the px, across it the px. The image does not determine a single cell, which would get a low score."""
+# Radius about a ball whose detection is optional, ball radii, within which the score does not count.
 IGNORED_RADII = 1.0
-"""Radius about a ball whose detection is optional, ball radii, within which the score does not count."""
+# Length of a streak up to which it has no direction.
 SHARP_PX = 1.0
-"""Length of a streak up to which it has no direction."""
+# Additional weight of the streak of a moving ball; balls at rest are much more frequent.
 STREAK_WEIGHT = 10.0
-"""Additional weight of the streak of a moving ball; balls at rest are much more frequent."""
+# Offsets of the cells about a ball's centre, from the one to the left and above, that learn its position and size:
+# wherever the peak is, also that of two balls that look like one, the cell must give the offset to the centre.
 CELL_OFFSETS = (-1, 0, 1, 2)
-"""Offsets of the cells about a ball's centre, from the one to the left and above, that learn its position and size:
-wherever the peak is, also that of two balls that look like one, the cell must give the offset to the centre."""
+# Weight of such a cell besides the four around the centre, and distance, ball radii, within which it has it.
 NEAR_SHARE, NEAR_RADII = 0.25, 0.6
-"""Weight of such a cell besides the four around the centre, and distance, ball radii, within which it has it."""
+# Standard deviations from which an error counts linearly (Huber 1964, doi:10.1214/aoms/1177703732).
 HUBER_THRESHOLD = 2.5
-"""Standard deviations from which an error counts linearly (Huber 1964, doi:10.1214/aoms/1177703732)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from torch import Tensor, nn
 
 from detectors.network.peak_decoding import CHANNELS
 
+# Channels at a half, a quarter and an eighth of the image's side.
 CHANNEL_WIDTHS = (16, 28, 64)
-"""Channels at a half, a quarter and an eighth of the image's side."""
+# Number of blocks at an eighth; each enlarges the receptive field by 32 px.
 BLOCK_COUNT = 6
-"""Number of blocks at an eighth; each enlarges the receptive field by 32 px."""
+# Initial logit of the score: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002).
 INITIAL_SCORE_LOGIT = -4.6
-"""Initial logit of the score: one cell in a hundred is a centre (Lin et al. 2017, arXiv:1708.02002)."""
 
 
 def build_convolution(into: int, out: int, side: int = 3, stride: int = 1, groups: int = 1) -> nn.Sequential:

@@ -14,13 +14,13 @@ from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.contact_test.shot_record import ShotRecord
 
+# Standard deviations of the strike's time by which the default moment is before it.
 STRIKE_SIGMAS = 3.0
-"""Standard deviations of the strike's time by which the default moment is before it."""
+# Probability from which an event is a strike.
 MIN_STRIKE_PROBABILITY = 0.5
-"""Probability from which an event is a strike."""
+# s, from a moment to the observations of a ball that has no fitted path there. A ball that was placed or fell into a
+# pocket within this time is rare; longer gaps would place balls that were taken from the table.
 REACH_S = 0.5
-"""s, from a moment to the observations of a ball that has no fitted path there. A ball that was placed or fell into a
-pocket within this time is rare; longer gaps would place balls that were taken from the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,6 @@ def measure_cushion_distances(table: Table, xy: FloatArray) -> FloatArray:
     """Measure the distances of centres to the four noses.
 
     Args:
-        table: The table.
         xy: Centres (N, 2), m.
 
     Returns:
@@ -115,11 +114,11 @@ def find_nearest_cushions(distances: FloatArray) -> tuple[int, int]:
     return int(np.argmin(distances[:2])), 2 + int(np.argmin(distances[2:]))
 
 
+# Kind of a ball whose class is unknown; it matches every kind.
 ANY_KIND = "ball"
-"""Kind of a ball whose class is unknown; it matches every kind."""
+# CIE chroma distance from which colours count as entirely different: half the median distance between two of the eight
+# colours of pool balls. Other light changes the colours of all balls alike.
 DIFFERENT_COLOUR = 38.0
-"""CIE chroma distance from which colours count as entirely different: half the median distance between two of the eight
-colours of pool balls. Other light changes the colours of all balls alike."""
 
 
 @dataclass(frozen=True, slots=True)

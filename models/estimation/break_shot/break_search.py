@@ -38,38 +38,38 @@ from models.physics.billiards.simulation.event_engine import (
 from models.physics.billiards.simulation.parametrised_shot import MOVING_BALL_SIZE, convert_to_starts
 from models.physics.billiards.simulation.simulated_shot import STATE_SIZE, SimulatedShot
 
+# Most searches, and the chi2 per degree of freedom that ends them: local minima are many.
 MAX_SEARCHES, GOOD_CHI2 = 2, 3.0
-"""Most searches, and the chi2 per degree of freedom that ends them: local minima are many."""
+# Random racks at the start.
 RANDOM_RACKS = 40
-"""Random racks at the start."""
+# Share of the time after the hit that is used, number of racks that go on, and optimization steps for each.
 STAGES = ((0.4, 16, 5), (0.67, 8, 6), (1.0, 5, 12))
-"""Share of the time after the hit that is used, number of racks that go on, and optimization steps for each."""
+# Perturbations of one of the best, and steps to optimize it.
 MAX_HOPS, OPTIMIZATION_STEPS = 200, 10
-"""Perturbations of one of the best, and steps to optimize it."""
+# Ball radii: initial noise level of all samples, about a pixel.
 SOFT_NOISE_RADII = 0.07
-"""Ball radii: initial noise level of all samples, about a pixel."""
+# Ratio of the initial to the real noise above which it is lowered in steps.
 MIN_NOISE_RATIO = 1.5
-"""Ratio of the initial to the real noise above which it is lowered in steps."""
+# chi2 per degree of freedom of the best rack so far above which basin hopping does not help.
 MAX_CHI2 = 30.0
-"""chi2 per degree of freedom of the best rack so far above which basin hopping does not help."""
+# Successive perturbations without a gain.
 MAX_IDLE_HOPS = 50
-"""Successive perturbations without a gain."""
+# Samples drawn around the best.
 POSTERIOR_DRAWS = 24
-"""Samples drawn around the best."""
+# Largest chi2 distance of a sample from the best.
 MAX_CHI2_DISTANCE = 9.0
-"""Largest chi2 distance of a sample from the best."""
+# Of the parameters of one rack.
 _SEARCH = SearchOptions(
     iterations=OPTIMIZATION_STEPS, attempts=5, min_gain=0.5, damping=1e-2, lowering=0.2, raising=5.0, least_raised=1e-3
 )
-"""Of the parameters of one rack."""
+# Cost that a perturbation must gain to count.
 _MIN_HOP_GAIN = 1.0
-"""Cost that a perturbation must gain to count."""
+# Standard deviations per unit of a parameter.
 _MAX_JACOBIAN = 1e12
-"""Standard deviations per unit of a parameter."""
+# Ridge on a unit diagonal.
 _RIDGE = 1e-9
-"""Ridge on a unit diagonal."""
+# Powers of ten: standard deviations of the perturbations.
 _HOP_POWERS = (-1.5, 0.0)
-"""Powers of ten: standard deviations of the perturbations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,22 +263,21 @@ def _linearize_sample(model: BreakModel, sample: BreakSample) -> NormalEquations
     return NormalEquations(jacobian.T @ (jacobian * weight[:, None]), jacobian.T @ (weight * sample.residual), _RIDGE)
 
 
+# Ball radii that the incoming ball would go on without any contact: then the break is over.
 LULL_RADII = 6.0
-"""Ball radii that the incoming ball would go on without any contact: then the break is over."""
+# m/s of closing; slower contacts change nothing.
 MIN_SPEED = 0.02
-"""m/s of closing; slower contacts change nothing."""
+# Least weighted share of the samples with a contact that is listed.
 MIN_PROBABILITY = 0.5
-"""Least weighted share of the samples with a contact that is listed."""
+# Share of contacts common to all samples that were true on breaks simulated by other code; see
+# `benchmarks/tracking/breaks.py`.
 MAX_PROBABILITY = 0.96
-"""Share of contacts common to all samples that were true on breaks simulated by other code; see
-`benchmarks/tracking/breaks.py`.
-"""
+# s: balls in contact for a third of a millisecond do not touch at one moment.
 MIN_TIME_SIGMA = 1e-4
-"""s: balls in contact for a third of a millisecond do not touch at one moment."""
+# m, and shares of the speed of a ball: errors of the contact laws.
 PLACE_SIGMA, SPEED_SIGMA, SLIP_SIGMA = 1e-4, 0.01, 0.03
-"""m, and shares of the speed of a ball: errors of the contact laws."""
+# s after a contact, when the balls have separated.
 TIME_EPSILON = 1e-9
-"""s after a contact, when the balls have separated."""
 
 
 def summarize_break(ensemble: BreakEnsemble) -> SimulatedBreak:

@@ -86,26 +86,26 @@ class BreakShot:
         return float(self.t.max())
 
 
+# Cushions hardly matter: a ball is tracked until it meets one.
 CONTACT_LAWS = ContactModels("mathavan_2010", "alciatore")
-"""Cushions hardly matter: a ball is tracked until it meets one."""
+# Shared parameters; other properties of the cloth are negligible within a tenth of a second.
 FITTED_PARAMETERS = (
     SHOT_PARAMETERS.index("sliding_friction.mu"),
     SHOT_PARAMETERS.index("ball_restitution.e"),
     RADIUS_FACTOR,
 )
-"""Shared parameters; other properties of the cloth are negligible within a tenth of a second."""
+# Of the distance of touching balls, beside the estimate of the whole clip.
 FACTOR_SIGMA = 0.005
-"""Of the distance of touching balls, beside the estimate of the whole clip."""
+# m between the surfaces of two balls that were set to touch, by their measured places.
 NEIGHBOUR_GAP = 4e-3
-"""m between the surfaces of two balls that were set to touch, by their measured places."""
+# m, remaining gap between balls that were set to touch.
 GAP_SIGMA = 6e-4
-"""m, remaining gap between balls that were set to touch."""
+# m: balls do not overlap.
 OVERLAP_SIGMA = 2e-5
-"""m: balls do not overlap."""
+# Shares of the speed of the incoming ball.
 SLIP_SIGMA, SIDE_SIGMA = 0.5, 0.35
-"""Shares of the speed of the incoming ball."""
+# Rounds in which overlapping balls move apart.
 _MAX_PUSHES = 60
-"""Rounds in which overlapping balls move apart."""
 
 
 @dataclass(frozen=True)

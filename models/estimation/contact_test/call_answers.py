@@ -28,28 +28,27 @@ from models.estimation.contact_test.candidate_contacts import (
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.shot_hypotheses.event_probability import read_event_model
 
+# Name of an answer for a contact with an unknown body.
 UNKNOWN = "unknown"
-"""Name of an answer for a contact with an unknown body."""
 _UNKNOWN_CUSHION = "unknown cushion"
 _CUSHIONS = (*CUSHIONS, _UNKNOWN_CUSHION)
+# Probability of what nothing observed speaks for or against (principle of indifference).
 UNOBSERVED_PROBABILITY = 0.5
-"""Probability of what nothing observed speaks for or against (principle of indifference)."""
+# s around a moment within which doubts concern it.
 DOUBT_TIME = 0.15
-"""s around a moment within which doubts concern it."""
+# Ball radii from a pocket's mouth, besides the way of three frames, within which a ball that vanishes may have fallen.
 VANISH_RADII = 6.0
-"""Ball radii from a pocket's mouth, besides the way of three frames, within which a ball that vanishes may have
-fallen."""
+# Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops.
 POCKET_MOUTH_RADII = 1.6
-"""Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops."""
 
 
+# Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion.
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
-"""Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion."""
+# Questions of an umpire; those from `score` on are of the rules, see `rule_answers`.
 QuestionKind = Literal[
     "contact", "first", "cushion-first", "pocket", "line",
     "score", "cushions", "foul", "no-contact", "wrong-ball", "no-rail", "scratch", "frozen",
 ]  # fmt: skip
-"""Questions of an umpire; those from `score` on are of the rules, see `rule_answers`."""
 
 
 class _Doubts(TypedDict, total=False):
@@ -411,11 +410,11 @@ def list_doubts(record: ShotRecord, t: float, balls: tuple[str, ...], is_doubtfu
 
 
 PairClass = Literal["clear", "unclear_far", "unclear_near"]
+# Probability of an unexplained change from which the motion of a ball is unclear.
 UNCLEAR_PROBABILITY = 0.05
-"""Probability of an unexplained change from which the motion of a ball is unclear."""
+# Ball radii between two surfaces within which an unlisted contact is likelier: what a ball at 5 m/s goes in two frames
+# at 30 fps.
 NEAR_RADII = 8.0
-"""Ball radii between two surfaces within which an unlisted contact is likelier: what a ball at 5 m/s goes in two
-frames at 30 fps."""
 
 
 def list_unclear_times(record: ShotRecord, ball: int) -> list[float]:

@@ -12,16 +12,16 @@ from models.estimation.contact_test.contact_moment import BallWindow, PossibleCo
 from models.estimation.contact_test.contact_probability import evaluate_contact
 from models.estimation.contact_test.shot_record import ShotRecord
 
+# s to either side of a moment: farther away, deviations of a table from the laws of rolling exceed the noise.
 WINDOW_TIME = 0.4
-"""s to either side of a moment: farther away, deviations of a table from the laws of rolling exceed the noise."""
+# Standard deviations of its time that samples keep from another event.
 GUARD_SIGMAS = 3.0
-"""Standard deviations of its time that samples keep from another event."""
+# Ball radii: paths that pass each other within it may have met.
 NEAR_PASS_RADII = 0.25
-"""Ball radii: paths that pass each other within it may have met."""
+# s: an event and a near pass so close in time are one moment.
 SAME_MOMENT_TIME = 0.06
-"""s: an event and a near pass so close in time are one moment."""
+# m/s below which a ball looks at rest.
 REST_SPEED = 0.02
-"""m/s below which a ball looks at rest."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,22 +21,22 @@ from models.physics.effects.catalogue import find_prior
 
 Complex = NDArray[np.complex128]
 
+# Parameters of a moving ball's state.
 STATE_SIZE = 6
-"""Parameters of a moving ball's state."""
+# Slope as acceleration x, y while rolling (m/s^2), ln mu_sliding, ln mu_rolling.
 SHARED_COUNT = 4
-"""Slope as acceleration x, y while rolling (m/s^2), ln mu_sliding, ln mu_rolling."""
+# Time of contact (s), restitution, and the impulse of friction across and up, as shares of the normal one.
 CONTACT_COUNT = 4
-"""Time of contact (s), restitution, and the impulse of friction across and up, as shares of the normal one."""
+# Bounds of the logarithms of friction, wider than any cloth: steps of a fit may overshoot.
 LOG_RANGE = (-8.0, 1.0)
-"""Bounds of the logarithms of friction, wider than any cloth: steps of a fit may overshoot."""
+# Standard deviations: a ball that moved less before the moment in question may have rested.
 REST_SIGMAS = 4.0
-"""Standard deviations: a ball that moved less before the moment in question may have rested."""
+# m/s: zero slip has no direction, and no derivative that a fit could follow.
 MIN_SLIP = 1e-3
-"""m/s: zero slip has no direction, and no derivative that a fit could follow."""
+# Grid points of the search for the nearest approach, twice.
 GRID_POINTS = 41
-"""Grid points of the search for the nearest approach, twice."""
+# Size of the complex step.
 _COMPLEX_STEP = 1e-30
-"""Size of the complex step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +66,8 @@ class BallWindow:
         return 2 if self.rests else 4 if self.rolls else STATE_SIZE
 
 
+# Priors of sliding and rolling friction; standard deviations are those of their logarithms.
 ClothPriors = tuple[Prior, Prior]
-"""Priors of sliding and rolling friction; standard deviations are those of their logarithms."""
 USUAL_CLOTH: ClothPriors = find_prior("sliding_friction", "mu"), find_prior("rolling_resistance", "mu")
 
 

@@ -35,12 +35,12 @@ from models.numerics.least_squares import SearchOptions, minimize_residuals
 from models.numerics.robust_scale import estimate_norm_sigma
 from models.physics.effects.catalogue import find_prior
 
+# Correlations of the errors of successive samples (AR(1)), equally probable before.
 CORRELATIONS = (0.0, 0.35, 0.6, 0.8)
-"""Correlations of the errors of successive samples (AR(1)), equally probable before."""
+# m/s of slip from which a ball slides; with less it duplicates the rolling hypothesis.
 MIN_SLIDING_SLIP = 0.05
-"""m/s of slip from which a ball slides; with less it duplicates the rolling hypothesis."""
+# ln of the odds at which a hypothesis is dropped.
 MAX_LOG_ODDS = 20.0
-"""ln of the odds at which a hypothesis is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,32 +208,32 @@ def estimate_contact_time(contact: PossibleContact, t: float) -> ContactTestResu
     return combine_hypotheses([fit_contact(option, t, is_inlier, 0.0) for option in list_motion_hypotheses(contact)])
 
 
+# Degrees of freedom of the prior on the noise level: it is known to a tenth.
 NOISE_DOF = 50.0
-"""Degrees of freedom of the prior on the noise level: it is known to a tenth."""
+# Share of the speed, and m/s: slip at the start of the window, one standard deviation.
 SLIP_SIGMA_SHARE, SLIP_SIGMA_FLOOR = 0.7, 0.2
-"""Share of the speed, and m/s: slip at the start of the window, one standard deviation."""
+# m/s per axis, one standard deviation: of balls on a table.
 VELOCITY_SIGMA = 3.0
-"""m/s per axis, one standard deviation: of balls on a table."""
+# m/s^2 per axis: 1.4 mm/m of slope, or nap.
 SLOPE_SIGMA = 0.01
-"""m/s^2 per axis: 1.4 mm/m of slope, or nap."""
+# m: gap of surfaces that touch, one standard deviation.
 TOUCH_SIGMA = 1e-5
-"""m: gap of surfaces that touch, one standard deviation."""
+# m: successive values on the way there.
 LOOSE_TOUCH_SIGMAS = (1e-3, 1e-4)
-"""m: successive values on the way there."""
+# Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005.
 BALL_FRICTION, CUSHION_FRICTION = 0.06, 0.2
-"""Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005."""
+# Of the parameters of a hypothesis.
 SEARCH = SearchOptions(
     iterations=20, attempts=6, min_gain=3e-3, min_relative_gain=3e-6, lowering=0.1, raising=8.0, raising_offset=1e-6
 )
-"""Of the parameters of a hypothesis."""
+# Relative to the information of a parameter.
 RIDGE = 1e-9
-"""Relative to the information of a parameter."""
+# m: half of the gaps in question are within about this much, a Cauchy distribution.
 GAP_SCALE = 1e-3
-"""m: half of the gaps in question are within about this much, a Cauchy distribution."""
+# m/s: least standard deviation of a closing speed.
 MIN_CLOSING_SIGMA = 1e-9
-"""m/s: least standard deviation of a closing speed."""
+# Standard deviations of an outlier under both hypotheses.
 OUTLIER_SIGMAS = 4.5
-"""Standard deviations of an outlier under both hypotheses."""
 
 
 @dataclass(frozen=True, slots=True)

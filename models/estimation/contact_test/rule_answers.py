@@ -21,16 +21,16 @@ from models.estimation.contact_test.candidate_contacts import REST_SPEED, Candid
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.segmentation.contact_classification import CUE_KINDS
 
+# Cushion contacts before the second ball that one-cushion and three-cushion carom demand.
 CAROM_CUSHIONS = (1, 3)
-"""Cushion contacts before the second ball that one-cushion and three-cushion carom demand."""
+# Ball classes of the colours of snooker.
 COLOURS = ("yellow", "green", "brown", "blue", "pink", "black")
-"""Ball classes of the colours of snooker."""
+# Groups of balls of which one must be hit first, by game.
 FIRST_BALL_GROUPS: dict[Game, tuple[str, ...]] = {
     "pool": ("solids", "stripes", "eight"), "snooker": ("red", "colour"), "carom": (),
 }  # fmt: skip
-"""Groups of balls of which one must be hit first, by game."""
+# s before the cue ball moves until which it still rests: two steps of the stored path.
 REST_LEAD = 2e-3
-"""s before the cue ball moves until which it still rests: two steps of the stored path."""
 
 
 def answer_score(record: ShotRecord, ball: str = "") -> CallAnswer:

@@ -17,19 +17,19 @@ from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_moment import USUAL_CLOTH, ClothPriors
 from models.estimation.segmentation.track_segmentation import BallSamples
 
+# Relative: effect of lens and unequal heights on the distance of two touching balls in an image.
 SCALE_SIGMA = 0.005
-"""Relative: effect of lens and unequal heights on the distance of two touching balls in an image."""
+# Moments per second of the stored path.
 PATH_RATE = 1000.0
-"""Moments per second of the stored path."""
+# m: of a diameter, one set against another (WPA equipment specifications, section 16: 0.127 mm).
 DIAMETER_TOLERANCE = 1.3e-4
-"""m: of a diameter, one set against another (WPA equipment specifications, section 16: 0.127 mm)."""
+# m: calibration errors and soft rubber, where a cushion was filmed.
 NOSE_SIGMA = 2e-3
-"""m: calibration errors and soft rubber, where a cushion was filmed."""
+# Least number of residuals that give the noise of a ball.
 MIN_RESIDUALS = 12
-"""Least number of residuals that give the noise of a ball."""
 
+# Of a shot whose hypotheses are not weighed yet.
 NO_EXPLANATION = ShotExplanation()
-"""Of a shot whose hypotheses are not weighed yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +171,6 @@ def make_shot_record(
         tracks: Tracks of N balls over T frames.
         events: Events of the fit.
         motion: Trajectory of the fit.
-        table: The table.
         camera: The calibration, if any.
         explanation: What may have happened.
 

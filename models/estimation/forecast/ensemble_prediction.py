@@ -38,24 +38,24 @@ from models.physics.billiards.simulation.event_engine import (
 from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS
 from models.physics.billiards.simulation.simulate_shot import DISTURBED, SimulatedShot
 
+# Kind (ball, cushion, pocket, rest), ball, and what it meets; empty for a rest.
 EventKey = tuple[str, str, str]
-"""Kind (ball, cushion, pocket, rest), ball, and what it meets; empty for a rest."""
 
+# Members of the ensemble: probabilities are known to 3 %.
 ENSEMBLE_SIZE = 256
-"""Members of the ensemble: probabilities are known to 3 %."""
+# Share of members with other events below which one order of contacts counts as certain.
 MAX_DIVERGED_SHARE = 0.01
-"""Share of members with other events below which one order of contacts counts as certain."""
+# Step of the derivatives of the simulation inputs, which are smooth.
 _DIFFERENCE_STEP = 1e-6
-"""Step of the derivatives of the simulation inputs, which are smooth."""
+# Cushion contacts of a shot, of all balls together, whose deviations from the model are drawn; later ones follow the
+# model.
 DISTURBED_CONTACTS = 64
-"""Cushion contacts of a shot, of all balls together, whose deviations from the model are drawn; later ones follow the
-model."""
+# Probability below which an event is not listed.
 MIN_EVENT_PROBABILITY = 0.02
-"""Probability below which an event is not listed."""
 
 
+# Standard deviations between the 5 % and the 95 % quantile of a normal distribution.
 NORMAL_WIDTH = 3.2897
-"""Standard deviations between the 5 % and the 95 % quantile of a normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,8 +356,8 @@ def summarize_events(
     return tuple(sorted(events, key=lambda one: one.t))
 
 
+# Quantiles of tables, by the ends of the names of their columns.
 QUANTILES = {"05": 0.05, "25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
-"""Quantiles of tables, by the ends of the names of their columns."""
 
 
 def compute_quantiles(places: FloatArray) -> FloatArray:
@@ -377,10 +377,10 @@ def _rank_first_contacts(
     return tuple((event, count / len(order)) for event, count in counts.most_common())
 
 
+# m: smaller distances count as one place.
 MIN_DISTANCE = 1e-7
-"""m: smaller distances count as one place."""
+# rad: golden angle, which spreads points evenly.
 _GOLDEN = np.pi * (3 - np.sqrt(5))
-"""rad: golden angle, which spreads points evenly."""
 
 
 def level_of_normal(offset: FloatArray, covariance: FloatArray) -> float:

@@ -29,12 +29,12 @@ from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.tracking.track_noise import apply_noise, estimate_noise
 
+# Least number of frames that give speeds.
 FEWEST_FRAMES = 5
-"""Least number of frames that give speeds."""
 
 
+# A function that explains the frames until a moment.
 Explain = Callable[[Tracks, Scene], Shot]
-"""A function that explains the frames until a moment."""
 
 
 def estimate_state(
@@ -117,8 +117,8 @@ def _adopt_measured_motion(state: StateEstimate, fit: Fit, tracks: Tracks) -> St
     return replace(state, mean=mean, covariance=covariance, moving=moving)
 
 
+# Share of the duration of a shot that a prediction of its rest is made from: most of the shot remains to compare.
 OBSERVED_SHARE = 1 / 3
-"""Share of the duration of a shot that a prediction of its rest is made from: most of the shot remains to compare."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,32 +50,30 @@ from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLID
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.tracking.track_noise import apply_noise, estimate_noise
 
+# Share of the weight's component along a slope that accelerates a rolling ball: the rest turns it.
 ROLLING_SLOPE_FACTOR = 5 / 7
-"""Share of the weight's component along a slope that accelerates a rolling ball: the rest turns it."""
+# m/s^2 per axis: effect of an uneven cloth on a window, a slope of 1.5 mm/m.
 UNEVENNESS = 0.01
-"""m/s^2 per axis: effect of an uneven cloth on a window, a slope of 1.5 mm/m."""
+# mm/m: prior standard deviation of the slope of a levelled table.
 SLOPE_SIGMA = 2.0
-"""mm/m: prior standard deviation of the slope of a levelled table."""
+# s: short enough for a nearly constant push by the cloth.
 WINDOW_LENGTH = 0.3
-"""s: short enough for a nearly constant push by the cloth."""
+# m/s: faster balls give the noise.
 MIN_NOISE_SPEED = 0.1
-"""m/s: faster balls give the noise."""
+# Upper limit of the factor on variances: a worse fit is wrong.
 MAX_INFLATION = 30.0
-"""Upper limit of the factor on variances: a worse fit is wrong."""
+# Standard deviation of the surface speed of side spin after a contact, over the speed of the ball: a nose that sticks
+# gives 5/7 of the speed along it, a cue up to 5/4.
 SIDE_SPIN_SHARE = 0.5
-"""Standard deviation of the surface speed of side spin after a contact, over the speed of the ball: a nose that sticks
-gives 5/7 of the speed along it, a cue up to 5/4.
-"""
+# The same, after a long time.
 MIN_SIDE_SPIN_SHARE = 0.05
-"""The same, after a long time."""
+# rad/s^2, and standard deviation of its logarithm.
 SPIN_DECAY_RATE, SPIN_DECAY_SIGMA = 10.0, 0.4
-"""rad/s^2, and standard deviation of its logarithm."""
+# Of the restitution: scatter of real cushions about every law, 5 % of the speed, and the effect of the scatter of spin,
+# 12 %, once the ball rolls.
 RETURN_SCATTER = 0.075
-"""Of the restitution: scatter of real cushions about every law, 5 % of the speed, and the effect of the scatter of
-spin, 12 %, once the ball rolls.
-"""
+# Of its logarithm (Marlow 1995: 0.14 to 0.2).
 NOSE_FRICTION_SIGMA = 0.4
-"""Of its logarithm (Marlow 1995: 0.14 to 0.2)."""
 
 
 def collect_captured_observations(tracks: Tracks, clock: CaptureClock | None, table: Table) -> Observations:

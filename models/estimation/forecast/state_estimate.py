@@ -35,18 +35,17 @@ from models.physics.billiards.simulation.contact_resolution import rebound
 from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 
+# Parameters of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s).
 PARAMETERS_PER_BALL = 7
-"""Parameters of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s)."""
+# ln sliding mu, ln rolling mu, slope x, y (mm/m), diameter, four noses (m), restitution of cushions and its change with
+# speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin.
 SHARED_COUNT = 14
-"""ln sliding mu, ln rolling mu, slope x, y (mm/m), diameter, four noses (m), restitution of cushions and its change
-with speed (s/m), restitution of balls, ln friction of cushions, ln decay of side spin.
-"""
+# Coulomb friction between ball and nose.
 NOSE_FRICTION = 0.18
-"""Coulomb friction between ball and nose."""
+# Of the grip of real cushions about that of a law.
 GRIP_SCATTER = 0.3
-"""Of the grip of real cushions about that of a law."""
+# Share of its speed with which a ball can leave a cushion.
 RETURN_SPEED_RANGE = (0.3, 0.98)
-"""Share of its speed with which a ball can leave a cushion."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,16 +37,16 @@ from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CH
 from models.physics.effect import Effect, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
 
+# Effects of a simulator that is not specified.
 DEFAULT_EFFECTS = (
     "rolling_resistance", "sliding_friction", "spin_decay", "cushion_restitution", "ball_restitution",
 )  # fmt: skip
-"""Effects of a simulator that is not specified."""
+# s for which an observation counts as affected by a contact, even where the ball rolls again.
 _CONTACT_DURATION = 0.25
-"""s for which an observation counts as affected by a contact, even where the ball rolls again."""
+# m/s of slip above which a ball slides.
 _MIN_SLIP = 0.01
-"""m/s of slip above which a ball slides."""
+# m/s below which a ball rests.
 _MAX_REST_SPEED = 1e-3
-"""m/s below which a ball rests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,18 +247,18 @@ def _find_jumps(recording: Recording, expected: bool = False) -> list[tuple[int,
     return [(recording.shot, float(recording.t[jump.after + 1]), interval) for jump in jumps[:1]]
 
 
+# Frames on either side: a parabola is a good model over twice as many.
 _FRAMES_PER_SIDE = 6
-"""Frames on either side: a parabola is a good model over twice as many."""
+# Least frames on a side near a contact.
 _MIN_FRAMES_PER_SIDE = 4
-"""Least frames on a side near a contact."""
+# Largest number of frames lost at once.
 _MAX_LOST_FRAMES = 15
-"""Largest number of frames lost at once."""
+# Decrease of chi2 that a pause must achieve.
 _MIN_CHI2_GAIN = 40.0
-"""Decrease of chi2 that a pause must achieve."""
+# chi2 per degree of freedom up to which a pause explains the paths.
 _MAX_CHI2 = 3.0
-"""chi2 per degree of freedom up to which a pause explains the paths."""
+# Share of the larger of two velocities that the smaller one keeps along it: a strike or a contact keeps less.
 _MIN_VELOCITY_SHARE = 0.4
-"""Share of the larger of two velocities that the smaller one keeps along it: a strike or a contact keeps less."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,12 +20,12 @@ from models.physics.effect import Effect, Prior
 
 BRAKE_PROBE = "brake_over_speed"
 _COMPLEX_STEP = 1e-30
+# Rows from which an initial guess of position and velocity is estimated.
 _GUESS_ROWS = 12
-"""Rows from which an initial guess of position and velocity is estimated."""
+# The same for a further guess where a wall may be met within the first rows.
 _SHORT_GUESS_ROWS = 4
-"""The same for a further guess where a wall may be met within the first rows."""
+# s for which an observation counts as affected by a contact with a wall.
 _CONTACT_DURATION = 0.25
-"""s for which an observation counts as affected by a contact with a wall."""
 
 
 def build_brake_probe(unit: str, phase: str) -> Effect:

@@ -14,8 +14,8 @@ from models.estimation.gap_scenes.motion_integrator import AccelerationFunction,
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
+# m/s below which drag by the square of the speed vanishes.
 MIN_DRAG_SPEED = 1e-3
-"""m/s below which drag by the square of the speed vanishes."""
 
 
 def flight_effects(coordinates: int) -> tuple[Effect, ...]:
@@ -55,10 +55,10 @@ def flight_effects(coordinates: int) -> tuple[Effect, ...]:
     return (*drags, magnus, blown, probe)
 
 
+# 1/s of drag by which wind accelerates a body that has no other drag.
 MIN_WIND_DRAG = 0.1
-"""1/s of drag by which wind accelerates a body that has no other drag."""
+# 1/s of drag at this speed (m/s), from which `MIN_WIND_DRAG` no longer acts, see `NEGLIGIBLE_DRAG`.
 NEGLIGIBLE_DRAG, DRAG_REFERENCE_SPEED = 0.02, 10.0
-"""1/s of drag at this speed (m/s), from which `MIN_WIND_DRAG` no longer acts, see `NEGLIGIBLE_DRAG`."""
 
 
 @cache

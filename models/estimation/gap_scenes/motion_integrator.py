@@ -18,29 +18,29 @@ from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
 RealOrComplexArray = NDArray[np.float64] | NDArray[np.complex128]
+# Fills the acceleration (D,) from position (D,), velocity (D,), parameters (P,) and inputs (I,); compiled, for real and
+# complex.
 AccelerationFunction = Callable[
     [RealOrComplexArray, RealOrComplexArray, RealOrComplexArray, RealOrComplexArray, RealOrComplexArray], None
 ]
-"""Fills the acceleration (D,) from position (D,), velocity (D,), parameters (P,) and inputs (I,); compiled, for real
-and complex."""
 Integrator = Callable[
     [RealOrComplexArray, RealOrComplexArray, FloatArray, float, FloatArray, FloatArray],
     tuple[RealOrComplexArray, FloatArray],
 ]
 
+# s of one step: the fourth-order error of a pendulum of 1 Hz is then below 1e-8 in a second.
 MAX_STEP = 1 / 200
-"""s of one step: the fourth-order error of a pendulum of 1 Hz is then below 1e-8 in a second."""
+# Steps between two rows, at most: rows that are further apart than 2 s resolve no motion, and the times of a recording
+# in another unit must not make a simulation endless.
 MAX_STEPS_PER_ROW = 400
-"""Steps between two rows, at most: rows that are further apart than 2 s resolve no motion, and the times of a recording
-in another unit must not make a simulation endless."""
+# m/s or rad/s below which the probe vanishes.
 _BRAKE_FADE_SPEED = 0.01
-"""m/s or rad/s below which the probe vanishes."""
+# m/s, normal speed below which a body stays at a wall: far below what a camera resolves.
 _MIN_BOUNCE_SPEED = 1e-3
-"""m/s, normal speed below which a body stays at a wall: far below what a camera resolves."""
+# Contacts in one step, at most: two in a corner, and a body that is pressed against a wall comes to rest there.
 _MAX_CONTACTS_PER_STEP = 8
-"""Contacts in one step, at most: two in a corner, and a body that is pressed against a wall comes to rest there."""
+# Newton iterations for the time of a contact: a path is nearly straight over `MAX_STEP`.
 _NEWTON_STEPS = 4
-"""Newton iterations for the time of a contact: a path is nearly straight over `MAX_STEP`."""
 
 
 @compile_kernel

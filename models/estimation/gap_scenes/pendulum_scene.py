@@ -18,12 +18,12 @@ from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, b
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
+# m/s^2
 GRAVITY = 9.81
-"""m/s^2"""
+# Torque at the pivot over the first moment of inertia, acceleration of the pivot to the right and upwards.
 INPUT_COUNT = 3
-"""Torque at the pivot over the first moment of inertia, acceleration of the pivot to the right and upwards."""
+# rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second.
 DRY_FRICTION_FADE_SPEED = 0.004
-"""rad/s at which dry friction fades out: a rod that sticks creeps a milliradian in a quarter of a second."""
 
 _PULL = Prior("pull", "1/s2", 50.0, 1.0, True, (0.5, 5000.0))
 _VISCOUS = Prior("viscous", "1/s", 0.0, 0.2, False, (0.0, 20.0))

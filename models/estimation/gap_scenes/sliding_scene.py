@@ -15,13 +15,14 @@ from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, b
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
+# m/s^2
 GRAVITY = 9.81
-"""m/s^2"""
+# m/s at which friction fades out.
 FRICTION_FADE_SPEED = 0.01
-"""m/s at which friction fades out."""
+# Slope over mu up to which a stopped body sticks.
 _STICK_SHARE = 0.98
-"""Slope over mu up to which a stopped body sticks."""
 
+# Effects between the walls.
 SLIDING_EFFECTS = (
     Effect(
         "sliding_friction", (Prior("mu", "1", 0.2, 0.2, False, (0.0, 2.0)),), (0.0,), ("slide",),
@@ -41,7 +42,7 @@ SLIDING_EFFECTS = (
         "g times the slope, in the downhill direction", ("sliding_friction",),
     ),
 )  # fmt: skip
-"""Effects between the walls."""
+# Effects of walls; their parameters follow those of `SLIDING_EFFECTS`.
 WALL_EFFECTS = (
     Effect(
         "wall_restitution", (Prior("e", "1", 0.7, 0.2, False, (0.05, 1.0)),), (1.0,), ("wall_contact",),
@@ -53,7 +54,10 @@ WALL_EFFECTS = (
         ("wall_restitution", "sliding_friction"),
     ),
 )  # fmt: skip
-"""Effects of walls; their parameters follow those of `SLIDING_EFFECTS`."""
+# A disc with other friction; its parameters are the five before those of the brake probe.
+#
+# At the usual border, friction rises from 10 to 90 % within 22 mm: the steps of the integration resolve that up to 2
+# m/s.
 LOCAL_PATCH = Effect(
     "local_patch", (Prior("mu", "1", 0.0, 0.3, False, (-2.0, 2.0)), Prior("x", "m", 0.0, 1.0, False, (-1e3, 1e3)),
                     Prior("y", "m", 0.0, 1.0, False, (-1e3, 1e3)), Prior("radius", "m", 0.2, 0.5, False, (1e-3, 1e3)),
@@ -62,20 +66,16 @@ LOCAL_PATCH = Effect(
     "a disc with friction mu beside that of the plane, together never below 0: mu / (1 + exp((r - radius) / border))",
     (), "place",
 )  # fmt: skip
-"""A disc with other friction; its parameters are the five before those of the brake probe.
-
-At the usual border, friction rises from 10 to 90 % within 22 mm: the steps of the integration resolve that up to 2 m/s.
-"""
+# m by which the distance from a centre is rounded, where its derivative would jump.
 _CENTRE_SIZE = 1e-3
-"""m by which the distance from a centre is rounded, where its derivative would jump."""
+# Borders outside a patch from which its friction is below rounding.
 _FAR_BORDERS = 40.0
-"""Borders outside a patch from which its friction is below rounding."""
+# Indices of the restitution and the friction of walls among all parameters.
 _WALL_PARAMETERS = (5, 6)
-"""Indices of the restitution and the friction of walls among all parameters."""
+# Standard deviations within which an observed position may be at a wall.
 _NEAR_SIGMAS = 3.0
-"""Standard deviations within which an observed position may be at a wall."""
+# Known accelerations along x and y, m/s^2.
 INPUT_COUNT = 2
-"""Known accelerations along x and y, m/s^2."""
 
 
 @compile_kernel

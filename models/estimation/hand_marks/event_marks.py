@@ -25,7 +25,6 @@ def weigh_marks(
     Args:
         events: Events of the shot.
         explanation: Explanation of the shot.
-        marks: The marks.
         outcomes: The outcome of each mark.
         tracks: Tracks of N balls, at their capture times.
 

@@ -35,16 +35,16 @@ from models.estimation.structure_search.ball_encounters import total_cost
 from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.missed_cushions import guess_rebound
 
+# chi2 that stands for these odds: the physics contradicts a mark where it costs more.
 HAND_CHI2 = 2 * float(np.log(HAND_ODDS))
-"""chi2 that stands for these odds: the physics contradicts a mark where it costs more."""
+# chi2: stands for the gain of a marked contact while the structure is searched, which does not question it.
 HELD_GAIN = 1e5
-"""chi2: stands for the gain of a marked contact while the structure is searched, which does not question it."""
+# Ball radii between two surfaces beyond which they cannot have met.
 REACH_RADII = 1.0
-"""Ball radii between two surfaces beyond which they cannot have met."""
+# Samples after a strike from which its velocity is guessed.
 STRIKE_SAMPLES = 6
-"""Samples after a strike from which its velocity is guessed."""
+# Standard deviations by which the fitted time differs from the one that was set: one in 400 by chance.
 CONTRADICTION_SIGMAS = 3.0
-"""Standard deviations by which the fitted time differs from the one that was set: one in 400 by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,6 @@ def apply_marks(solution: JointSolution, marks: Sequence[ResolvedMark], fit: Mar
 
     Args:
         solution: A refined solution.
-        marks: The marks.
         fit: Observations, table and prices.
 
     Returns:
@@ -80,7 +79,6 @@ def settle_marks(
 
     Args:
         solution: A refined solution.
-        marks: The marks.
         fit: Observations, table and prices.
         ids: Ids of the N balls.
 
@@ -112,7 +110,6 @@ def combine_marked_times(
     Args:
         solution: A solution with its covariance.
         times: Refined times and their standard deviations, s, by contact; others are those of the solution.
-        marks: The marks.
         outcomes: The outcome of each mark so far.
         observations: K observations.
 
@@ -143,7 +140,6 @@ def contradict_unheld_marks(
 
     Args:
         solution: The final solution.
-        marks: The marks.
         outcomes: The outcome of each mark so far.
 
     Returns:
@@ -165,7 +161,6 @@ def find_contact(graph: ContactGraph, mark: ResolvedMark, t: float) -> int | Non
 
     Args:
         graph: The contact graph.
-        mark: The mark.
         t: s.
 
     Returns:

@@ -12,13 +12,13 @@ from models.core.corrections import PLACE_RADII, BallPlace, ContactCorrection, C
 from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 
+# Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
+# fit may place it one further.
 TIME_FRAMES = 2.5
-"""Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
-fit may place it one further."""
+# Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess.
 HAND_ODDS = 1000.0
-"""Odds of a mark of a person who looked at the frames: one in a thousand is a slip. Guess."""
+# Frame intervals: standard deviation of a time that a person chose between two frames.
 HAND_TIME_FRAMES = 0.5
-"""Frame intervals: standard deviation of a time that a person chose between two frames."""
 NO_BALL = -1
 Named = TypeVar("Named", ContactCorrection, TrackEdit)
 

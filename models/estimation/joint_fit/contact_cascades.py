@@ -15,16 +15,16 @@ from models.core.joint_solution import ClothFriction, Observations
 from models.core.typing import FloatArray, IntArray
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6).
 RESTITUTION = 0.95
-"""Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6)."""
+# Contacts of one cascade: a longer one is too uncertain to be proposed.
 MAX_CASCADE_CONTACTS = 8
-"""Contacts of one cascade: a longer one is too uncertain to be proposed."""
+# m/s: slower contacts are ignored.
 MIN_CONTACT_SPEED = 0.03
-"""m/s: slower contacts are ignored."""
+# Samples on either side of a contact that give the velocities before and after.
 VELOCITY_SAMPLES = 6
-"""Samples on either side of a contact that give the velocities before and after."""
+# s between two contacts of a ball.
 MIN_CONTACT_INTERVAL = 2e-4
-"""s between two contacts of a ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,6 @@ def find_unexplained_change(graph: ContactGraph, ball: int, t: float, time_toler
 
     Args:
         graph: The contact graph.
-        ball: The ball.
         t: s.
         time_tolerance: Largest distance in time, s.
 
@@ -187,7 +186,6 @@ def find_segment_at(graph: ContactGraph, ball: int, t: float) -> int:
 
     Args:
         graph: The contact graph.
-        ball: The ball.
         t: s.
 
     Returns:

@@ -13,13 +13,13 @@ from models.core.scene import CUSHIONS
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compile_kernel
 
+# Kinds of contacts, in the order of `ContactKind`.
 STRIKE, BALL, CUSHION, FREE, JUMP, BREAK = range(6)
-"""Kinds of contacts, in the order of `ContactKind`."""
+# First columns of the shared parameters.
 SLIDING_COLUMN, ROLLING_COLUMN, DIAMETER_COLUMN, NOSE_COLUMN, RUBBER_COLUMN = 0, 1, 2, 3, 7
-"""First columns of the shared parameters."""
 NONE = -1
+# m by which paths may jump at contacts while the structure is searched: so it gets past wrong contacts.
 SEARCH_CONTINUITY = 2e-4
-"""m by which paths may jump at contacts while the structure is searched: so it gets past wrong contacts."""
 
 
 class GraphArrays(NamedTuple):

@@ -11,8 +11,8 @@ from models.core.typing import FloatArray, IntArray
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# s: every ball rests by then.
 LONGEST_MOTION = 100.0
-"""s: every ball rests by then."""
 
 
 def collect_observations(tracks: Tracks) -> Observations:
@@ -76,7 +76,6 @@ def evaluate_residuals(solution: JointSolution, observations: Observations) -> F
     """Evaluate the residuals of a solution.
 
     Args:
-        solution: The solution.
         observations: K observations.
 
     Returns:
@@ -95,7 +94,6 @@ def end_state(solution: JointSolution, k: int) -> FloatArray:
     """Return the state of a segment where it ends.
 
     Args:
-        solution: The solution.
         k: Index of the segment.
 
     Returns:

@@ -48,27 +48,26 @@ from models.numerics.least_squares import (
 from models.numerics.robust import evaluate_pair_loss
 from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
 
+# Bounds of the friction coefficients of any cloth, polished or wet.
 SLIDING_RANGE, ROLLING_RANGE = (0.05, 0.5), (0.002, 0.04)
-"""Bounds of the friction coefficients of any cloth, polished or wet."""
+# chi2 that an iteration must gain: far below a relevant difference.
 MIN_COST_DECREASE = 0.03
-"""chi2 that an iteration must gain: far below a relevant difference."""
+# Iterations between updates of the standard deviations that depend on speeds.
 SIGMA_UPDATE_INTERVAL = 4
-"""Iterations between updates of the standard deviations that depend on speeds."""
+# s: least time between two contacts of a ball.
 SHORTEST_SEGMENT = 1e-4
-"""s: least time between two contacts of a ball."""
+# Share of the time between two contacts of a ball by which one step may shorten it.
 MAX_SHORTENING = 0.7
-"""Share of the time between two contacts of a ball by which one step may shorten it."""
+# m by which paths of a final solution may jump at contacts: the bend of a path, extrapolated from both sides, is at its
+# contact.
 CONTINUITY = 2e-5
-"""m by which paths of a final solution may jump at contacts: the bend of a path, extrapolated from both sides, is at
-its contact.
-"""
+# The covariance before it is evaluated.
 NO_COVARIANCE = np.empty((0, 0))
-"""The covariance before it is evaluated."""
+# The search converges after two steps that gain little, the second one with updated standard deviations.
 SEARCH = SearchOptions(
     iterations=30, attempts=8, min_gain=MIN_COST_DECREASE, min_relative_gain=1e-5, quiet_steps=2,
     min_iterations=SIGMA_UPDATE_INTERVAL + 2, raising_offset=1e-4, largest_damping=1e8,
 )  # fmt: skip
-"""The search converges after two steps that gain little, the second one with updated standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,6 @@ def refine_graph(
     Args:
         graph: Graph with initial states and times.
         observations: K observations.
-        table: The table.
         iterations: Largest number of iterations.
         initial: Solution with the initial coefficients; the priors by default.
         fixed_contacts: Contacts that keep their times.
@@ -162,7 +160,6 @@ def add_covariance(solution: JointSolution, observations: Observations, table: T
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
 
     Returns:
         The solution with its covariance (P, P).
@@ -183,10 +180,8 @@ def condition_on_contact_times(
     parameters are refined between the contacts held in time, so that paths stay continuous.
 
     Args:
-        solution: A solution.
         times: Time of each contact and its standard deviation, s, by the number of the contact.
         observations: K observations.
-        table: The table.
 
     Returns:
         The solution with its covariance; times between which a segment would not last stay as they are.

@@ -48,39 +48,37 @@ _PRIORS = {
         ("cushion_restitution", "e"),
     )
 }
+# Mean and standard deviation: of the logarithm for friction, of the coefficient itself for restitution.
 SLIDING_PRIOR, ROLLING_PRIOR, BALL_RESTITUTION, CUSHION_RESTITUTION = ((p.value, p.sigma) for p in _PRIORS.values())
-"""Mean and standard deviation: of the logarithm for friction, of the coefficient itself for restitution."""
 BALL_RESTITUTION_MEAN, BALL_RESTITUTION_SIGMA = BALL_RESTITUTION
+# Relative: one factor per clip on the distance of touching balls, for calibration errors.
 DIAMETER_SIGMA = 0.02
-"""Relative: one factor per clip on the distance of touching balls, for calibration errors."""
+# s: how far a jump may move in one step; the time at which a ball leaves a break is fixed.
 JUMP_SIGMA, BREAK_SIGMA = 0.01, 1e-6
-"""s: how far a jump may move in one step; the time at which a ball leaves a break is fixed."""
+# m/s: errors are not smaller for slower contacts.
 MIN_HIT_SPEED = 0.02
-"""m/s: errors are not smaller for slower contacts."""
+# m: scatter of the distance of touching balls.
 TOUCH_SIGMA = 8e-4
-"""m: scatter of the distance of touching balls."""
+# m: balls that lie beside each other are driven apart, so that their distance hardly constrains the diameter.
 RACK_GAP = 2e-3
-"""m: balls that lie beside each other are driven apart, so that their distance hardly constrains the diameter."""
+# Standard deviations beyond which a contact distance counts less, and the largest inflation of its sigma: a pair that
+# never met must neither resize all balls nor be accepted where it lies far apart.
 TOUCH_HUBER, MAX_TOUCH_INFLATION = 2.5, 2.0
-"""Standard deviations beyond which a contact distance counts less, and the largest inflation of its sigma: a pair that
-never met must neither resize all balls nor be accepted where it lies far apart.
-"""
 RUBBER_PRIOR = np.array([CUSHION_RESTITUTION[0], 0.0, 0.5])
+# Restitution, its change with speed (s/m), grip: between a nose that slips and one that sticks. In Mathavan 2010 the
+# nose sticks, so that a ball leaves with a slip of its speed of arrival, whatever its spin; in a mirror law it slips.
 RUBBER_SIGMA = np.array([CUSHION_RESTITUTION[1], 0.04, 0.5])
-"""Restitution, its change with speed (s/m), grip: between a nose that slips and one that sticks. In Mathavan 2010 the
-nose sticks, so that a ball leaves with a slip of its speed of arrival, whatever its spin; in a mirror law it slips.
-"""
+# Share of the speed into the cushion: difference of published laws with these three coefficients.
 RESTITUTION_SCATTER, SPIN_SCATTER = 0.03, 0.12
-"""Share of the speed into the cushion: difference of published laws with these three coefficients."""
+# m: scatter of the contact line of a nose.
 NOSE_SCATTER = 1.5e-3
-"""m: scatter of the contact line of a nose."""
 
+# Standard deviations of the shared parameters, in their order.
 _SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
-"""Standard deviations of the shared parameters, in their order."""
+# Most rows of one contact.
 MAX_ROWS = 15
-"""Most rows of one contact."""
+# Most parameters that one of these rows depends on: four segments, three contacts and the shared ones.
 MAX_PARAMETERS = 48
-"""Most parameters that one of these rows depends on: four segments, three contacts and the shared ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +104,6 @@ def evaluate_priors(
         arrays: The contact graph.
         parameters: Parameters at which the priors are evaluated.
         reference: Parameters that the standard deviations belong to which depend on speeds.
-        table: The table.
 
     Returns:
         The rows of pseudo-observations.

@@ -11,17 +11,17 @@ import numpy as np
 from models.estimation.joint_fit.fit_arrays import BREAK, FREE, JUMP, NONE, STRIKE
 from models.numerics.jit import compile_kernel
 
+# m/s^2 per axis: slope, nap and drag, per segment.
 EXTRA_ACCELERATION_SIGMA = 0.02
-"""m/s^2 per axis: slope, nap and drag, per segment."""
+# Slip of a ball that begins to move for an unknown cause: share of its speed, and m/s.
 UNEXPLAINED_SLIP_SIGMA = 0.7, 0.2
-"""Slip of a ball that begins to move for an unknown cause: share of its speed, and m/s."""
+# Standard deviation of the slip after a strike, about that of a ball hit in its middle: share of the speed along the
+# path and across it, and m/s. A central hit gives no spin, so that the ball slips with all its velocity; a hit a fifth
+# of a radius above or below takes or adds half of that. Across the path only a raised cue makes a ball slip (Coriolis
+# 1835).
 STRUCK_SLIP, SWERVE_SLIP, LEAST_SLIP = 0.5, 0.25, 0.1
-"""Standard deviation of the slip after a strike, about that of a ball hit in its middle: share of the speed along the
-path and across it, and m/s. A central hit gives no spin, so that the ball slips with all its velocity; a hit a fifth of
-a radius above or below takes or adds half of that. Across the path only a raised cue makes a ball slip (Coriolis 1835).
-"""
+# m/s: prior standard deviation of a velocity.
 _VELOCITY_SIGMA = 5.0
-"""m/s: prior standard deviation of a velocity."""
 
 
 @compile_kernel

@@ -12,24 +12,23 @@ from models.core.joint_solution import JointSolution, Observations
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
 
+# Per degree of freedom of a segment, against the noise that the samples themselves show.
 MAX_CHI2 = 4.0
-"""Per degree of freedom of a segment, against the noise that the samples themselves show."""
+# px and ball radii, in quadrature: a misfit below the resolution of an image is accepted whatever its chi2. Random
+# noise may be a twentieth of a pixel, yet texture, dark limbs, lens and homography shift balls by up to half a pixel
+# over longer ways, and no cloth is even to half a millimetre: slow balls curl, and settle back into their dent.
 BLUR_PIXELS, UNEVENNESS_RADII = 0.5, 0.02
-"""px and ball radii, in quadrature: a misfit below the resolution of an image is accepted whatever its chi2. Random
-noise may be a twentieth of a pixel, yet texture, dark limbs, lens and homography shift balls by up to half a pixel over
-longer ways, and no cloth is even to half a millimetre: slow balls curl, and settle back into their dent.
-"""
+# Ball radii: a ball that stays so near to one place rests there, since no ball goes to and fro by itself.
 JITTER_RADII = 0.25
-"""Ball radii: a ball that stays so near to one place rests there, since no ball goes to and fro by itself."""
+# Ball radii: a path with larger residuals explains nothing, however noisy its samples are.
 MAX_MISFIT_RADII = 0.7
-"""Ball radii: a path with larger residuals explains nothing, however noisy its samples are."""
+# Relative error of the assumed variances: real noise is known to about 10 %; and the standard deviations by which chi2
+# may deviate, which also scatters between segments.
 VARIANCE_ERROR, MAX_DEVIATION = 0.2, 3.0
-"""Relative error of the assumed variances: real noise is known to about 10 %; and the standard deviations by which
-chi2 may deviate, which also scatters between segments."""
+# Beginning of the reason that is no doubt.
 EXPLAINED = "Between contacts, the laws of motion explain how the balls move"
-"""Beginning of the reason that is no doubt."""
+# Shares of the moving time that accepted fits must explain.
 GREEN_SHARE, AMBER_SHARE = 0.9, 0.6
-"""Shares of the moving time that accepted fits must explain."""
 
 
 def evaluate_segment_chi2(
@@ -38,7 +37,6 @@ def evaluate_segment_chi2(
     """Evaluate the misfit of each segment.
 
     Args:
-        solution: The solution.
         observations: K observations.
 
     Returns:
@@ -67,7 +65,6 @@ def find_accepted_segments(
     An unobserved segment is accepted if both neighbours are.
 
     Args:
-        solution: The solution.
         observations: K observations.
         radius: Ball radius, m.
         pixel: Size of a pixel on the table, m.
@@ -113,7 +110,6 @@ def assess_noise(
     """Assess the noise of moving balls, or of all where none moves: frames of a ball at rest repeat their errors.
 
     Args:
-        solution: The solution.
         observations: K observations.
         is_accepted: (S,) whether physics explains a segment.
         floor: m, part of all errors that is common to frames.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from models.core.typing import FloatArray
 
+# Residuals below which a series contains no usable autocorrelation.
 _MIN_SERIES_LENGTH = 4
-"""Residuals below which a series contains no usable autocorrelation."""
 
 
 def correlation_factor(series: list[FloatArray]) -> float:

@@ -19,10 +19,10 @@ from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.numerics.least_squares import MIN_INFORMATION
 
 Starts = tuple[FloatArray, ...]
+# Samples of a chain that are left out: it starts at the best fit.
 BURN_IN = 12
-"""Samples of a chain that are left out: it starts at the best fit."""
+# Trials of one step; after so many the last sample counts again.
 _MAX_SHRINKING = 25
-"""Trials of one step; after so many the last sample counts again."""
 
 
 def sample_posterior(

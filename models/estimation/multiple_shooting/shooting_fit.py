@@ -47,33 +47,33 @@ from models.numerics.least_squares import Minimum, SearchOptions, count_determin
 from models.numerics.robust import evaluate_huber_loss
 from models.physics.effect import Prior
 
+# Ratio of posterior to prior standard deviation above which the data did not determine a parameter.
 PRIOR_DOMINATED = 0.8
-"""Ratio of posterior to prior standard deviation above which the data did not determine a parameter."""
+# Increase of the cost of one chain, in a step that should lower it, from which its states are fitted again.
 _COST_JUMP = 4.0
-"""Increase of the cost of one chain, in a step that should lower it, from which its states are fitted again."""
+# Iterations of the states of one chain after a jump of its cost; the next steps of everything move them further.
 _SETTLING_ITERATIONS = 4
-"""Iterations of the states of one chain after a jump of its cost; the next steps of everything move them further."""
+# Robust chi2 per observed coordinate up to which noise explains a chain: a wrong guess would not come as near.
 _NOISE_CHI2 = 1.3
-"""Robust chi2 per observed coordinate up to which noise explains a chain: a wrong guess would not come as near."""
+# Windows of a chain on which its initial guesses are compared, 2 s of billiards: by then a spin has met a cushion or
+# has decayed.
 _GUESS_WINDOWS = 4
-"""Windows of a chain on which its initial guesses are compared, 2 s of billiards: by then a spin has met a cushion or
-has decayed."""
+# Robust chi2 per observation up to which the states of a chain count as found.
 _EXPLAINED_CHI2 = 4.0
-"""Robust chi2 per observation up to which the states of a chain count as found."""
+# Growing shares of the windows to which the states are fitted, one after another.
 _EARLY_SHARES, _LATER_SHARES = (0.2, 0.35, 0.5), (0.7, 0.85)
-"""Growing shares of the windows to which the states are fitted, one after another."""
+# Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each costs
+# as much.
 _FOLLOWED_GUESSES = 2
-"""Initial guesses that are followed beyond `_EARLY_SHARES`: a good early fit predicts a good final one, and each
-costs as much."""
+# Standard deviations of its prior that a shared parameter may move in one step.
 _MAX_PARAMETER_STEP = 1.0
-"""Standard deviations of its prior that a shared parameter may move in one step."""
+# Of the states of a chain.
 _SEARCH = SearchOptions(
     iterations=40, attempts=10, min_gain=0.02, min_relative_gain=1e-6, least_damping=1e-9, raising_offset=1e-4,
     largest_damping=1e8,
 )  # fmt: skip
-"""Of the states of a chain."""
+# Predicted decrease of the cost up to which a stopped search counts as converged.
 _REMAINING_DECREASE = 2.0
-"""Predicted decrease of the cost up to which a stopped search counts as converged."""
 
 
 @dataclass(frozen=True, slots=True)

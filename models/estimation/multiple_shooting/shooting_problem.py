@@ -26,8 +26,8 @@ from models.estimation.multiple_shooting.shooting_windows import (
 from models.numerics.executor import SERIAL, Executor
 from models.physics.effect import Prior
 
+# Stands for a window that was not simulated.
 NOT_SIMULATED = SimulatedWindow(np.empty((0, 1)), np.empty(0))
-"""Stands for a window that was not simulated."""
 
 
 @dataclass(frozen=True, slots=True)

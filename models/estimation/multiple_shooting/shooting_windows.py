@@ -12,16 +12,16 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Prior
 
+# |dx/dx0| beyond which a window should have ended: 1 mm at its start becomes 4 cm there.
 MAX_SENSITIVITY = 40.0
-"""|dx/dx0| beyond which a window should have ended: 1 mm at its start becomes 4 cm there."""
+# Residual of an observation that cannot be simulated, standard deviations: beyond any finite one of real data (3 m in
+# steps of a micrometre), and small enough that the cost of all other observations keeps nine digits beside it.
 LOST_RESIDUAL = 1e7
-"""Residual of an observation that cannot be simulated, standard deviations: beyond any finite one of real data (3 m in
-steps of a micrometre), and small enough that the cost of all other observations keeps nine digits beside it."""
+# Standard deviations beside which the cost of another observation vanishes in rounding errors.
 _MAX_RESIDUAL = 1 / float(np.finfo(np.float64).eps)
-"""Standard deviations beside which the cost of another observation vanishes in rounding errors."""
+# Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
+# equations, its rounding errors are as large as the information of the others.
 _MAX_AMPLIFICATION = float(np.finfo(np.float64).eps) ** -0.5
-"""Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
-equations, its rounding errors are as large as the information of the others."""
 
 
 @dataclass(frozen=True, slots=True)

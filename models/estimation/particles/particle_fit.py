@@ -23,16 +23,16 @@ from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.spline_methods import fit_akima, fit_spline
 
+# Function of times (M,) s that returns positions (M, N, D).
 Motion = Callable[[FloatArray], FloatArray]
-"""Function of times (M,) s that returns positions (M, N, D)."""
 
 MIN_SAMPLES = 4
+# Samples from which springs and collisions are fitted.
 MIN_SAMPLES_FOR_PHYSICS = 12
-"""Samples from which springs and collisions are fitted."""
+# Particles among which springs are searched: every pair is a hypothesis.
 MAX_SPRING_PARTICLES = 6
-"""Particles among which springs are searched: every pair is a hypothesis."""
+# Points that make a rigid body.
 MIN_CORNERS = 3
-"""Points that make a rigid body."""
 MAX_BODIES = 200
 
 
@@ -177,14 +177,14 @@ def estimate_holdout_errors(particles: Recording, fit: ParticleFit) -> FloatArra
     return np.asarray(np.sqrt(np.nanmean(off**2, axis=(0, 2))), np.float64)
 
 
+# Shares of the samples after which the rest is predicted and compared.
 BACKTEST_SHARES = (0.5, 0.75)
-"""Shares of the samples after which the rest is predicted and compared."""
+# Last samples of a particle that a polynomial extrapolates.
 EXTRAPOLATION_SAMPLES = 6
-"""Last samples of a particle that a polynomial extrapolates."""
+# Errors from which their growth is fitted.
 MIN_ERRORS = 3
-"""Errors from which their growth is fitted."""
+# Least (`MIN_GROWTH_POWER`) and largest power of time with which errors may grow.
 MIN_GROWTH_POWER, MAX_GROWTH_POWER = 0.5, 3.0
-"""Least (`MIN_GROWTH_POWER`) and largest power of time with which errors may grow."""
 
 
 @dataclass(frozen=True, slots=True)

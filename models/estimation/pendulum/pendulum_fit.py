@@ -24,17 +24,17 @@ from models.estimation.springs.dense_shooting import (
 from models.numerics.least_squares import invert_semidefinite
 from models.physics.pendulum.double_pendulum import TYPICAL_PARAMETERS, advance_pendulum, differentiate_pendulum
 
+# rad: noise of a good encoder, or of a marker observed from near.
 ANGLE_NOISE = 1e-3
-"""rad: noise of a good encoder, or of a marker observed from near."""
+# Sigma of the first links, relative to the second difference of the angles.
 FIRST_LINK_SIGMA = 1.0
-"""Sigma of the first links, relative to the second difference of the angles."""
 STAGES = 8
 ITERATIONS = 12
 MIN_SAMPLES = 8
+# Parameters whose logarithm is fitted.
 LOGARITHMIC = slice(0, 4)
-"""Parameters whose logarithm is fitted."""
+# Standard deviations of the priors, of the logarithm for the first four.
 PRIOR_SIGMA = np.array([0.5, 0.7, 0.7, 0.7, 0.3, 0.3, 1.0, 1.0, 0.05, 0.05])
-"""Standard deviations of the priors, of the logarithm for the first four."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,34 +20,34 @@ from models.core.capture_clock import CaptureClock
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 
+# Samples that share a parabola: fewer let the clock drift within a few windows, more are cut by contacts.
 WINDOW = 9
-"""Samples that share a parabola: fewer let the clock drift within a few windows, more are cut by contacts."""
+# Degrees of freedom of a window: a larger robust chi2 has another cause, and counts for less.
 WINDOW_DOF = WINDOW - 3.0
-"""Degrees of freedom of a window: a larger robust chi2 has another cause, and counts for less."""
+# Share of a window's misfit that is independent: each sample is in nine windows.
 INDEPENDENT_SHARE = 1 / WINDOW_DOF
-"""Share of a window's misfit that is independent: each sample is in nine windows."""
+# m/s^2, prior standard deviation along the path: sliding friction.
 ACCELERATION = 2.0
-"""m/s^2, prior standard deviation along the path: sliding friction."""
+# Standard deviations that a ball moves from sample to sample, at least: a slower one gives no time.
 MIN_STEP_SIGMAS = 4.0
-"""Standard deviations that a ball moves from sample to sample, at least: a slower one gives no time."""
+# Least cosine between a step and the displacement of a window: contacts turn, clocks do not.
 MIN_COSINE = 0.94
-"""Least cosine between a step and the displacement of a window: contacts turn, clocks do not."""
+# Longest over shortest step: beyond, the ball was struck or stopped.
 MAX_STEP_RATIO = 8.0
-"""Longest over shortest step: beyond, the ball was struck or stopped."""
+# chi2 of a window that counts half: contacts along the path do not concern the clock.
 SOFT_CHI2 = 75.0
-"""chi2 of a window that counts half: contacts along the path do not concern the clock."""
+# Frames from one dropped frame to the next: 30 to 25 fps drops one after five, 24 to 23 fps one after 23.
 LONGEST_CADENCE = 12
-"""Frames from one dropped frame to the next: 30 to 25 fps drops one after five, 24 to 23 fps one after 23."""
+# chi2 that another clock must explain, whatever its parameters: a window or two may be wrong.
 MIN_CLOCK_GAIN = 30.0
-"""chi2 that another clock must explain, whatever its parameters: a window or two may be wrong."""
+# Frames lost at once.
 MAX_LOST_FRAMES = 3
-"""Frames lost at once."""
+# Frame intervals: standard deviations of the tried time jitters.
 JITTERS = (0.05, 0.15, 0.4)
-"""Frame intervals: standard deviations of the tried time jitters."""
+# Median of chi2 with six degrees of freedom.
 _CHI2_MEDIAN = 5.348
-"""Median of chi2 with six degrees of freedom."""
+# Steps of the optimization; during the first of them windows with a bad fit count more.
 MAX_STEPS, ANNEALING_STEPS = 12, 4
-"""Steps of the optimization; during the first of them windows with a bad fit count more."""
 
 
 @dataclass(frozen=True, slots=True)

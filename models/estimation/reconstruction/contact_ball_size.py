@@ -10,14 +10,14 @@ from models.core.scene import BallSize, Scene, find_contradictions
 from models.estimation.joint_fit.prior_residuals import DIAMETER_SIGMA
 from models.physics.billiards.nominal_ball_size import format_contradiction
 
+# Distance at which balls touch over two radii of the table's balls.
 FACTOR_NAME = "ball_size.factor"
-"""Distance at which balls touch over two radii of the table's balls."""
+# Share of the prior's standard deviation above which the contacts do not identify the factor: below it they hold more
+# information than the prior. One contact alone rarely does, and its place may be wrong.
 MAX_PRIOR_SHARE = 0.7
-"""Share of the prior's standard deviation above which the contacts do not identify the factor: below it they hold more
-information than the prior. One contact alone rarely does, and its place may be wrong."""
+# Relative systematic standard deviation of the estimate. On nine clips with known balls and enough contacts the errors
+# are then 0.6 standard deviations (root mean square) and at most 1.6.
 CONTACT_FLOOR = 0.015
-"""Relative systematic standard deviation of the estimate. On nine clips with known balls and enough contacts the errors
-are then 0.6 standard deviations (root mean square) and at most 1.6."""
 
 
 def describe_ball_factor(factor: float, sigma: float) -> Parameter:

@@ -30,27 +30,25 @@ from models.estimation.segmentation.contact_classification import (
 from models.estimation.shot_hypotheses.event_probability import EventRow
 from models.physics.billiards.cloth.closed_form_motion import duration_until_rest, evaluate_kinematics, sliding_duration
 
+# s: how far free paths are followed beyond a contact to find their least distance.
 GAP_HORIZON = 0.25
-"""s: how far free paths are followed beyond a contact to find their least distance."""
+# Ball radii, about half a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into
+# the dent that they make in the cloth, so that the moment of zero speed cannot be observed.
 REST_DISTANCE_RADII = 0.025
-"""Ball radii, about half a pixel: a ball with less left to go looks at rest. Real balls even roll back a little, into
-the dent that they make in the cloth, so that the moment of zero speed cannot be observed.
-"""
+# m/s: least closing speed of two balls that meet; slower than any ball that can be distinguished from a resting one.
 _MIN_CLOSING_SPEED = 0.02
-"""m/s: least closing speed of two balls that meet; slower than any ball that can be distinguished from a resting one.
-"""
+# s: a less certain rest is no event.
 _MAX_TIME_SIGMA = 0.5
-"""s: a less certain rest is no event."""
+# m: a ball that rested and moved less by itself has not come to rest: it jittered.
 _MIN_ROLL_DISTANCE = 0.01
-"""m: a ball that rested and moved less by itself has not come to rest: it jittered."""
+# m/s: at this closing speed a ball that turns beside another one has met it.
 _CLEAR_CONTACT_SPEED = 0.3
-"""m/s: at this closing speed a ball that turns beside another one has met it."""
+# m: uncertainty of the place of such a contact.
 _CONTACT_PLACE_SIGMA = 0.01
-"""m: uncertainty of the place of such a contact."""
+# Ball radii: a smaller motion of an object ball by itself is a measurement error.
 NUDGE_RADII = 0.5
-"""Ball radii: a smaller motion of an object ball by itself is a measurement error."""
+# Share of the time without samples around a strike: uncertainty of the strike time.
 _UNOBSERVED_TIME_SHARE = 0.02
-"""Share of the time without samples around a strike: uncertainty of the strike time."""
 
 
 def list_events(

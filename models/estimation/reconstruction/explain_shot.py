@@ -222,14 +222,14 @@ def _excess_chi2(solution: JointSolution, observations: Observations) -> FloatAr
     return np.clip(np.nan_to_num(chi2, nan=1.0), 1.0, 100.0)[assign_observations(solution.graph, observations)]
 
 
+# Samples of a ball over which the residuals are averaged.
 _NOISE_WINDOW_SAMPLES = 25
-"""Samples of a ball over which the residuals are averaged."""
+# Median of the absolute value of a standard normal number.
 _NORMAL_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal number."""
+# Residuals over errors where a segment of about fifteen samples is fitted with five parameters and its contacts.
 _FITTED_SHARE = 0.85
-"""Residuals over errors where a segment of about fifteen samples is fitted with five parameters and its contacts."""
+# Errors that shrink by less than this factor are left unchanged.
 _NOTABLE_SHRINKAGE = 0.8
-"""Errors that shrink by less than this factor are left unchanged."""
 
 
 def _reestimate_noise(
@@ -268,14 +268,14 @@ def _running_median(values: FloatArray) -> FloatArray:
     return medians
 
 
+# Per degree of freedom: beyond, two ideal balls do not explain the samples.
 MAX_CHI2 = 1.6
-"""Per degree of freedom: beyond, two ideal balls do not explain the samples."""
+# Standard deviations of the joint fit that a time may move.
 MAX_MOVE_SIGMAS = 4.0
-"""Standard deviations of the joint fit that a time may move."""
+# s: upper limit of that move.
 MAX_MOVE = 4e-3
-"""s: upper limit of that move."""
+# Least number of samples of a ball on either side of a contact.
 MIN_SAMPLES = 3
-"""Least number of samples of a ball on either side of a contact."""
 
 
 class _FittedShot(NamedTuple):
@@ -355,16 +355,16 @@ def _guard(shot: _FittedShot, number: int | None, sign: int) -> float:
     return shot.solution.graph.contacts[number].t + sign * GUARD_SIGMAS * float(shot.time_sigma[number])
 
 
+# Per degree of freedom, robust: a simulation with a larger misfit explains nothing.
 MAX_BREAK_CHI2 = 20.0
-"""Per degree of freedom, robust: a simulation with a larger misfit explains nothing."""
+# chi2: gain of contacts from a simulation, which the structure search does not question.
 CERTAIN_GAIN = 1e6
-"""chi2: gain of contacts from a simulation, which the structure search does not question."""
+# s: a moment later.
 TIME_EPSILON = 1e-9
-"""s: a moment later."""
+# Factor on the variances of the simulation, since it already used the samples after the break.
 VARIANCE_FACTOR = 2.0
-"""Factor on the variances of the simulation, since it already used the samples after the break."""
+# Of the random racks: the same clip gives the same simulation.
 _SEED = 1987
-"""Of the random racks: the same clip gives the same simulation."""
 
 
 def reconstruct_breaks(

@@ -17,19 +17,18 @@ from models.estimation.reconstruction.trajectory_assembly import state_covarianc
 from models.estimation.shot_hypotheses.event_probability import EventRow
 from models.estimation.structure_search.rack_detection import SIMULTANEOUS_INTERVALS, find_break_shots
 
+# Balls that lie in contact, or nearly: a smaller cluster is no rack.
 MIN_CLUSTER_BALLS = 6
-"""Balls that lie in contact, or nearly: a smaller cluster is no rack."""
+# Frames before the hit that show where the balls lie.
 _LAST_FRAMES = 15
-"""Frames before the hit that show where the balls lie."""
+# Paths drawn from the posterior of the incoming ball; so many known contacts limit the other probabilities too.
 _DRAWS, _SEED = 400, 1
-"""Paths drawn from the posterior of the incoming ball; so many known contacts limit the other probabilities too."""
 
 
 def find_rack_breaks(shot: Shot, solution: JointSolution) -> tuple[tuple[RackBreak, ...], list[EventRow]]:
     """Find the breaks of a clip, and their first contacts.
 
     Args:
-        shot: The shot.
         solution: Its solution.
 
     Returns:

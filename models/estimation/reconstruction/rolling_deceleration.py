@@ -10,22 +10,22 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.physics.billiards.tables import TABLE_PRESETS
 
+# m/s^2 of rolling balls: fast cloths have 0.05, slow or damp ones 0.2; worn napped cloth may have 0.3.
 DECELERATION_RANGE = (0.03, 0.3)
-"""m/s^2 of rolling balls: fast cloths have 0.05, slow or damp ones 0.2; worn napped cloth may have 0.3."""
+# m/s^2: a coefficient of 0.01 (Marlow 1995); the samples and real snooker cloth have 0.09 to 0.11.
 USUAL_DECELERATION = 0.1
-"""m/s^2: a coefficient of 0.01 (Marlow 1995); the samples and real snooker cloth have 0.09 to 0.11."""
+# Samples of a free path from which its deceleration is measured.
 MIN_SAMPLES = 10
-"""Samples of a free path from which its deceleration is measured."""
+# Last part of a free path, of its samples: before, a ball may slide, which decelerates it by 2 m/s^2.
 ROLLING_SHARE = 0.6
-"""Last part of a free path, of its samples: before, a ball may slide, which decelerates it by 2 m/s^2."""
+# m/s: a slower ball may settle into its dent.
 MIN_SPEED = 0.05
-"""m/s: a slower ball may settle into its dent."""
+# Standard deviation that the tilt of a table and the perspective add to a deceleration, share of it.
 RELATIVE_ERROR = 0.1
-"""Standard deviation that the tilt of a table and the perspective add to a deceleration, share of it."""
+# Standard deviations by which a deceleration is outside the range where it is doubted.
 SURE_SIGMAS = 2.0
-"""Standard deviations by which a deceleration is outside the range where it is doubted."""
+# Difference of the ratio of ball and table up to which a table may be another one of the same game.
 SAME_TABLE_RATIO = 0.15
-"""Difference of the ratio of ball and table up to which a table may be another one of the same game."""
 
 
 def find_implausible_deceleration(solution: JointSolution, tracks: Tracks, table: Table) -> float | None:
@@ -36,7 +36,6 @@ def find_implausible_deceleration(solution: JointSolution, tracks: Tracks, table
     Args:
         solution: Solution of the shot.
         tracks: Tracks at their capture times.
-        table: The table.
 
     Returns:
         The deceleration, m/s^2; None where it is possible, or not known well.

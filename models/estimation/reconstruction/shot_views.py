@@ -51,18 +51,15 @@ from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematic
 from models.tracking.ball_classes import find_missing_colours
 from models.tracking.track_noise import NOISE_FLOOR_RADII
 
+# Velocity changes that a warning lists.
 _MAX_LISTED = 3
-"""Velocity changes that a warning lists."""
+# Shots whose views are kept in memory: a command reads one, and compares it with few.
 _KEPT_VIEWS = 4
-"""Shots whose views are kept in memory: a command reads one, and compares it with few."""
 
 
 @lru_cache(_KEPT_VIEWS)
 def view_shot(shot: Shot) -> Fit:
     """Evaluate the views of a shot at presentation times.
-
-    Args:
-        shot: The shot.
 
     Returns:
         Events, trajectory, hypotheses, parameters and trust level.
@@ -80,9 +77,6 @@ def view_shot(shot: Shot) -> Fit:
 
 def view_captured(shot: Shot) -> Fit:
     """Evaluate the views of a shot at capture times.
-
-    Args:
-        shot: The shot.
 
     Returns:
         Events, trajectory, hypotheses, parameters and trust level.
@@ -406,14 +400,14 @@ def _build_ball_pieces(
     return pieces
 
 
+# Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted.
 POCKET_REACH = 3.0
-"""Ball radii, plus the way of two frames: a track that ends so near to a pocket has been potted."""
+# Ball radii from a pocket within which a falling ball is still detected: its mouth, and the way by which a ball below
+# the plane of the balls seems to be aside.
 SEEN_FALL_RADII = 2.0
-"""Ball radii from a pocket within which a falling ball is still detected: its mouth, and the way by which a ball below
-the plane of the balls seems to be aside."""
+# Frames before the last detection in which a ball may have begun to fall, and after it in which its path may lead into
+# the pocket: a ball that stays longer hangs in the jaws.
 FALL_FRAMES = 8
-"""Frames before the last detection in which a ball may have begun to fall, and after it in which its path may lead into
-the pocket: a ball that stays longer hangs in the jaws."""
 
 
 def _find_pocketed_balls(solution: JointSolution, tracks: Tracks, table: Table) -> list[EventRow]:

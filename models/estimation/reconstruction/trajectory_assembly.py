@@ -30,11 +30,11 @@ from models.physics.billiards.cloth.closed_form_motion import (
     split_into_polynomials,
 )
 
+# Phase, start and end in s after the segment's start, coefficients (4, 2) of place and (2, 2) of slip.
 PhysicalRow = tuple[str, float, float, FloatArray, FloatArray]
-"""Phase, start and end in s after the segment's start, coefficients (4, 2) of place and (2, 2) of slip."""
 
+# s over which a velocity error is taken to add up.
 MAX_PIECE_TIME = 0.1
-"""s over which a velocity error is taken to add up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +274,8 @@ def shift_polynomial(position: FloatArray, by: float) -> FloatArray:
     return np.array([a + by * (b + by * (c + by * d)), b + by * (2 * c + 3 * by * d), c + 3 * by * d, d])
 
 
+# Median sample intervals: over wider gaps a cubic overshoots, so the curve is straight there.
 MAX_SMOOTH_GAP = 2.5
-"""Median sample intervals: over wider gaps a cubic overshoots, so the curve is straight there."""
 
 
 def fit_linear_pieces(t: FloatArray, xy: FloatArray) -> FloatArray:

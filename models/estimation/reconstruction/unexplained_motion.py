@@ -11,14 +11,14 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import IntArray
 
+# Frames over which a velocity changes, also the largest distance of its cause; and the steps in which it is sought.
 SPAN_FRAMES, STEPS_PER_FRAME = 1.5, 4
-"""Frames over which a velocity changes, also the largest distance of its cause; and the steps in which it is sought."""
+# Frames and s before the end of the clip from which a ball that is no longer detected has vanished.
 VANISH_FRAMES, VANISH_TIME = 5, 0.3
-"""Frames and s before the end of the clip from which a ball that is no longer detected has vanished."""
+# m/s^2: no cloth changes a velocity faster (sliding friction is about 2).
 FRICTION_LIMIT = 3.0
-"""m/s^2: no cloth changes a velocity faster (sliding friction is about 2)."""
+# m/s: smaller changes, and changes of slower balls, are within the errors of a path.
 MIN_CHANGE, MIN_SPEED = 0.08, 0.1
-"""m/s: smaller changes, and changes of slower balls, are within the errors of a path."""
 
 
 def mark_unexplained_motion(explanation: ShotExplanation, trajectory: Trajectory, tracks: Tracks) -> ShotExplanation:

@@ -16,10 +16,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from models.core.typing import FloatArray, IntArray
 
+# Relative change of the distance of two points of one body that tracking errors may cause.
 MAX_DISTANCE_CHANGE = 0.02
-"""Relative change of the distance of two points of one body that tracking errors may cause."""
+# Least area of a polygon, relative to the square of its extent.
 MIN_RELATIVE_AREA = 1e-3
-"""Least area of a polygon, relative to the square of its extent."""
 
 
 @dataclass(frozen=True, slots=True)

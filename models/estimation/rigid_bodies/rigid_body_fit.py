@@ -19,19 +19,19 @@ from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies
 from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, acceleration_error, guess_worlds
 from models.physics.rigid_bodies.contact_impulses import simulate_bodies
 
+# Rounds over all parameters, with steps that are halved each time.
 ROUNDS = 2
-"""Rounds over all parameters, with steps that are halved each time."""
+# Share of the total curvature of the paths in the samples to which the parameters are fitted.
 BUSY_SHARE = 0.8
-"""Share of the total curvature of the paths in the samples to which the parameters are fitted."""
+# Relative error of an observed gravity that needs no fit.
 KNOWN_GRAVITY = 0.01
-"""Relative error of an observed gravity that needs no fit."""
+# Simulations of an interval during the search (`SEARCH_PASSES`), and with the final parameters.
 SEARCH_PASSES, FINAL_PASSES = 1, 4
-"""Simulations of an interval during the search (`SEARCH_PASSES`), and with the final parameters."""
+# Factor on the number of steps of the final simulation.
 STEP_REFINEMENT = 2
-"""Factor on the number of steps of the final simulation."""
 MIN_SAMPLES = 6
+# Prediction error over that of a straight line: a world with a larger ratio explains nothing.
 MAX_ERROR_RATIO = 0.7
-"""Prediction error over that of a straight line: a world with a larger ratio explains nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,12 +211,12 @@ def _mean_distance(off: FloatArray, bodies: Bodies) -> float:
 
 
 CONTACTS_PER_BODY = 12
+# Share of a body's size that the fastest one may move in a step.
 TRAVEL = 0.1
-"""Share of a body's size that the fastest one may move in a step."""
+# Least and largest number of steps between two samples.
 MIN_STEPS, MAX_STEPS = 16, 400
-"""Least and largest number of steps between two samples."""
+# Share of a pose error that the next initial velocity corrects: contacts absorb some of it.
 VELOCITY_GAIN = 0.7
-"""Share of a pose error that the next initial velocity corrects: contacts absorb some of it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,26 +9,26 @@ import numpy as np
 from models.core.typing import FloatArray
 from models.estimation.rigid_bodies.body_clusters import Bodies
 
+# Inward normals of the boundaries that are searched.
 BOUNDARY_NORMALS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Inward normals of the boundaries that are searched."""
+# Distance from the end of all motion on one side, over its extent, within which bodies may have touched a boundary.
 BOUNDARY_DISTANCE = 0.02
-"""Distance from the end of all motion on one side, over its extent, within which bodies may have touched a boundary."""
+# Share of gravity, and of strong accelerations, above which a push from a side indicates a boundary.
 BOUNDARY_PUSH = 0.25
-"""Share of gravity, and of strong accelerations, above which a push from a side indicates a boundary."""
+# Relative difference of the accelerations in two intervals of free flight.
 MAX_FLIGHT_CHANGE = 0.05
-"""Relative difference of the accelerations in two intervals of free flight."""
+# Pairs of intervals of free flight that determine gravity.
 MIN_FLIGHTS = 3
-"""Pairs of intervals of free flight that determine gravity."""
+# Samples from one to the next.
 STRIDES = (1, 2, 3, 5)
-"""Samples from one to the next."""
+# Pairs of intervals that are compared with each other.
 MAX_FLIGHTS = 2000
-"""Pairs of intervals that are compared with each other."""
+# Standard deviations of a significant acceleration.
 SIGNIFICANT_SIGMAS = 6.0
-"""Standard deviations of a significant acceleration."""
+# Acceptable error of the final contacts, over a body's size.
 REST_TOLERANCE = 1e-3
-"""Acceptable error of the final contacts, over a body's size."""
+# Remaining overlap, over a body's size, by which lasting contacts are found again.
 ALLOWED_OVERLAP = 1e-3
-"""Remaining overlap, over a body's size, by which lasting contacts are found again."""
 
 
 @dataclass(frozen=True, slots=True)

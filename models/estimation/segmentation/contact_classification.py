@@ -14,15 +14,14 @@ from models.core.typing import FloatArray
 from models.estimation.segmentation.jitter_removal import STILL_RADII, fit_curve, select_samples
 from models.estimation.segmentation.track_segmentation import BallSamples, SampleRange, SegmentFit, fit_segment
 
+# Ball radii: tolerance of the distance between a centre and its contact line (calibration, cloth edge, soft rubber).
 CUSHION_TOLERANCE = 0.6
-"""Ball radii: tolerance of the distance between a centre and its contact line (calibration, cloth edge, soft rubber).
-"""
+# Ball radii: tolerance of the distance of two balls.
 BALL_TOLERANCE = 0.45
-"""Ball radii: tolerance of the distance of two balls."""
+# Ball radii: curves farther apart do not belong to one motion.
 JUMP_DISTANCE = 0.4
-"""Ball radii: curves farther apart do not belong to one motion."""
+# Classes of balls that a cue strikes, where a strike has to be attributed.
 CUE_KINDS = ("cue", "white", "yellow")
-"""Classes of balls that a cue strikes, where a strike has to be attributed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +65,6 @@ def cushion_distances(x: FloatArray, table: Table) -> FloatArray:
 
     Args:
         x: (..., 2) m.
-        table: The table.
 
     Returns:
         (..., 4) m, in the order of `CUSHIONS`; negative outside.
@@ -74,8 +72,8 @@ def cushion_distances(x: FloatArray, table: Table) -> FloatArray:
     return np.stack([x[..., 0], table.length - x[..., 0], x[..., 1], table.width - x[..., 1]], axis=-1)
 
 
+# (4, 2) unit normals of the noses, into the table.
 INWARD_NORMALS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""(4, 2) unit normals of the noses, into the table."""
 
 
 def find_velocity_changes(
@@ -125,7 +123,6 @@ def find_contact_opportunities(samples: BallSamples, others: list[BallSamples], 
     Args:
         samples: n samples of the ball.
         others: Samples of all other balls.
-        table: The table.
 
     Returns:
         (n - 1,) True where something is near.
@@ -247,7 +244,6 @@ def build_contact_graph(
     Args:
         samples: Samples of N balls.
         parts_by_ball: Parts of each track, at rest or in motion.
-        table: The table.
         kinds: N ball classes.
 
     Returns:

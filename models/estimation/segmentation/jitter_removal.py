@@ -8,22 +8,22 @@ from models.core.options import FitOptions
 from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import BallSamples, SampleRange, SegmentFit, fit_segment
 
+# m/s: a ball slower than this before it rests has rolled out rather than been stopped.
 SETTLED_SPEED = 0.15
-"""m/s: a ball slower than this before it rests has rolled out rather than been stopped."""
+# Ball radii: a ball that stays within rests, whatever its jitter.
 STILL_RADII = 0.12
-"""Ball radii: a ball that stays within rests, whatever its jitter."""
+# Ball radii: a ball that goes no farther from its place, and later returns so near to it, never left it.
 MAX_AWAY_RADII, MAX_RETURN_RADII = 1.0, 0.25
-"""Ball radii: a ball that goes no farther from its place, and later returns so near to it, never left it."""
+# Parts of a track in which a ball rests, is nudged, and rests again.
 MAX_NUDGED_PARTS = 3
-"""Parts of a track in which a ball rests, is nudged, and rests again."""
+# Multiple of its own scatter by which a ball within one radius must advance to have moved.
 MIN_PROGRESS = 2.5
-"""Multiple of its own scatter by which a ball within one radius must advance to have moved."""
+# m/s: a ball that leaves its rest so fast was hit by a cue or a ball.
 MIN_DEPARTURE_SPEED = 0.3
-"""m/s: a ball that leaves its rest so fast was hit by a cue or a ball."""
+# chi2 by which rest may fit worse than rolling, before another ball could have set this one in motion.
 MAX_REST_PENALTY = 6.0
-"""chi2 by which rest may fit worse than rolling, before another ball could have set this one in motion."""
+# chi2 that a velocity change costs, as usual in the structure search.
 BREAK_PENALTY = FitOptions().break_price
-"""chi2 that a velocity change costs, as usual in the structure search."""
 
 
 def remove_jitter(samples: BallSamples, parts: list[SampleRange], radius: float) -> list[SampleRange]:

@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, IntArray
 
+# s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot.
 SLIDE_TIMES = (0.0, 0.04, 0.08, 0.13, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7)
-"""s: how long a ball may slide before it rolls; the grid of the closed-form fit. 1.7 s is a hard break shot."""
+# m/s^2, prior standard deviation per axis while sliding: about mu_s g.
 SLIDING_ACCELERATION = 2.0
-"""m/s^2, prior standard deviation per axis while sliding: about mu_s g."""
+# m/s^2, uncertainty of the strength of sliding friction; and s, the shortest slide that shows it.
 SLIDING_ACCELERATION_SIGMA, MIN_LONG_SLIDE = 0.45, 0.15
-"""m/s^2, uncertainty of the strength of sliding friction; and s, the shortest slide that shows it."""
+# m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap.
 ROLLING_ACCELERATION = 0.12
-"""m/s^2, prior standard deviation per axis while rolling: about mu_r g, with slope and nap."""
+# Share of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation.
 SLIP_SIGMA_SHARE, SLIP_SIGMA_FLOOR = 0.7, 0.2
-"""Share of the speed, and m/s: slip of a ball that nothing has touched for a while, one standard deviation."""
+# Upper limit of the penalty of an implausible initial spin, chi2: a clip may begin within a contact.
 MAX_SPIN_PENALTY = 100.0
-"""Upper limit of the penalty of an implausible initial spin, chi2: a clip may begin within a contact."""
+# 1/variance of free coefficients: keeps short pieces solvable.
 _VAGUE = 1e-8
-"""1/variance of free coefficients: keeps short pieces solvable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,12 +46,12 @@ class EventRow:
     speed: float = np.nan
 
 
+# chi2: scale on which gains are compressed; a contact needs about as much to be fitted at all.
 GAIN_SCALE = 20.0
-"""chi2: scale on which gains are compressed; a contact needs about as much to be fitted at all."""
+# m of overlap and m/s of closing speed beyond which a contact leaves no doubt by itself.
 GRAZE_GAP, SLOW_SPEED = 1e-3, 0.1
-"""m of overlap and m/s of closing speed beyond which a contact leaves no doubt by itself."""
+# Frames from the start or the end of a clip within which the motion before or after is hardly observed.
 EDGE_FRAMES = 2.0
-"""Frames from the start or the end of a clip within which the motion before or after is hardly observed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,14 +121,14 @@ def count_missed_frames(times: FloatArray, t: float, interval: float) -> float:
     return max(float(times[row] - times[row - 1]) / interval - 1.0, 0.0)
 
 
+# Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls.
 MAX_LOG_ODDS = 7.0
-"""Limit of the logarithm of the odds of the contact test: its windows hold no more evidence about real balls."""
+# What an event is concluded from: a strike of the cue ball; of another ball; a fitted contact of two balls; a ball that
+# turns beside another one; a cushion; a path that leads into a pocket; a ball that vanishes in the jaws; a rest; a
+# rival of the best explanation; two paths that pass closely.
 CATEGORIES = (
     "strike", "object_strike", "ball", "passing", "cushion", "fall", "vanish", "rest", "rival", "close_pass",
 )  # fmt: skip
-"""What an event is concluded from: a strike of the cue ball; of another ball; a fitted contact of two balls; a ball
-that turns beside another one; a cushion; a path that leads into a pocket; a ball that vanishes in the jaws; a rest; a
-rival of the best explanation; two paths that pass closely."""
 COEFFICIENTS = "event_coefficients.json"
 
 

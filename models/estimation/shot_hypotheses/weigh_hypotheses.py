@@ -39,16 +39,16 @@ from models.estimation.shot_hypotheses.event_probability import (
 )
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much.
 MAX_TIME_FRAMES = 2.0
-"""Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much."""
+# Frame intervals: least uncertainty of the time of a rival contact.
 RIVAL_TIME_SHARE = 0.25
-"""Frame intervals: least uncertainty of the time of a rival contact."""
+# m/s below which a ball counts as at rest when it is first detected.
 REST_SPEED = 0.05
-"""m/s below which a ball counts as at rest when it is first detected."""
+# m/s from which another ball counts as moving: slower ones may be measurement errors.
 DRIVING_SPEED = 0.1
-"""m/s from which another ball counts as moving: slower ones may be measurement errors."""
+# Missed frames, and ball radii between two frames, from which they are named as a doubt.
 HIDDEN_FRAMES, FAST_RADII = 1.0, 4.0
-"""Missed frames, and ball radii between two frames, from which they are named as a doubt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +85,8 @@ def weigh_events(
         solution: That explanation.
         observations: K observations.
         tracks: Tracks of N balls.
-        table: The table.
         chi2: (S,) chi2 per degree of freedom of each segment.
         hypotheses: (C,) what may have happened instead of each contact.
-        breaks: The breaks.
         hidden: Contacts in the breaks that no frame shows.
         premises: What the events of each ball rest on.
 
@@ -143,7 +141,6 @@ def _find_moving_at_start(solution: JointSolution, ids: tuple[str, ...], radius:
     """Find the balls that move from their first sample on.
 
     Args:
-        solution: The solution.
         ids: N ids of balls.
         radius: m, of the balls: one that touches nothing and rests before it moved so far lies where it lay, whether it
             rolled out or its first samples are bad.

@@ -48,16 +48,16 @@ from models.physics.billiards.simulation.event_engine import BALL, EVENT_FIRST, 
 from models.physics.billiards.simulation.parametrised_shot import ContactModels, convert_to_starts, simulate_start
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 
+# Probability from which an event counts as having happened.
 MIN_PROBABILITY = 0.5
-"""Probability from which an event counts as having happened."""
+# Gauss-Legendre nodes of a segment: exact to micrometres on a path of two smooth parts.
 _NODES = 24
-"""Gauss-Legendre nodes of a segment: exact to micrometres on a path of two smooth parts."""
+# Ball radii: a ball that passes farther from the middle of a mouth, three balls, was not sent there.
 MAX_MISS_RADII = 6.0
-"""Ball radii: a ball that passes farther from the middle of a mouth, three balls, was not sent there."""
+# Times at which a segment is searched for the moment at which it passes a mouth: 1 cm of a fast ball.
 _SAMPLES = 400
-"""Times at which a segment is searched for the moment at which it passes a mouth: 1 cm of a fast ball."""
+# s of a segment that is searched: balls roll no longer.
 _LONGEST_SEARCH = 12.0
-"""s of a segment that is searched: balls roll no longer."""
 
 
 def add_shot_numbers(fit: Fit, solution: JointSolution | None, tracks: Tracks, table: Table) -> Fit:
@@ -373,24 +373,24 @@ def _measure_at_mouth(state: FloatArray, mouth: MouthLine) -> FloatArray:
     return np.array([(place + ahead * velocity) @ right, np.hypot(*velocity)])
 
 
+# Shares of rolling spin between the states. A tenth of the rolling spin turns the final path of the cue ball by less
+# than 5 degrees in a half-ball hit, which players take for the tangent line, or for natural roll.
 STATE_LIMITS = (-0.1, 0.1, 0.9)
-"""Shares of rolling spin between the states. A tenth of the rolling spin turns the final path of the cue ball by less
-than 5 degrees in a half-ball hit, which players take for the tangent line, or for natural roll."""
+# Degrees, prior standard deviation of throw: friction 0.06 of clean balls.
 THROW_SIGMA = 3.4
-"""Degrees, prior standard deviation of throw: friction 0.06 of clean balls."""
+# m/s: below it, a direction after a contact is not observable.
 MIN_SPEED = 0.05
-"""m/s: below it, a direction after a contact is not observable."""
+# Names and units, in the order of `evaluate_contact`.
 CONTACT_NUMBERS = (
     ("contact_speed", "m/s"), ("contact_spin_share", ""), ("cut_angle", "deg"), ("throw", "deg"),
     ("object_speed", "m/s"), ("deflection", "deg"),
 )  # fmt: skip
-"""Names and units, in the order of `evaluate_contact`."""
+# s after the contact that a simulation lasts: every ball rolls by then.
 _VIEW_AFTER = 1.0
-"""s after the contact that a simulation lasts: every ball rolls by then."""
+# s before and after a contact at which its states are taken: a fast ball moves a micrometre in it.
 _INSTANT = 1e-7
-"""s before and after a contact at which its states are taken: a fast ball moves a micrometre in it."""
+# Share of the posterior samples that must meet the ball that was met; else the contact is too thin for them.
 _MIN_AGREEMENT = 0.95
-"""Share of the posterior samples that must meet the ball that was met; else the contact is too thin for them."""
 
 
 def _measure_contact(view: PosteriorView, meeting: FirstMeeting, cue: str, other: str) -> list[ShotNumber]:

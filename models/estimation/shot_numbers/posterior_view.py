@@ -12,8 +12,8 @@ from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import LONGEST_MOTION
 from models.estimation.table_learning.cushion_contacts import evaluate_segment_state
 
+# Step of numerical derivatives, m or m/s: far below every uncertainty, far above rounding.
 _STEP = 1e-5
-"""Step of numerical derivatives, m or m/s: far below every uncertainty, far above rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,6 @@ class PosteriorView:
 
         Args:
             function: Maps the joined values (K,) to numbers (M,).
-            states: The states.
 
         Returns:
             The numbers (M,), and their standard deviations by linear propagation of the covariance.

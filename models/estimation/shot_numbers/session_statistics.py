@@ -11,12 +11,12 @@ from models.core.shot_numbers import ShotNumbers
 from models.core.typing import FloatArray
 from models.numerics.robust_scale import estimate_sigma
 
+# Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks.
 MIN_TREND_SHOTS = 4
-"""Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks."""
+# Numbers that a session takes from the object ball alone.
 OF_OBJECT_BALL = ("pocket_offset", "pocket_speed")
-"""Numbers that a session takes from the object ball alone."""
+# Numbers that a session takes from cue ball and object ball, as `length` and `object_length`.
 OF_BOTH_BALLS = ("length", "cushions")
-"""Numbers that a session takes from cue ball and object ball, as `length` and `object_length`."""
 
 
 @dataclass(frozen=True, slots=True)

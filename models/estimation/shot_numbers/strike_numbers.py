@@ -27,14 +27,14 @@ from models.physics.billiards.cloth.closed_form_motion import GRAVITY, sliding_d
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.parametrised_shot import RADIUS_FACTOR, SIDE_SPIN, unpack_start
 
+# Standard deviation of the side spin of all players, as R omega / v: a cue that does not miscue reaches 5/4 (Alciatore
+# 2004), and most shots have little.
 SIDE_SPIN_SHARE = 0.5
-"""Standard deviation of the side spin of all players, as R omega / v: a cue that does not miscue reaches 5/4 (Alciatore
-2004), and most shots have little."""
+# Names and units.
 STRIKE_NUMBERS = (
     ("cue_speed", "m/s"), ("direction", "deg"), ("top_spin", "rad/s"), ("top_spin_share", ""), ("side_spin", "rad/s"),
     ("side_spin_share", ""),
 )  # fmt: skip
-"""Names and units."""
 _X_AXIS = np.array([1.0, 0.0])
 
 
@@ -157,8 +157,8 @@ def list_numbers(
     ]
 
 
+# Random seed of the time of the strike.
 _SEED = 1
-"""Random seed of the time of the strike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,14 +220,14 @@ def _rewind_state(
     return before
 
 
+# Top spins that are tried, over rolling spin: a cue that does not miscue reaches -1.25 to 1.25 (hit at R/2).
 SHARES = np.linspace(-1.3, 1.6, 146)
-"""Top spins that are tried, over rolling spin: a cue that does not miscue reaches -1.25 to 1.25 (hit at R/2)."""
 _ITERATIONS = 12
 _MIN_OBSERVATIONS = 4
+# Steps of numerical derivatives by the five numbers of a fit.
 _STEPS = np.array([1e-5, 1e-6, 1e-5, 1e-5, 1e-6])
-"""Steps of numerical derivatives by the five numbers of a fit."""
+# s: prior standard deviation of the time of the strike about that of the joint fit; it only bounds the search.
 _TIME_SIGMA = 0.05
-"""s: prior standard deviation of the time of the strike about that of the joint fit; it only bounds the search."""
 
 
 @dataclass(frozen=True, slots=True)

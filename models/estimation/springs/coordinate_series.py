@@ -12,12 +12,12 @@ from models.core.typing import BoolArray, FloatArray
 from models.estimation.springs.parameter_layout import TypicalScales
 
 MIN_SAMPLES = 8
+# Share of the widest motion within which a particle may be fixed in place.
 FIXED_SPREAD = 0.02
-"""Share of the widest motion within which a particle may be fixed in place."""
+# Correlation of neighbouring samples from which a particle drifts and is not fixed.
 MAX_FIXED_CORRELATION = 0.5
-"""Correlation of neighbouring samples from which a particle drifts and is not fixed."""
+# Least noise, relative to the typical distance.
 MIN_RELATIVE_NOISE = 1e-6
-"""Least noise, relative to the typical distance."""
 
 
 def fit_splines(series: Recording) -> tuple[FloatArray, FloatArray]:

@@ -18,14 +18,14 @@ from scipy.linalg import LinAlgError, solveh_banded
 from models.core.typing import FloatArray
 from models.numerics.least_squares import SearchOptions, minimize_cost
 
+# Largest step of a shared coordinate in one iteration, in units of its scale.
 MAX_STEP = 0.5
-"""Largest step of a shared coordinate in one iteration, in units of its scale."""
+# Ridge, relative to the diagonal.
 _RIDGE = 1e-12
-"""Ridge, relative to the diagonal."""
+# Of the states and shared coordinates of a chain.
 _SEARCH = SearchOptions(
     iterations=40, attempts=8, min_relative_gain=1e-4, damping=1e-4, lowering=1 / 8, raising=10.0, least_raised=1e-4
 )
-"""Of the states and shared coordinates of a chain."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,38 +31,38 @@ from models.physics.springs.spring_system import SpringSystem, build_springs, ev
 
 Pair = tuple[int, int]
 
+# Samples on which hypotheses are tested.
 TRIAL_SAMPLES = 40
-"""Samples on which hypotheses are tested."""
+# rad of a spring's oscillation between two samples, the initial guesses of stiffness.
 PHASE_LADDER = (1.0, 2.5, 0.4, 6.0)
-"""rad of a spring's oscillation between two samples, the initial guesses of stiffness."""
+# Initial guess from which a search reaches farthest.
 USUAL_PHASE = 1.0
-"""Initial guess from which a search reaches farthest."""
+# Relative change of the distance of two particles up to which a spring may join them.
 MAX_SPRING_VARIATION = 0.25
-"""Relative change of the distance of two particles up to which a spring may join them."""
+# chi2 per degree of freedom of a quick fit that needs no other.
 SUFFICIENT_CHI2 = 1.5
-"""chi2 per degree of freedom of a quick fit that needs no other."""
+# Relative changes of a distance up to which a rod may join two particles: fewer or more rods.
 ROD_VARIATIONS = (0.01, 0.05)
-"""Relative changes of a distance up to which a rod may join two particles: fewer or more rods."""
+# Relative difference of chi2 at which two guesses have converged to the same springs.
 SAME_CHI2 = 0.02
-"""Relative difference of chi2 at which two guesses have converged to the same springs."""
+# Standard deviation of the logarithm of a stiffness above which a pair may not be joined.
 MAX_STIFFNESS_SIGMA = 0.3
-"""Standard deviation of the logarithm of a stiffness above which a pair may not be joined."""
+# Motion of its ends by a rod's tension between two samples, over the noise, below which the rod may not exist.
 SLACK_NOISE = 5.0
-"""Motion of its ends by a rod's tension between two samples, over the noise, below which the rod may not exist."""
+# Standard deviations of its stretching from which a rod is tried as a spring: errors of a poor fit are too large.
 STRETCH_SIGMAS = 1.0
-"""Standard deviations of its stretching from which a rod is tried as a spring: errors of a poor fit are too large."""
+# Guessed damping of a spring, relative to critical damping.
 GUESSED_DAMPING_RATIO = 0.02
-"""Guessed damping of a spring, relative to critical damping."""
+# Search effort from an unfitted graph (`UNFITTED`), and from a fit that is almost right.
 UNFITTED, REFINEMENT = SearchEffort(stages=0), SearchEffort(stages=4, iterations=5, last_iterations=20)
-"""Search effort from an unfitted graph (`UNFITTED`), and from a fit that is almost right."""
+# Hypotheses that are fitted to all samples before the search gives up.
 MAX_FULL_FITS = 2
-"""Hypotheses that are fitted to all samples before the search gives up."""
+# Pairs that are tried as the missing one.
 MAX_ADDED_PAIRS = 6
-"""Pairs that are tried as the missing one."""
+# Pairs up to which each is tried as a rod among springs, and as a spring among rods.
 MAX_MIXED_PAIRS = 4
-"""Pairs up to which each is tried as a rod among springs, and as a spring among rods."""
+# Rounds in which the noise is estimated from residuals.
 MAX_NOISE_ROUNDS = 4
-"""Rounds in which the noise is estimated from residuals."""
 
 
 def search_graphs(series: Recording, is_fixed: BoolArray, noise: float | None) -> SpringFit:
@@ -234,14 +234,14 @@ def _remove_pairs(graph: SpringSystem, pairs: list[list[int]]) -> SpringSystem:
     )  # fmt: skip
 
 
+# chi2 per degree of freedom.
 MAX_CHI2 = 1.5
-"""chi2 per degree of freedom."""
+# Correlation of neighbouring residuals, beyond chance.
 MAX_CORRELATION = 0.1
-"""Correlation of neighbouring residuals, beyond chance."""
+# Standard deviations that chance may explain.
 CHANCE_SIGMAS = 5.0
-"""Standard deviations that chance may explain."""
+# Mean square of the residuals in an eighth of the time, over that of the median eighth.
 MAX_UNEVENNESS = 3.0
-"""Mean square of the residuals in an eighth of the time, over that of the median eighth."""
 
 
 def find_rejections(fit: SpringFit, noise_known: bool) -> tuple[str, ...]:

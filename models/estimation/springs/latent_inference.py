@@ -51,12 +51,12 @@ from models.physics.springs.spring_system import (
     simulate_springs,
 )
 
+# Relative standard deviation above which a value expresses at most an order of magnitude.
 MAX_RELATIVE_SIGMA = 0.5
-"""Relative standard deviation above which a value expresses at most an order of magnitude."""
+# Duration of a contact in samples: a shorter one may have any stiffness.
 BRIEF_CONTACT = 2.0
-"""Duration of a contact in samples: a shorter one may have any stiffness."""
+# Shares of the sample interval at which overlaps are evaluated.
 OVERLAP_SHARES = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
-"""Shares of the sample interval at which overlaps are evaluated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,10 +216,10 @@ def _contact_distances(fit: SpringFit) -> FloatArray:
 PARAMETER_KINDS = ("mass", "stiffness", "damping", "rest")
 REST_AT_START = "starts from rest"
 SLACK_AT_START = "starts unstretched"
+# Search effort from a fit that is almost right.
 REFIT = SearchEffort(stages=2, iterations=6, last_iterations=15)
-"""Search effort from a fit that is almost right."""
+# Link sigma, over the noise, from which a simplified graph is refitted.
 REFIT_LINK_SIGMA = 3.0
-"""Link sigma, over the noise, from which a simplified graph is refitted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,14 +324,14 @@ def _refit_simplified(series: Recording, fit: SpringFit, adopted: list[Simplific
     return tighten_links(simpler, REFIT_LINK_SIGMA * fit.noise, REFIT)
 
 
+# Second difference of a distance vector, over its usual value, that indicates a push.
 JOLT_RATIO = 8.0
-"""Second difference of a distance vector, over its usual value, that indicates a push."""
+# Samples around the nearest one within which the jolt is.
 JOLT_SAMPLES = 1
-"""Samples around the nearest one within which the jolt is."""
+# rad of the contact oscillation between two samples: from a contact of three sample intervals to one of a quarter.
 CONTACT_PHASES = (1.0, 4.0, 12.0)
-"""rad of the contact oscillation between two samples: from a contact of three sample intervals to one of a quarter."""
+# Guessed damping of a contact, relative to critical damping.
 GUESSED_DAMPING_RATIO = 0.02
-"""Guessed damping of a contact, relative to critical damping."""
 
 
 def _fit_collisions(series: Recording, fit: SpringFit, noise: float | None) -> SpringFit:

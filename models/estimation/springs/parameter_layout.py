@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from models.core.typing import FloatArray, IntArray
 from models.physics.springs.spring_system import SpringSystem
 
+# rad between two samples: stiffer springs are fitted as rods.
 MAX_PHASE = 60.0
-"""rad between two samples: stiffer springs are fitted as rods."""
+# rad between two samples: weaker springs have no effect.
 MIN_PHASE = 1e-3
-"""rad between two samples: weaker springs have no effect."""
+# Largest ratio of two masses.
 MAX_MASS_RATIO = 1e3
-"""Largest ratio of two masses."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,14 +22,14 @@ from models.estimation.springs.parameter_layout import SpringLayout, TypicalScal
 from models.numerics.least_squares import invert_semidefinite
 from models.physics.springs.spring_system import SpringSystem, count_steps, integrate_springs
 
+# Sigma of the first links, relative to the second difference of the coordinates.
 FIRST_LINK_SIGMA = 0.3
-"""Sigma of the first links, relative to the second difference of the coordinates."""
+# Sigma of the last links, relative to the noise; its effect on the error of a state is negligible.
 LAST_LINK_SIGMA = 0.002
-"""Sigma of the last links, relative to the noise; its effect on the error of a state is negligible."""
+# Tolerance of a start from rest, relative to the scale of a state.
 REST_SIGMA = 1e-6
-"""Tolerance of a start from rest, relative to the scale of a state."""
+# Guessed noise, relative to the second difference of the coordinates.
 GUESSED_NOISE = 0.01
-"""Guessed noise, relative to the second difference of the coordinates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,11 +171,11 @@ def covariance_of_shared(fit: SpringFit) -> FloatArray:
     return invert_semidefinite(information_of_shared(build_normal_equations(fit.observed, fit.chain)))
 
 
+# Typical distances that a particle may move between two samples; beyond that, a search has diverged.
 MAX_FLIGHT = 10.0
-"""Typical distances that a particle may move between two samples; beyond that, a search has diverged."""
 
+# Steps from one sample to the next: a stiffer system diverges, and the search turns back.
 MAX_STEPS = 100
-"""Steps from one sample to the next: a stiffer system diverges, and the search turns back."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,10 +30,10 @@ from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_classification import BALL_TOLERANCE, INWARD_NORMALS
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# s between the evaluated distances; a ball at 5 m/s moves a third of its radius.
 TIME_STEP = 2e-3
-"""s between the evaluated distances; a ball at 5 m/s moves a third of its radius."""
+# Frame intervals: a velocity change so near to a contact may be its effect.
 TIME_TOLERANCE = 1.2
-"""Frame intervals: a velocity change so near to a contact may be its effect."""
 LOCAL_ITERATIONS = 12
 
 

@@ -17,14 +17,14 @@ from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
 from models.estimation.structure_search.ball_encounters import TIME_TOLERANCE, SearchCache, total_cost
 
+# Frame intervals after a contact in which it may set balls in motion.
 HORIZONS = (1.0, 2.5)
-"""Frame intervals after a contact in which it may set balls in motion."""
+# chi2 per degree of freedom of a path that one more contact may improve.
 BENT_CHI2 = 1.5
-"""chi2 per degree of freedom of a path that one more contact may improve."""
+# Trials in one round.
 MAX_TRIALS = 6
-"""Trials in one round."""
+# Iterations that show whether a graph deserves more of them.
 TRIAL_ITERATIONS = 10
-"""Iterations that show whether a graph deserves more of them."""
 
 
 def complete_chains(

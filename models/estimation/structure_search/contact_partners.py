@@ -26,12 +26,12 @@ from models.estimation.structure_search.contact_removal import refine_difference
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Ball radii: two balls so far from touching may have met where one of them changes its velocity.
 TOUCH_TOLERANCE = 0.5
-"""Ball radii: two balls so far from touching may have met where one of them changes its velocity."""
+# Frame intervals: error of the time at which a path turns, which moves the turn along the path.
 TIME_TOLERANCE = 0.5
-"""Frame intervals: error of the time at which a path turns, which moves the turn along the path."""
+# Most candidates of one velocity change.
 MAX_PARTNERS = 3
-"""Most candidates of one velocity change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,6 @@ def find_partners(solution: JointSolution, observations: Observations, number: i
         solution: A refined solution.
         observations: K observations.
         number: Contact of one ball, or of which the first ball is meant.
-        table: The table.
 
     Returns:
         At most `MAX_PARTNERS` candidates, one per ball.
@@ -108,7 +107,6 @@ def join_by_ball_contact(
         observations: K observations.
         number: Contact of one ball.
         partner: The other ball.
-        table: The table.
 
     Returns:
         The new graph; None where it is impossible.
@@ -179,15 +177,14 @@ def _place_of(solution: JointSolution, contact: Contact, t: FloatArray) -> Float
     return evaluate_kinematics(np.repeat(segment.state[None], len(t), axis=0), tau, solution.friction)[:, :2]
 
 
+# Prices of a causeless change by which a contact may cost more locally before all segments are refined: a turn nearby
+# that is wrong without the contact is only mended then.
 LOCAL_SLACK = 3.0
-"""Prices of a causeless change by which a contact may cost more locally before all segments are refined: a turn nearby
-that is wrong without the contact is only mended then.
-"""
 
+# Refinements of the whole clip in vain after which a round stops: racks have many turns that no contact explains.
 MAX_FAILED_TRIALS = 4
-"""Refinements of the whole clip in vain after which a round stops: racks have many turns that no contact explains."""
+# Frame intervals by which a turn that no law constrains may be misplaced.
 TURN_TIME_ERROR = 0.1
-"""Frame intervals by which a turn that no law constrains may be misplaced."""
 
 
 def explain_causeless_changes(
@@ -198,7 +195,6 @@ def explain_causeless_changes(
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
         prices: chi2 that contacts with a cause and without cost.
         cache: Keeps the changes that are not to be tried again.
 
@@ -277,7 +273,6 @@ def collect_hypotheses(solution: JointSolution, observations: Observations, tabl
     Args:
         solution: The best explanation, with C contacts.
         observations: K observations.
-        table: The table.
 
     Returns:
         (C,) rivals of each contact.
@@ -302,7 +297,6 @@ def _find_rival_contacts(
         solution: The best explanation.
         observations: K observations.
         number: Contact whose rivals are wanted.
-        table: The table.
 
     Returns:
         The rivals, each refined by itself.

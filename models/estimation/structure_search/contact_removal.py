@@ -18,12 +18,12 @@ from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
 from models.estimation.structure_search.ball_encounters import SearchCache, refine_subgraph, total_cost
 
+# chi2 per degree of freedom of a path that its contacts bend.
 BENT_CHI2 = 3.0
-"""chi2 per degree of freedom of a path that its contacts bend."""
+# Removals in one round, the most bent first.
 MAX_REMOVALS = 3
-"""Removals in one round, the most bent first."""
+# Iterations that show whether a graph deserves more of them.
 TRIAL_ITERATIONS = 10
-"""Iterations that show whether a graph deserves more of them."""
 
 
 def remove_false_contacts(
@@ -83,7 +83,6 @@ def refine_differences(
         one: A graph.
         other: The same graph with changed contacts; it has the segments of the first one, then new ones.
         observations: K observations.
-        table: The table.
 
     Returns:
         The refined parts of both graphs; None where no sample belongs to these segments.

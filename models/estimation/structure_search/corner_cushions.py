@@ -22,12 +22,12 @@ from models.estimation.segmentation.contact_classification import CUSHION_TOLERA
 from models.estimation.structure_search.ball_encounters import copy_refined_states, refine_subgraph, total_cost
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Frame intervals: farther from another contact, a cushion contact shows by itself.
 MAX_CORNER_INTERVALS = 2.5
-"""Frame intervals: farther from another contact, a cushion contact shows by itself."""
+# s: how long spin may take to do what a cushion did.
 SLIDE_TIME = 0.2
-"""s: how long spin may take to do what a cushion did."""
+# Candidates that are tried on the whole clip in one round.
 MAX_TRIALS = 4
-"""Candidates that are tried on the whole clip in one round."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,15 +23,14 @@ from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.structure_search.ball_encounters import total_cost
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 
+# Most samples of a rest that is looked for; a longer one is found by the segmentation.
 MAX_REST_SAMPLES = 3
-"""Most samples of a rest that is looked for; a longer one is found by the segmentation."""
+# Parameters that a rest with a strike has beyond a ball that moves already: when, and how far before the next sample.
+# They cost what the Bayesian information criterion takes for them. The strike itself costs nothing here: without it,
+# the ball was struck as well, before the clip.
 REST_PARAMETERS = 2
-"""Parameters that a rest with a strike has beyond a ball that moves already: when, and how far before the next sample.
-They cost what the Bayesian information criterion takes for them. The strike itself costs nothing here: without it, the
-ball was struck as well, before the clip.
-"""
+# Ball radii per frame: a slower ball leaves no streak that can be told from a sharp ball.
 MIN_SPEED_RADII = 0.5
-"""Ball radii per frame: a slower ball leaves no streak that can be told from a sharp ball."""
 
 
 def insert_initial_rests(
@@ -43,7 +42,6 @@ def insert_initial_rests(
         solution: A refined solution.
         observations: K observations.
         tracks: Tracks that the observations come from, for their streaks.
-        table: The table.
         prices: chi2 that contacts with a cause and without cost.
 
     Returns:
@@ -135,10 +133,10 @@ def _sharp_while_fast_share(tracks: Tracks, radius: float) -> float:
     return (sharp + 1) / (fast + 2)
 
 
+# Slip over speed below which a struck ball resembles a rolling one more than one hit in its middle.
 MAX_ROLLING_SLIP = 0.5
-"""Slip over speed below which a struck ball resembles a rolling one more than one hit in its middle."""
+# Least share of the time from a strike to the next sample that remains after the strike moves.
 MIN_REMAINING_SHARE = 0.1
-"""Least share of the time from a strike to the next sample that remains after the strike moves."""
 
 
 def refit_strikes(solution: JointSolution, observations: Observations, table: Table) -> JointSolution:
@@ -150,7 +148,6 @@ def refit_strikes(solution: JointSolution, observations: Observations, table: Ta
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
 
     Returns:
         The solution of least chi2.

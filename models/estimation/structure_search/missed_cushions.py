@@ -21,13 +21,13 @@ from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Ball radii: a path that goes so far into a cushion has met it.
 OVERSHOOT_RADII = 0.2
-"""Ball radii: a path that goes so far into a cushion has met it."""
+# Change of the velocity across a guessed rebound, over the velocity towards the cushion: three quarters come back.
 REBOUND = 1.75
-"""Change of the velocity across a guessed rebound, over the velocity towards the cushion: three quarters come back."""
 
+# `JointSolution.rubber` of the two extreme noses: a mirror law's and Mathavan's.
 SLIPPING, STICKING = (np.array([CUSHION_RESTITUTION[0], 0.0, grip]) for grip in (0.0, 1.0))
-"""`JointSolution.rubber` of the two extreme noses: a mirror law's and Mathavan's."""
 
 
 def refit_rebounds(solution: JointSolution, observations: Observations, table: Table) -> JointSolution:
@@ -39,7 +39,6 @@ def refit_rebounds(solution: JointSolution, observations: Observations, table: T
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
 
     Returns:
         The solution of least chi2.
@@ -79,7 +78,6 @@ def classify_cushion_turns(solution: JointSolution, table: Table, time_error: fl
 
     Args:
         solution: A refined solution.
-        table: The table.
         time_error: s by which a turn may be misplaced along the path.
 
     Returns:

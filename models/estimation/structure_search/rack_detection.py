@@ -16,28 +16,27 @@ from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.track_noise import NOISE_FLOOR_RADII
 
+# Balls that lie together, and that start at once: with fewer the contacts are fitted one by one.
 MIN_RACK_BALLS, MIN_LEAVING_BALLS = 4, 3
-"""Balls that lie together, and that start at once: with fewer the contacts are fitted one by one."""
+# Ball radii between two surfaces: nearer balls lie together.
 RACK_GAP_RADII = 0.25
-"""Ball radii between two surfaces: nearer balls lie together."""
+# Frame intervals within which balls of a rack start.
 SIMULTANEOUS_INTERVALS = 3.0
-"""Frame intervals within which balls of a rack start."""
+# s for which the incoming ball is tracked.
 INCOMING_TIME = 0.5
-"""s for which the incoming ball is tracked."""
+# Observed time after the hit: ball radii that the incoming ball would go on, at least so many frames, at most so many
+# s.
 WATCHED_DISTANCE_RADII, MIN_WATCHED_FRAMES, MAX_WATCHED_TIME = 30.0, 4.0, 0.5
-"""Observed time after the hit: ball radii that the incoming ball would go on, at least so many frames, at most so many
-s.
-"""
+# Samples that determine the path of the incoming ball by themselves.
 MIN_INCOMING_SAMPLES = 3
-"""Samples that determine the path of the incoming ball by themselves."""
+# m, and share of its speed: of an incoming ball with fewer samples.
 _PLACE_SIGMA, _SPEED_SIGMA = 5e-3, 0.15
-"""m, and share of its speed: of an incoming ball with fewer samples."""
+# Ball radii: of the place of a resting ball without samples.
 _UNOBSERVED_SIGMA_RADII = 0.3
-"""Ball radii: of the place of a resting ball without samples."""
+# Samples before the break, and the limit of their median chi2, that decide whether a ball still rests.
 _LATEST_SAMPLES, _MAX_REST_CHI2 = 5, 10.0
-"""Samples before the break, and the limit of their median chi2, that decide whether a ball still rests."""
+# Ball radii around a pocket, where nothing is simulated.
 _JAW_RADII = 3.0
-"""Ball radii around a pocket, where nothing is simulated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,6 @@ def find_break_shots(solution: JointSolution, observations: Observations, table:
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
 
     Returns:
         Break shots with their samples, in the order of time.
@@ -119,7 +117,6 @@ def rest_start_time(graph: ContactGraph, ball: int, t: float) -> float:
 
     Args:
         graph: The contact graph.
-        ball: The ball.
         t: s.
 
     Returns:

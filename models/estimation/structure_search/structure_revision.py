@@ -39,20 +39,19 @@ from models.estimation.structure_search.pass_log import log_pass
 from models.estimation.structure_search.simultaneous_starts import resolve_simultaneous_starts
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
+# Ball radii: two balls so far from touching may have met where one of them changes its velocity.
 TOUCH_TOLERANCE = 0.5
-"""Ball radii: two balls so far from touching may have met where one of them changes its velocity."""
+# s: a contact so shortly before a velocity change is its cause.
 END_TOLERANCE = 0.03
-"""s: a contact so shortly before a velocity change is its cause."""
+# chi2: a contact that improves so much is not evaluated again.
 CERTAIN_GAIN = 3000.0
-"""chi2: a contact that improves so much is not evaluated again."""
+# chi2 that stands for the gain of a stop, or of a start from rest, which is not evaluated; but it is where the rest is
+# as short as `MAX_REST_SAMPLES` at the start of a clip: a ball that comes from there may fit as well.
 CERTAIN_CHANGE = 1e3
-"""chi2 that stands for the gain of a stop, or of a start from rest, which is not evaluated; but it is where the rest is
-as short as `MAX_REST_SAMPLES` at the start of a clip: a ball that comes from there may fit as well.
-"""
+# Prices by which local revisions may raise the total cost until needless contacts are removed.
 GRACE_PRICES = 3.0
-"""Prices by which local revisions may raise the total cost until needless contacts are removed."""
+# Successive rounds: one contact often reveals the next.
 MAX_INSERTION_ROUNDS = 6
-"""Successive rounds: one contact often reveals the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +78,6 @@ def revise_graph(
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
         break_price: chi2 that a contact with a cause costs.
         free_price: chi2 that one without a cause costs.
         rounds: Largest number of rounds.
@@ -178,6 +176,7 @@ def _insert_paying_proposals(
     return solution, one | two
 
 
+# The passes of one round after passing contacts are inserted, in this order; a round that they leave is the last.
 PASSES: tuple[tuple[str, Callable[[JointSolution, StructureSearch], JointSolution]], ...] = (
     ("revise locally", _revise_locally),
     ("connect starts", lambda one, s: resolve_simultaneous_starts(one, s.observations, s.table, s.prices)),
@@ -186,7 +185,6 @@ PASSES: tuple[tuple[str, Callable[[JointSolution, StructureSearch], JointSolutio
     ("complete chains", lambda one, s: complete_chains(one, s.observations, s.table, s.prices, s.cache)),
     ("remove false contacts", lambda one, s: remove_false_contacts(one, s.observations, s.table, s.prices, s.cache)),
 )
-"""The passes of one round after passing contacts are inserted, in this order; a round that they leave is the last."""
 
 
 def remove_unexplained_contacts(
@@ -197,7 +195,6 @@ def remove_unexplained_contacts(
     Args:
         solution: A refined solution.
         observations: K observations.
-        table: The table.
         free_price: chi2 that a contact without a cause costs.
 
     Returns:

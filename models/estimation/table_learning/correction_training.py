@@ -31,19 +31,19 @@ from models.physics.billiards.ball_cushion.rebound_correction import (
 )
 from models.physics.billiards.parameter_vector import SPIN_DECAY
 
+# Contacts below which no network is trained: it has 88 weights.
 MIN_TRAINING_CONTACTS = 150
-"""Contacts below which no network is trained: it has 88 weights."""
+# Shots below which too few would judge the network.
 MIN_TRAINING_SHOTS = 10
-"""Shots below which too few would judge the network."""
+# Share of the mean squared deviation of reporting shots that a correction must remove to be switched on.
 MIN_GAIN = 0.1
-"""Share of the mean squared deviation of reporting shots that a correction must remove to be switched on."""
+# Alternations of filter and training, steps of each training, and steps without a gain that end it.
 ROUNDS, STEPS, PATIENCE = 3, 600, 60
-"""Alternations of filter and training, steps of each training, and steps without a gain that end it."""
+# Prior standard deviations of the weights.
 _OUTPUT_SIGMA, _HIDDEN_SIGMA = 0.05, 1.0
-"""Prior standard deviations of the weights."""
 _LEARNING_RATE = 0.01
+# Of squared deviations; larger ones are wrongly cut contacts.
 _KEPT_QUANTILE = 0.95
-"""Of squared deviations; larger ones are wrongly cut contacts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,18 +20,18 @@ from models.estimation.joint_fit.prior_residuals import evaluate_priors
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 
+# Prior standard deviation of the surface speed of side spin after a strike: share of the speed, and m/s; a cue that
+# hits at R/2 from the centre gives 5/4.
 STRUCK_SPIN, STRUCK_SPIN_AT_REST = 0.6, 0.1
-"""Prior standard deviation of the surface speed of side spin after a strike: share of the speed, and m/s; a cue that
-hits at R/2 from the centre gives 5/4."""
+# The same share for a ball that another one set in motion: throw, friction 0.06.
 DRIVEN_SPIN = 0.15
-"""The same share for a ball that another one set in motion: throw, friction 0.06."""
+# Pseudo-observations of a cushion contact that concern rubber, after two of continuity and one of the nose:
+# restitution, friction, and two of spin.
 _RUBBER_ROWS = slice(3, 7)
-"""Pseudo-observations of a cushion contact that concern rubber, after two of continuity and one of the nose:
-restitution, friction, and two of spin."""
+# Least share of the information about one of them that comes from the paths: what is smaller is rounding.
 _LEAST_PATH_SHARE = 0.05
-"""Least share of the information about one of them that comes from the paths: what is smaller is rounding."""
+# Change of that surface speed in a contact of balls, over the speed: friction 0.06 acts on 5/2 of the impulse.
 BALL_CONTACT_SPIN = 0.1
-"""Change of that surface speed in a contact of balls, over the speed: friction 0.06 acts on 5/2 of the impulse."""
 
 
 class SpinLink(NamedTuple):

@@ -31,26 +31,26 @@ from models.physics.billiards.parameter_vector import (
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`.
 SCATTER_SPREAD = 0.7
-"""Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`."""
+# Contacts that decide between models: their log evidences then differ by tens.
 SELECTION_CONTACTS = 100
-"""Contacts that decide between models: their log evidences then differ by tens."""
+# Cushion contacts of one shot from which its own cushions are learned.
 MIN_OWN_CONTACTS = 2
-"""Cushion contacts of one shot from which its own cushions are learned."""
+# Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour.
 OWN_LAWS = ("mirror", "han_2005", "stronge")
-"""Cushion models of one shot; that of Mathavan 2010 costs 140 us per contact, and Han's is its nearest neighbour."""
+# m, least spread of nose offsets between shots: calibration is no better.
 MIN_NOSE_SIGMA = 1e-3
-"""m, least spread of nose offsets between shots: calibration is no better."""
+# Predictions that are kept: scatter and decay change nothing in them.
 _REMEMBERED = 4
-"""Predictions that are kept: scatter and decay change nothing in them."""
+# Of the search.
 _ITERATIONS = 40
-"""Of the search."""
+# Step of second differences, in prior standard deviations.
 _HESSIAN_STEP = 0.02
-"""Step of second differences, in prior standard deviations."""
+# Posterior over prior standard deviation from which the contacts did not determine a parameter.
 _PRIOR_DOMINATED = 0.8
-"""Posterior over prior standard deviation from which the contacts did not determine a parameter."""
+# The cloth is learned from free paths; the noses keep the height of their contact model.
 _NOT_LEARNED = ("sliding_friction.mu", "cushion_height.ratio")
-"""The cloth is learned from free paths; the noses keep the height of their contact model."""
 _SCATTER_NAMES = ("scatter.velocity", "scatter.slip", "scatter.side_spin")
 
 

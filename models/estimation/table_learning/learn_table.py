@@ -33,10 +33,10 @@ from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# Cushion contacts from which a table can be learned.
 MIN_CONTACTS = 8
-"""Cushion contacts from which a table can be learned."""
+# Tried spreads of nose offsets up to their prior; neighbours differ by a fifth.
 _SPREADS = 9
-"""Tried spreads of nose offsets up to their prior; neighbours differ by a fifth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,16 +140,16 @@ def combine_noses(solutions: list[JointSolution]) -> tuple[FloatArray, FloatArra
     return mean, covariance + spread**2 * np.eye(4)
 
 
+# Parameters of the cloth that free paths determine.
 CLOTH_EFFECTS = ("sliding_friction.mu", "rolling_resistance.mu", "viscous_drag.k", "slope.slope_x", "slope.slope_y")
-"""Parameters of the cloth that free paths determine."""
+# 1/s, at which a search begins: without drag a path has no derivative by it.
 DRAG_GUESS = 0.005
-"""1/s, at which a search begins: without drag a path has no derivative by it."""
+# s before and after a contact that are left out at least.
 CONTACT_MARGIN = 0.01
-"""s before and after a contact that are left out at least."""
+# Standard deviations of a contact's time that are left out.
 CONTACT_SIGMAS = 4.0
-"""Standard deviations of a contact's time that are left out."""
+# Observations of a path, and m/s at its start, from which it tells about the cloth.
 MIN_PATH_ROWS, MIN_PATH_SPEED = 6, 0.05
-"""Observations of a path, and m/s at its start, from which it tells about the cloth."""
 _ITERATIONS = ShootingOptions(iterations=25)
 
 

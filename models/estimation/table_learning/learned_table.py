@@ -16,13 +16,13 @@ from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 from models.physics.effects.catalogue import find_prior
 
+# Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
+# three-cushion shots: 0.05 of sliding friction).
 CLOTH_SPREAD = 0.05
-"""Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
-three-cushion shots: 0.05 of sliding friction)."""
+# Of the logarithm of rolling friction: one number for all speeds of a shot.
 ROLLING_MODEL_SIGMA = 0.1
-"""Of the logarithm of rolling friction: one number for all speeds of a shot."""
+# Of Student's t distribution of deviations from the contact model: a few contacts are cut wrongly.
 DEGREES_OF_FREEDOM = 4.0
-"""Of Student's t distribution of deviations from the contact model: a few contacts are cut wrongly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class ContactScatter:
         return np.asarray(tails * rng.standard_normal((*size, len(self.shares))) * self.shares)
 
 
+# Scatter on tables that no shot has taught: the differences of published models.
 DEFAULT_SCATTER = ContactScatter(0.05, 0.12, 0.12)
-"""Scatter on tables that no shot has taught: the differences of published models."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ class LearnedTable:
         return CUSHION_MODELS.index(self.cushion_law)
 
 
+# m/s, degrees from the normal, and surface speed of side spin over the speed: what balls on a table do.
 SPEEDS, ANGLES, SPINS = (0.3, 0.6, 1.2, 2.4, 4.0), (0.0, 20.0, 40.0, 60.0), (-0.5, 0.0, 0.5)
-"""m/s, degrees from the normal, and surface speed of side spin over the speed: what balls on a table do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,6 @@ def rebound_rolling_balls(
     """Let rolling balls meet a learned cushion.
 
     Args:
-        table: The table.
         speed: (K,) m/s.
         degrees: (K,) angle of incidence from the normal.
         spin: (K,) surface speed of side spin over the speed.

@@ -20,23 +20,23 @@ from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTI
 from models.physics.billiards.parameter_vector import SPIN_DECAY
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 
+# Values of the grid; a step is far less than what one contact resolves.
 GRID_SIZE = 121
-"""Values of the grid; a step is far less than what one contact resolves."""
+# The contact model is evaluated at every sixth value of the grid; its smooth result is interpolated between them.
 NODE_STRIDE = 6
-"""The contact model is evaluated at every sixth value of the grid; its smooth result is interpolated between them."""
+# Largest surface speed of side spin on the grid, over the greatest speed of the chain: 5/4 after a strike at R/2.
 GRID_REACH = 1.3
-"""Largest surface speed of side spin on the grid, over the greatest speed of the chain: 5/4 after a strike at R/2."""
+# m/s, added to that.
 GRID_REACH_AT_REST = 0.2
-"""m/s, added to that."""
+# m/s: slower contacts scatter as if they had this speed.
 MIN_CONTACT_SPEED = 0.1
-"""m/s: slower contacts scatter as if they had this speed."""
+# Prior standard deviations that the grid of a spin without any contact covers.
 _WIDE_REACH = 3.0
-"""Prior standard deviations that the grid of a spin without any contact covers."""
+# m/s, least step of the mean slopes of a contact model by its inputs, which are taken over their standard deviations: a
+# nose that slips or sticks makes a kink, at which a derivative would jump.
 _LEAST_STEP = 1e-3
-"""m/s, least step of the mean slopes of a contact model by its inputs, which are taken over their standard deviations:
-a nose that slips or sticks makes a kink, at which a derivative would jump."""
+# (m/s)^2
 _LEAST_VARIANCE = 1e-8
-"""(m/s)^2"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +218,6 @@ def infer_side_spins(
         contacts: Cushion contacts of the shot.
         histories: What happened to each moving ball since its last one.
         since: By ball, s since its last segment began.
-        table: The table.
         radius: m, of the balls.
         mass: kg, of the balls.
 

@@ -18,20 +18,20 @@ from models.estimation.table_learning.learned_table import LearnedTable, rebound
 from models.estimation.table_learning.side_spin import filter_side_spin, predict_rebounds
 from models.physics.billiards.parameter_vector import GRAVITY, SPIN_DECAY
 
+# m/s: restitution is that of a ball which rolls at this speed straight at a cushion.
 TEST_SPEED = 1.0
-"""m/s: restitution is that of a ball which rolls at this speed straight at a cushion."""
+# m/s, at which a ball begins to roll out.
 ROLL_OUT_SPEED = 2.0
-"""m/s, at which a ball begins to roll out."""
+# Contacts from which the restitution of one cushion is stated: fewer give no scatter.
 MIN_CONTACTS_PER_CUSHION = 3
-"""Contacts from which the restitution of one cushion is stated: fewer give no scatter."""
+# Shots from which their scatter is stated.
 MIN_SHOTS_OF_SCATTER = 3
-"""Shots from which their scatter is stated."""
+# Robust standard deviations beyond which a contact is cut wrongly (near a jaw, or two contacts in one frame).
 OUTLIER_SCATTERS = 4.0
-"""Robust standard deviations beyond which a contact is cut wrongly (near a jaw, or two contacts in one frame)."""
+# Added to variances, in the squared unit of the values: an error of zero has no weight.
 _LEAST_VARIANCE = 1e-12
-"""Added to variances, in the squared unit of the values: an error of zero has no weight."""
+# Relative step of numerical derivatives.
 _STEP = 1e-3
-"""Relative step of numerical derivatives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +168,12 @@ def _measure_cloth(
     return measurements, repeatability
 
 
+# Name, unit and parameter of each number of the cloth.
 _CLOTH_NUMBERS = (
     ("slope_x", "mm/m", "slope.slope_x"), ("slope_y", "mm/m", "slope.slope_y"),
     ("roll_out", "m", "rolling_resistance.mu"), ("rolling_friction", "", "rolling_resistance.mu"),
     ("sliding_friction", "", "sliding_friction.mu"),
 )  # fmt: skip
-"""Name, unit and parameter of each number of the cloth."""
 
 
 def _derive_cloth(names: list[str], values: FloatArray, covariance: FloatArray) -> dict[str, tuple[float, float]]:

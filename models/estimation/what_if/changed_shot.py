@@ -40,8 +40,8 @@ from models.physics.billiards.simulation.parametrised_shot import (
 )
 from models.physics.billiards.simulation.simulate_shot import DISTURBED, BallSet, Physics, SimulatedShot, simulate
 
+# m/s: no stroke is slower.
 MIN_SPEED = 1e-3
-"""m/s: no stroke is slower."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,8 +241,8 @@ def _draw_from_whole_shot(
     return StruckEnsemble(begin, ids, ids.index(tracks.ids[course.cue]), table, tuple(members), True)
 
 
+# s that a shot is simulated: all balls rest by then.
 LONGEST_SHOT = 15.0
-"""s that a shot is simulated: all balls rest by then."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from models.estimation.forecast.ensemble_prediction import EventKey
 
 Game = Literal["pot", "carom", "three-cushion"]
 GAMES: tuple[Game, ...] = ("pot", "carom", "three-cushion")
+# Cushions that the cue ball must touch before it meets the second ball.
 CUSHIONS_NEEDED = {"carom": 0, "three-cushion": 3}
-"""Cushions that the cue ball must touch before it meets the second ball."""
 
 
 @dataclass(frozen=True, slots=True)

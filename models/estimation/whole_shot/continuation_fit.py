@@ -24,33 +24,33 @@ from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, sta
 
 Starts = tuple[FloatArray, ...]
 
+# s, duration of the first fit: about a dozen frames of every ball.
 FIRST_VIEW = 0.25
-"""s, duration of the first fit: about a dozen frames of every ball."""
+# s after a contact that show its outcome.
 VIEW_BEYOND_CONTACT = 0.2
-"""s after a contact that show its outcome."""
+# s over which the residuals of one ball are summed for assessment.
 ASSESSMENT_TIME = 0.4
-"""s over which the residuals of one ball are summed for assessment."""
+# s by which the fitted part grows at least (`MIN_VIEW_STEP`) and at most: unpredicted contacts are included gradually
+# too.
 MIN_VIEW_STEP, MAX_VIEW_STEP = 0.1, 1.0
-"""s by which the fitted part grows at least (`MIN_VIEW_STEP`) and at most: unpredicted contacts are included
-gradually too."""
 _GROWTH_OPTIONS = ShootingOptions(iterations=12)
+# Expected cost of an observation of two coordinates with nominal noise.
 _EXPECTED_COST = 2.0
-"""Expected cost of an observation of two coordinates with nominal noise."""
+# Standard deviations of a sum of costs that count as significant: of all (`_SIGNIFICANT_TOTAL`), of one of many.
 _SIGNIFICANT_TOTAL, _SIGNIFICANT_PART = 3.0, 4.5
-"""Standard deviations of a sum of costs that count as significant: of all (`_SIGNIFICANT_TOTAL`), of one of many."""
+# Residual over nominal variance of the first fit; a larger ratio is not used as a reference.
 _MAX_VARIANCE_RATIO = 2.0
-"""Residual over nominal variance of the first fit; a larger ratio is not used as a reference."""
 _TRIAL_OPTIONS = ShootingOptions(iterations=3)
+# Posterior samples; they take as long as about ten steps of a search.
 _SAMPLE_COUNT = 192
-"""Posterior samples; they take as long as about ten steps of a search."""
+# Factor on the posterior standard deviations, because nominal noise may be too small.
 _SAMPLE_WIDENING = 1.5
-"""Factor on the posterior standard deviations, because nominal noise may be too small."""
+# Standard deviations of the prior between a start and its alternatives.
 _PRIOR_STEP = 0.4
-"""Standard deviations of the prior between a start and its alternatives."""
+# m/s of surface speed, below which reversing the side spin changes nothing.
 _NEGLIGIBLE_SIDE_SPIN = 0.05
-"""m/s of surface speed, below which reversing the side spin changes nothing."""
+# Posterior samples of least cost that are refitted (`_REFITTED_SAMPLES`), and of these followed.
 _REFITTED_SAMPLES, _FOLLOWED_SAMPLES = 12, 3
-"""Posterior samples of least cost that are refitted (`_REFITTED_SAMPLES`), and of these followed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,20 +6,20 @@ import numpy as np
 
 from models.core.typing import BoolArray, FloatArray
 
+# Frames that an initial velocity is estimated from, at most.
 _MAX_ROWS = 12
-"""Frames that an initial velocity is estimated from, at most."""
+# Frames from which a parabola is fitted instead of a line.
 _MIN_PARABOLA_ROWS = 6
-"""Frames from which a parabola is fitted instead of a line."""
+# chi2 per degree of freedom up to which one smooth path explains a ball's positions.
 _MAX_CHI2 = 3.0
-"""chi2 per degree of freedom up to which one smooth path explains a ball's positions."""
+# Decrease of chi2 by which a velocity must improve on a constant position.
 _MIN_MOTION_CHI2 = 20.0
-"""Decrease of chi2 by which a velocity must improve on a constant position."""
+# Frames on either side that decide whether a ball moves.
 _ROWS_PER_SIDE = 3
-"""Frames on either side that decide whether a ball moves."""
+# Standard deviations by which a ball must have moved.
 _SIGNIFICANT_SIGMAS = 6.0
-"""Standard deviations by which a ball must have moved."""
+# m: position of a ball that was never observed; there it touches nothing.
 UNSEEN_POSITION = 1000.0
-"""m: position of a ball that was never observed; there it touches nothing."""
 
 
 def estimate_initial_states(t: FloatArray, xy: FloatArray, sigma: FloatArray) -> tuple[FloatArray, BoolArray]:

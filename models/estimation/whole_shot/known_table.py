@@ -10,8 +10,8 @@ from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# Least prior sigma, as a share of the default: a table is not the same on two days.
 MIN_RELATIVE_SIGMA = 0.01
-"""Least prior sigma, as a share of the default: a table is not the same on two days."""
 
 
 @dataclass(frozen=True, slots=True)

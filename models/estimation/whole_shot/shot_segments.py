@@ -10,22 +10,22 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_windows import Window
 from models.physics.billiards.simulation.parametrised_shot import pack_start
 
+# m/s: prior standard deviation of a velocity.
 VELOCITY_SIGMA = 5.0
-"""m/s: prior standard deviation of a velocity."""
+# Prior standard deviation of a slip: this share of the speed, plus `SPIN_SIGMA_AT_REST`.
 SLIP_SIGMA = 0.7
-"""Prior standard deviation of a slip: this share of the speed, plus `SPIN_SIGMA_AT_REST`."""
+# Prior standard deviation of R wz: this share of the speed, plus `SPIN_SIGMA_AT_REST`; a cue hit at R/2 from the centre
+# gives 5/4.
 SIDE_SPIN_SIGMA = 0.6
-"""Prior standard deviation of R wz: this share of the speed, plus `SPIN_SIGMA_AT_REST`; a cue hit at R/2 from the
-centre gives 5/4."""
+# m/s
 SPIN_SIGMA_AT_REST = 0.1
-"""m/s"""
+# m/s by which slip and side spin at the start of a segment may differ from the end of the previous one.
 HANDOVER_SIGMA = 0.02
-"""m/s by which slip and side spin at the start of a segment may differ from the end of the previous one."""
+# Expected slip as a share of the velocity.
 EXPECTED_SLIP = 0.3
-"""Expected slip as a share of the velocity."""
+# Initial guesses of slip and R wz over the speed. Without slip or spin, the derivative by them vanishes and a search
+# makes no progress.
 SPIN_GUESSES = ((0.3, 0.4), (0.3, -0.4), (0.9, 0.4), (-0.3, -0.4))
-"""Initial guesses of slip and R wz over the speed. Without slip or spin, the derivative by them vanishes and a
-search makes no progress."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,11 +48,10 @@ from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 from models.physics.billiards.simulation.table_physics import find_model_codes
 from models.physics.effect import Prior
 
+# Indices of the view parameters among all parameters.
 VIEW_PARAMETERS = slice(IMAGE_START, IMAGE_START + len(IMAGE_PARAMETERS))
-"""Indices of the view parameters among all parameters."""
+# Sliding friction at which a secant replaces the derivative where friction is absent: without it, slip does not exist.
 _SECANT_SLIDING_MU = 0.2
-"""Sliding friction at which a secant replaces the derivative where friction is absent: without it, slip does not
-exist."""
 
 
 @dataclass(frozen=True, slots=True)

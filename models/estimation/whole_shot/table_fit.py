@@ -36,23 +36,23 @@ from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
 from models.physics.effects.catalogue import find_prior
 
+# Pairs of contact models; first those that came nearest to recorded tables.
 CANDIDATE_LAWS = tuple(
     ContactModels(cushion, "inelastic") for cushion in ("han_2005", "mathavan_2010", "mirror", "stronge")
 )
-"""Pairs of contact models; first those that came nearest to recorded tables."""
 CLOTH_PARAMETERS = ("sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate")
+# Prior standard deviation of the distance at which balls touch over two radii: uncertainty of a calibration.
 FACTOR_SIGMA = 0.01
-"""Prior standard deviation of the distance at which balls touch over two radii: uncertainty of a calibration."""
+# Logarithm of a decisive Bayes factor (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572).
 DECISIVE_LOG_EVIDENCE = float(np.log(150.0))
-"""Logarithm of a decisive Bayes factor (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
+# Standard deviations that count as significant.
 _SIGNIFICANT_SIGMAS = 4.0
-"""Standard deviations that count as significant."""
+# Random seed: the same shots give the same fit.
 _DEFAULT_SEED = 2010
-"""Random seed: the same shots give the same fit."""
+# chi2 per degree of freedom up to which the contact models explain a shot.
 _EXPLAINED_CHI2 = 1.3
-"""chi2 per degree of freedom up to which the contact models explain a shot."""
+# chi2 per degree of freedom up to which the states are nearly right, whichever the contact models.
 _GOOD_CHI2 = 1.1
-"""chi2 per degree of freedom up to which the states are nearly right, whichever the contact models."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,21 +106,21 @@ class LawSearch:
     """The first view that each pair of contact models does not explain; the longest explained part first."""
 
 
+# Posterior samples of a fit: standard deviations are known to 6 %.
 POSTERIOR_SAMPLES = 128
-"""Posterior samples of a fit: standard deviations are known to 6 %."""
+# Laws of friction between balls, and factors on the side spin of the best fit, that are tried besides it.
 _RIVAL_BALL_LAWS, _RIVAL_SIDE_SPINS = ("inelastic", "alciatore"), (-1.0, 0.0)
-"""Laws of friction between balls, and factors on the side spin of the best fit, that are tried besides it."""
+# Of a fit below the best one: its samples would be fewer than one.
 _LEAST_LOG_EVIDENCE = -7.0
-"""Of a fit below the best one: its samples would be fewer than one."""
+# Samples that correct the Laplace approximation of the evidence of one fit.
 _EVIDENCE_SAMPLES = 40
-"""Samples that correct the Laplace approximation of the evidence of one fit."""
+# m/s: fits whose side spins differ by less are one.
 _SAME_SIDE_SPIN = 0.02
-"""m/s: fits whose side spins differ by less are one."""
+# Of contact models that start from the states of another: they are near, or do not fit.
 _RIVAL_OPTIONS = ShootingOptions(iterations=15)
-"""Of contact models that start from the states of another: they are near, or do not fit."""
+# Left out: a few shots do not separate the first from a restitution that falls in proportion to the speed, nor the
+# second from restitution and friction; the noses then have the height of their contact model.
 _NOT_IDENTIFIABLE = ("cushion_restitution_power.power", "cushion_height.ratio")
-"""Left out: a few shots do not separate the first from a restitution that falls in proportion to the speed, nor the
-second from restitution and friction; the noses then have the height of their contact model."""
 
 
 def table_priors(laws: ContactModels) -> tuple[Prior, ...]:

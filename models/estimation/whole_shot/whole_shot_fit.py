@@ -25,18 +25,18 @@ from models.numerics.robust import huber_losses
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts, convert_to_states
 from models.tracking.track_noise import apply_noise, estimate_noise
 
+# More moving balls make a break shot, which is too sensitive to its start to be explained whole.
 MAX_MOVING_BALLS = 4
-"""More moving balls make a break shot, which is too sensitive to its start to be explained whole."""
 MAX_CONTACTS = 40
+# s between two strikes.
 MIN_STRIKE_INTERVAL = 0.1
-"""s between two strikes."""
+# s after the last ball stopped that still belong to a shot.
 REST_MARGIN = 0.3
-"""s after the last ball stopped that still belong to a shot."""
+# chi2 per degree of freedom up to which contact models explain shots: real noise is known to about 10 %, and the errors
+# are inflated by the excess.
 MAX_CHI2 = 2.0
-"""chi2 per degree of freedom up to which contact models explain shots: real noise is known to about 10 %, and the
-errors are inflated by the excess."""
+# Frames of a shot.
 MIN_FRAMES = 10
-"""Frames of a shot."""
 
 
 def fit_shot_laws(

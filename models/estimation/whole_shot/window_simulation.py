@@ -31,10 +31,10 @@ from models.physics.billiards.simulation.shot_derivatives import differentiate_s
 from models.physics.billiards.simulation.simulate_shot import log_events
 from models.physics.billiards.simulation.simulated_shot import STATE_SIZE, fill_states
 
+# m or m/s: largest number of a start state, far beyond the place of a ball that was never observed.
 _MAX_START = 1e6
-"""m or m/s: largest number of a start state, far beyond the place of a ball that was never observed."""
+# s, shortest simulation.
 _LEAST_SECONDS = 1e-6
-"""s, shortest simulation."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+# Maps a state x (..., C) and times t (..., 1) to dx/dt (..., C).
 VectorField = Callable[[Tensor, Tensor], Tensor]
-"""Maps a state x (..., C) and times t (..., 1) to dx/dt (..., C)."""
 
 
 class IntegrationStep(Protocol):

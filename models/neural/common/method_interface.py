@@ -10,17 +10,17 @@ import numpy as np
 
 from models.core.typing import BoolArray, FloatArray
 
+# Fewest samples of a motion: two determine a velocity, two more its change.
 MIN_SAMPLES = 4
-"""Fewest samples of a motion: two determine a velocity, two more its change."""
 
 
+# Interval between held-out samples, in samples.
 HOLDOUT_STRIDE = 4
-"""Interval between held-out samples, in samples."""
+# Training stops after this many evaluations of the loss without a gain of `MIN_HOLDOUT_GAIN`. Where L-BFGS follows
+# Adam, only L-BFGS stops.
 HOLDOUT_PATIENCE = 300
-"""Training stops after this many evaluations of the loss without a gain of `MIN_HOLDOUT_GAIN`. Where L-BFGS follows
-Adam, only L-BFGS stops."""
+# Relative decrease of the mean squared error on held-out samples that counts as a gain.
 MIN_HOLDOUT_GAIN = 0.05
-"""Relative decrease of the mean squared error on held-out samples that counts as a gain."""
 
 
 class MotionNotFoundError(ValueError):

@@ -27,10 +27,10 @@ from models.neural.common.method_interface import (
     TrainingBudget,
 )
 
+# Evaluates the loss of a network in its current state.
 Loss = Callable[[], Tensor]
-"""Evaluates the loss of a network in its current state."""
+# Maps times (M,) in s to coordinates (M, N, D).
 Motion = Callable[[FloatArray], FloatArray]
-"""Maps times (M,) in s to coordinates (M, N, D)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +70,14 @@ class TrainingResult:
     schedule while their error still decreased."""
 
 
+# Relative decrease of the lowest loss that counts as a gain.
 MIN_GAIN = 0.01
-"""Relative decrease of the lowest loss that counts as a gain."""
+# Most evaluations by L-BFGS between two checks of the elapsed time.
 EVALUATIONS_PER_CHECK = 20
-"""Most evaluations by L-BFGS between two checks of the elapsed time."""
+# Steps in the history of L-BFGS.
 LBFGS_MEMORY = 50
-"""Steps in the history of L-BFGS."""
+# Evaluations between two checks of the error on held-out samples.
 HOLDOUT_INTERVAL = 20
-"""Evaluations between two checks of the error on held-out samples."""
 
 
 @contextmanager

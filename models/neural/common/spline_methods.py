@@ -85,5 +85,5 @@ LINEAR, CUBIC, QUINTIC, AKIMA = (
     SplineMethod("quintic", 5),
     AkimaMethod(),
 )
+# All splines. Linear interpolation is the bilateral method of Chen 2022, eq. 22.
 CURVES = (LINEAR, CUBIC, QUINTIC, AKIMA)
-"""All splines. Linear interpolation is the bilateral method of Chen 2022, eq. 22."""

@@ -39,20 +39,20 @@ from models.neural.common.perceptron import Perceptron, count_parameters, make_g
 from models.neural.common.spline_methods import fit_spline
 from models.neural.networks.hamiltonian_network import evaluate_gradient
 
+# eps of the projection: lower bound on the squared gradient.
 MIN_SQUARED_GRADIENT = 1e-7
-"""eps of the projection: lower bound on the squared gradient."""
+# Interval between held-out midpoints, in samples; they select the kind of training pairs.
 HOLDOUT_STRIDE = 4
-"""Interval between held-out midpoints, in samples; they select the kind of training pairs."""
+# Error of a straight line over half the interval, relative to that over the whole interval.
 ERROR_SHRINKAGE = 0.25
-"""Error of a straight line over half the interval, relative to that over the whole interval."""
+# Noisy copies of every sample.
 NOISY_COPIES = 2
-"""Noisy copies of every sample."""
+# Initial networks for each kind of pairs. Some end at a flat C, whose zero set is a plane through the samples.
 STARTS_PER_GENERATOR = 2
-"""Initial networks for each kind of pairs. Some end at a flat C, whose zero set is a plane through the samples."""
+# Effort of each short training for the selection; all together take as long as the final training.
 SELECTION_EFFORT = 0.25
-"""Effort of each short training for the selection; all together take as long as the final training."""
+# Yang, He and Zhu 2020 train 600 to 1000 epochs and lower the rate by a fifth every 20.
 CONSTRAINT_SCHEDULE = TrainingSchedule(adam_steps=600, learning_rate=1e-3, final_learning_rate=1e-6, gradient_clip=1.0)
-"""Yang, He and Zhu 2020 train 600 to 1000 epochs and lower the rate by a fifth every 20."""
 
 
 class ConstraintProjection(nn.Module):
@@ -212,8 +212,8 @@ PAIR_GENERATORS = (add_shrunk_errors, add_noise)
 CONSTRAINT_NET = ConstraintNet()
 
 
+# Maps (seconds, seed) to coordinates (B, 3, N, D): begin, middle and end of B intervals of that duration.
 PoseSampler = Callable[[float, int], FloatArray]
-"""Maps (seconds, seed) to coordinates (B, 3, N, D): begin, middle and end of B intervals of that duration."""
 PRETRAINING_SCHEDULE = TrainingSchedule(
     adam_steps=7500,
     learning_rate=2e-3,

@@ -16,12 +16,12 @@ from models.neural.common.integration_steps import RungeKuttaStep
 from models.neural.common.perceptron import Perceptron
 from models.neural.networks.neural_flow import FlowDimensions, NeuralFlowMethod
 
+# Learned traits per point.
 TRAIT_COUNT = 2
-"""Learned traits per point."""
+# Components of a message.
 MESSAGE_SIZE = 16
-"""Components of a message."""
+# Most senders per point: those nearest to it, on average over the samples. The cost grows with it.
 MAX_NEIGHBOURS = 8
-"""Most senders per point: those nearest to it, on average over the samples. The cost grows with it."""
 
 
 class InteractionFlow(nn.Module):

@@ -31,8 +31,8 @@ from models.neural.common.network_training import Motion, TrainingSchedule, trai
 from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
 from models.neural.common.spline_methods import fit_spline
 
+# Most integration steps from sample to sample in the evaluation; a field that needs more was not learned.
 MAX_SUBSTEPS = 16
-"""Most integration steps from sample to sample in the evaluation; a field that needs more was not learned."""
 FLOW_SCHEDULE = TrainingSchedule(adam_steps=600, learning_rate=3e-3, lbfgs_evaluations=1200)
 
 
@@ -55,8 +55,8 @@ class FlowDimensions:
         return self.points * self.axes
 
 
+# Builds a network from z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p, dq/dt are about 1.
 FlowArchitecture = Callable[[FlowDimensions, torch.Generator], nn.Module]
-"""Builds a network from z = (q, p) (..., 2 C) to dz/dt (..., 2 C), in units in which q, p, dq/dt are about 1."""
 
 
 class ShootingNetwork(nn.Module):

@@ -163,10 +163,10 @@ EULER_NET = NeuralSimulator("Euler net", EulerStep())
 RUNGE_KUTTA_NET = NeuralSimulator("RK net", RungeKuttaStep())
 PRINTED_NET = NeuralSimulator("RK net as printed", RungeKuttaStep(time_factor=2.0))
 CORRECTED_NET = NeuralSimulator("RK net, end miss", RungeKuttaStep(), corrects_end_error=True)
+# Chen 2022, eq. 21: whole Euler steps. Between two samples it can be no better than a straight line.
 EXTRAPOLATION_NET = NeuralSimulator("extrapolation net", EulerStep(), substeps=1)
-"""Chen 2022, eq. 21: whole Euler steps. Between two samples it can be no better than a straight line."""
+# Shortest Fourier period, in steps: twice the Nyquist period of the samples.
 FOURIER_PERIOD = 4.0
-"""Shortest Fourier period, in steps: twice the Nyquist period of the samples."""
 SMOOTH_NET = NeuralSimulator(
     "RK net, tanh, L-BFGS", RungeKuttaStep(), widths=(64, 64, 64), activation=nn.Tanh,
     schedule=TrainingSchedule(adam_steps=500, lbfgs_evaluations=2000), corrects_end_error=True, dtype=torch.float64,

@@ -19,10 +19,10 @@ from models.core.typing import BoolArray
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 
+# Energy after a contact over that before it that rounding explains.
 MAX_ENERGY_RATIO = 1.0 + 1e-9
-"""Energy after a contact over that before it that rounding explains."""
+# Rank of a model behind all that have a number.
 LAST = sys.maxsize
-"""Rank of a model behind all that have a number."""
 
 
 @final

@@ -15,10 +15,10 @@ import numpy as np
 from models.core.scene import CUSHIONS, POCKETS, Table
 from models.core.typing import FloatArray
 
+# (4, 2) unit normals into the cushions, in the order of `CUSHIONS`.
 CUSHION_NORMALS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
-"""(4, 2) unit normals into the cushions, in the order of `CUSHIONS`."""
+# m, length of a facing into the pocket.
 FACING_LENGTH = 0.12
-"""m, length of a facing into the pocket."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +46,16 @@ class PocketGeometry:
     middle: PocketMouth
 
 
+# WPA equipment specifications, section 9: mouths 4.5 to 4.625 and 5 to 5.125 in, cut angles 142 and 104 degrees,
+# shelves 1 to 2.25 and 0 to 0.375 in; the holes are as wide as their castings.
 POOL_POCKETS = PocketGeometry(
     0.028575, PocketMouth(0.1159, 38.0, 0.003, 0.038, 0.057), PocketMouth(0.1286, 76.0, 0.003, 0.005, 0.060)
 )
-"""WPA equipment specifications, section 9: mouths 4.5 to 4.625 and 5 to 5.125 in, cut angles 142 and 104 degrees,
-shelves 1 to 2.25 and 0 to 0.375 in; the holes are as wide as their castings."""
+# Round jaws. The templates of the WPBSA are not published: 3 3/8 in between the facings of a corner is the usual figure
+# of makers; the radii are estimates.
 SNOOKER_POCKETS = PocketGeometry(
     0.02625, PocketMouth(0.0860, 42.0, 0.070, 0.045, 0.045), PocketMouth(0.0960, 70.0, 0.050, 0.020, 0.045)
 )
-"""Round jaws. The templates of the WPBSA are not published: 3 3/8 in between the facings of a corner is the usual
-figure of makers; the radii are estimates."""
 
 
 @dataclass(frozen=True, slots=True)

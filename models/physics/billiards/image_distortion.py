@@ -13,10 +13,10 @@ import numpy as np
 
 from models.core.typing import FloatArray
 
+# Parameters that move measured places.
 IMAGE_PARAMETERS = ("lens_distortion.k1", "perspective.p_x", "perspective.p_y", "scale.seen", "lens_second_term.k2")
-"""Parameters that move measured places."""
+# (5,) values of a perfect calibration.
 NEUTRAL_IMAGE_PARAMETERS = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
-"""(5,) values of a perfect calibration."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from decimal import Decimal
 from models.core.scene import BallSize, Table
 from models.physics.billiards.tables import BALL_SPECIFICATIONS
 
+# Largest relative standard deviation of a radius that the user typed, whatever its number of digits.
 MAX_TYPED_SHARE = 0.005
-"""Largest relative standard deviation of a radius that the user typed, whatever its number of digits."""
 
 
 def estimate_typed_ball_size(radius: float) -> BallSize:
@@ -46,7 +46,6 @@ def format_contradiction(nominal: BallSize, other: BallSize, table_name: str) ->
     Args:
         nominal: Estimate of the user or of a preset.
         other: Estimate from images or contacts.
-        table_name: Name of the table.
 
     Returns:
         The sentence, with a remedy.

@@ -21,26 +21,26 @@ class BallSpecification:
     """m, largest deviation of the radius."""
 
 
+# 2 1/4 in (+ 0.127 mm), 5.5 to 6 oz (WPA equipment specifications, section 16).
 POOL_BALL = BallSpecification(0.028575, 0.170, 6.35e-5)
-"""2 1/4 in (+ 0.127 mm), 5.5 to 6 oz (WPA equipment specifications, section 16)."""
+# 52.5 +- 0.05 mm (WPBSA rules, section 1.2).
 SNOOKER_BALL = BallSpecification(0.02625, 0.142, 2.5e-5)
-"""52.5 +- 0.05 mm (WPBSA rules, section 1.2)."""
+# 52.3 mm, measured on sets for small tables; their spread is a guess.
 CLUB_SNOOKER_BALL = BallSpecification(0.02615, 0.142, 1e-4)
-"""52.3 mm, measured on sets for small tables; their spread is a guess."""
+# 61 to 61.5 mm, 205 to 220 g (UMB rules, article 12).
 CAROM_BALL = BallSpecification(0.03075, 0.210, 2.5e-4)
-"""61 to 61.5 mm, 205 to 220 g (UMB rules, article 12)."""
+# 2 in (WEPF blackball rules, equipment); the tolerance is a guess.
 BLACKBALL_BALL = BallSpecification(0.0254, 0.118, 1e-4)
-"""2 in (WEPF blackball rules, equipment); the tolerance is a guess."""
+# 1 5/8 in, as most makers deliver with tables of 4 to 4 1/2 ft; others deliver 38 to 44 mm, hence the tolerance.
 HOME_BALL = BallSpecification(0.0206, 0.064, 1.5e-3)
-"""1 5/8 in, as most makers deliver with tables of 4 to 4 1/2 ft; others deliver 38 to 44 mm, hence the tolerance."""
 BALL_SPECIFICATIONS = (POOL_BALL, SNOOKER_BALL, CLUB_SNOOKER_BALL, CAROM_BALL, BLACKBALL_BALL, HOME_BALL)
+# m, radii of balls.
 BALL_RADIUS_RANGE = (0.01, 0.06)
-"""m, radii of balls."""
+# m, prior standard deviation of the offset of each cushion nose: errors of the calibration, and rubber that yields.
 NOSE_SIGMA = 0.004
-"""m, prior standard deviation of the offset of each cushion nose: errors of the calibration, and rubber that yields."""
 
+# Tables by name.
 TABLE_PRESETS: dict[str, Table] = {}
-"""Tables by name."""
 
 
 def _add_preset(name: str, game: Game, length: float, width: float, ball: BallSpecification) -> None:

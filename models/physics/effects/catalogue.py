@@ -30,8 +30,8 @@ def collect_effects(modules: Iterable[ModuleType]) -> tuple[BilliardsEffect, ...
     return tuple(effects)
 
 
+# All effects that a fit or a diagnosis of billiards may contain.
 BILLIARDS_EFFECTS = collect_effects(discover_modules("models.physics.effects"))
-"""All effects that a fit or a diagnosis of billiards may contain."""
 
 
 def find_prior(effect: str, parameter: str) -> Prior:

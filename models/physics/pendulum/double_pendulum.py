@@ -15,6 +15,9 @@ from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
 
 RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
 
+# coupling: m2 L1 a2 / A; inertia: that of the second arm about its joint, over A; weights: first moments times g, over
+# A, 1/s^2; viscous: 1/s; dry: 1/s^2; drag with speed squared: 1. Each friction acts between an arm and its support;
+# drag acts on an arm through the air.
 PENDULUM_PARAMETERS = (
     "coupling",
     "inertia",
@@ -27,17 +30,14 @@ PENDULUM_PARAMETERS = (
     "drag 1",
     "drag 2",
 )
-"""coupling: m2 L1 a2 / A; inertia: that of the second arm about its joint, over A; weights: first moments times g, over
-A, 1/s^2; viscous: 1/s; dry: 1/s^2; drag with speed squared: 1. Each friction acts between an arm and its support; drag
-acts on an arm through the air."""
+# Values for arms as long as a hand.
 TYPICAL_PARAMETERS = np.array([0.35, 0.3, 70.0, 25.0, 0.05, 0.02, 0.0, 0.0, 0.0, 0.0])
-"""Values for arms as long as a hand."""
+# rad/s; below this rate dry friction changes its sign smoothly.
 DRY_FRICTION_WIDTH = 0.05
-"""rad/s; below this rate dry friction changes its sign smoothly."""
+# rad that an arm may turn in one step.
 RADIANS_PER_STEP = 0.2
-"""rad that an arm may turn in one step."""
+# rad/s; steps are at least short enough for this rate, that of swinging short arms.
 LEAST_STEP_RATE = 8.0
-"""rad/s; steps are at least short enough for this rate, that of swinging short arms."""
 COMPLEX_STEP = 1e-30
 
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 
+# Most passes over all contacts of a step.
 SOLVER_PASSES = 12
-"""Most passes over all contacts of a step."""
+# Part of the excess overlap of bodies that is removed in one step.
 OVERLAP_SHARE = 0.15
-"""Part of the excess overlap of bodies that is removed in one step."""
 
 
 @compile_kernel
@@ -196,8 +196,8 @@ def solve_contacts(v, bias, places, owners, contact_count, inverse_inertia, fric
     return changed
 
 
+# Two convex bodies in the plane rest on each other on two points.
 MOST_CONTACTS_PER_PAIR = 2
-"""Two convex bodies in the plane rest on each other on two points."""
 
 
 @compile_kernel

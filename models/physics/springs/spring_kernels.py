@@ -15,10 +15,10 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 
+# 1/s; rate at which a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7).
 BAUMGARTE = 20.0
-"""1/s; rate at which a rod that is off its length returns to it (Baumgarte 1972, doi:10.1016/0045-7825(72)90018-7)."""
+# Part of the largest pivot below which a rod is redundant to others.
 LEAST_PIVOT = 1e-9
-"""Part of the largest pivot below which a rod is redundant to others."""
 
 
 @compile_kernel

@@ -17,14 +17,14 @@ from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
 from models.physics.springs.spring_kernels import fill_accelerations
 from models.physics.springs.spring_tangents import integrate_with_tangents
 
+# rad of the fastest oscillation; the error of DOP853 is then about 1e-6 of its amplitude per step.
 RADIANS_PER_STEP = 0.9
-"""rad of the fastest oscillation; the error of DOP853 is then about 1e-6 of its amplitude per step."""
+# Part of `RADIANS_PER_STEP` for collisions: at the kink of their force, methods of high order lose it.
 COLLISION_STEP_SHARE = 0.2
-"""Part of `RADIANS_PER_STEP` for collisions: at the kink of their force, methods of high order lose it."""
+# Most steps of a segment, so that a fit that diverges ends.
 MOST_STEPS = 10_000
-"""Most steps of a segment, so that a fit that diverges ends."""
+# rad that a pair may turn about its middle during one step.
 TURN_PER_STEP = 0.3
-"""rad that a pair may turn about its middle during one step."""
 
 
 @dataclass(frozen=True, slots=True)

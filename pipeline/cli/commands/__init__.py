@@ -7,12 +7,12 @@ from pathlib import Path
 
 from pipeline.terminal.command_line import app
 
+# Names of the commands in the order of `--help`: as a new user needs them.
 COMMAND_NAMES = (
     "check", "run", "batch", "view", "edit", "call", "compare", "what-if", "predict", "put-back", "interpolate",
     "diagnose", "gapcheck", "fit-table", "certify", "convert", "simulate", "detect", "train-detector", "reproduce",
     "graph", "cache",
 )  # fmt: skip
-"""Names of the commands in the order of `--help`: as a new user needs them."""
 
 
 def load_command(name: str) -> None:

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from pipeline.batch.run_batch import Batch
 
 
+# Most files without video that are named.
 MAX_NAMES = 5
-"""Most files without video that are named."""
+# Most rows of the final table; for a larger batch it lists only failed clips.
 MAX_TABLE_ROWS = 100
-"""Most rows of the final table; for a larger batch it lists only failed clips."""
 
 
 @cli.app.command("batch")
@@ -218,8 +218,8 @@ def _describe_duration(rows: list[ClipResult], seconds: float) -> str:
     return f"{processing}, and compiling numerical code about {format_duration(compiling)}: once on this machine."
 
 
+# s below which a clip or a shot came from the cache, so that it does not count for the time left.
 CACHED_S = 1.0
-"""s below which a clip or a shot came from the cache, so that it does not count for the time left."""
 
 
 class RemainingTime:
@@ -241,10 +241,10 @@ class RemainingTime:
         return f"about {format_duration((1 - share) * self._worked_s / self._worked_share)} left"
 
 
+# Most characters of a clip's name that are shown.
 NAME_WIDTH = 32
-"""Most characters of a clip's name that are shown."""
+# Redraws per second. Clips report half as often, and each redraw takes time from workers on the same machine.
 REFRESH_HZ = 4
-"""Redraws per second. Clips report half as often, and each redraw takes time from workers on the same machine."""
 
 
 class BatchDisplay:

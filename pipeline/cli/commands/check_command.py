@@ -33,8 +33,8 @@ from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
 from video.filming_check.filming_limits import FilmingLimits
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
 
+# Signs of the levels on a terminal.
 SIGNS = {"good": "[green]✓[/]", "doubt": "[yellow]![/]", "bad": "[red]✗[/]", "unknown": "[dim]–[/]"}
-"""Signs of the levels on a terminal."""
 PANEL_SIGNS = {"good": "+", "doubt": "!", "bad": "x", "unknown": "?"}
 LEVEL_COLOURS = {
     "good": TRUST_COLOURS["green"], "doubt": TRUST_COLOURS["amber"], "bad": TRUST_COLOURS["red"], "unknown": MUTED_GREY,

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 MAX_FACTOR = 100
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov")
+# Settings of the annotated slow motion and of the report, which do not apply here.
 OVERLAY_SETTINGS = ("slow", "trim_still", "style", "quick", "no_video", "laws")
-"""Settings of the annotated slow motion and of the report, which do not apply here."""
 
 
 @cli.app.command("interpolate")

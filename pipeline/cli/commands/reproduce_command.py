@@ -28,10 +28,10 @@ PROGRESS_COLUMNS = (
     TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"),
     TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
 )  # fmt: skip
+# Text styles of cells.
 LOOKS = {"best": "bold green", "worse": "dim"}
-"""Text styles of cells."""
+# Default folder of the recorded pendulum.
 DEFAULT_DATA = Path("../shared/data/physics")
-"""Default folder of the recorded pendulum."""
 
 
 class ThesisScene(StrEnum):

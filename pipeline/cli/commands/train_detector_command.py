@@ -17,10 +17,10 @@ from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.extras import name_remedy
 from pipeline.terminal import command_line as cli
 
+# Packages of the extra `train`.
 REQUIRED_PACKAGES = ("onnx", "onnxscript")
-"""Packages of the extra `train`."""
+# Time between progress lines where the output is no terminal, s.
 PRINT_INTERVAL_S = 30.0
-"""Time between progress lines where the output is no terminal, s."""
 
 
 class NetworkPart(StrEnum):
@@ -31,8 +31,8 @@ class NetworkPart(StrEnum):
     DISCS = "discs"
 
 
+# Default number of training samples per step.
 DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DISCS: 128}
-"""Default number of training samples per step."""
 
 
 @cli.app.command("train-detector")

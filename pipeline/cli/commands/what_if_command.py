@@ -19,10 +19,10 @@ from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command, ignore, read_learned_table
 
+# m/s: no stroke is faster; breaks reach 12.
 MAX_SPEED = 15.0
-"""m/s: no stroke is faster; breaks reach 12."""
+# R omega / v: a tip that is off the centre by more than R/2 slips, and gives 5/4 there.
 MAX_SPIN = 1.5
-"""R omega / v: a tip that is off the centre by more than R/2 slips, and gives 5/4 there."""
 _AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?")
 
 
@@ -107,8 +107,8 @@ def _choose_spread(spread: str | None, session: Sequence[cli.AnyPath] | None) ->
     return PlayerSpread(float(parts[1]) / 100, float(parts[2])), "user"
 
 
+# A number, or its text with a sign and a unit.
 Amount = str | float | None
-"""A number, or its text with a sign and a unit."""
 
 
 def _parse_change(speed: Amount, angle: Amount, side: Amount, top: Amount) -> StrokeChange:

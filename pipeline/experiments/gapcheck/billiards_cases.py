@@ -31,11 +31,14 @@ from models.physics.billiards.simulation.parametrised_shot import ContactModels
 
 Effects = dict[str, dict[str, float]]
 
+# Effects that act on every table.
 TABLE_STRENGTHS = {
     "sliding_friction.mu": (0.16, 0.24), "rolling_resistance.mu": (0.007, 0.013), "spin_decay.rate": (7.0, 13.0),
     "cushion_restitution.e": (0.75, 0.9), "ball_restitution.e": (0.92, 0.97),
 }  # fmt: skip
-"""Effects that act on every table."""
+# Effects that may be missing.
+#
+# A ratio is given as its difference from 1, ageing as the rolling resistance that every shot adds.
 NATURAL_STRENGTHS = {
     "slope.slope_x": (1.0, 3.0), "slope.slope_y": (1.0, 3.0), "air_drag.k": (0.01, 0.04),
     "viscous_drag.k": (0.02, 0.06), "nap.mu": (0.001, 0.003), "cushion_restitution_speed.slope": (0.03, 0.08),
@@ -45,20 +48,16 @@ NATURAL_STRENGTHS = {
     "dropped_frames.frames": (1.0, 3.0), "sticky_patch.mu": (0.005, 0.01), "curl.c": (0.1, 0.3),
     "ageing.mu": (0.0003, 0.0008),
 }  # fmt: skip
-"""Effects that may be missing.
-
-A ratio is given as its difference from 1, ageing as the rolling resistance that every shot adds.
-"""
+# Effects that no library holds, although one of its effects is similar.
 OTHER_FORM_STRENGTHS = {"cushion_restitution_power.power": (0.15, 0.25), "lens_fourth.k2": (0.01, 0.03)}
-"""Effects that no library holds, although one of its effects is similar."""
+# Effects of either sign.
 SIGNED_EFFECTS = (
     "slope", "nap", "unequal_mass", "unequal_radius", "lens_distortion", "perspective", "scale", "rolling_shutter",
 )  # fmt: skip
-"""Effects of either sign."""
+# Heights of a nose over the radius that differ from the usual 1.27: carom tables have 1.20, Mathavan 2010 took 1.4.
 CUSHION_HEIGHTS = ((1.13, 1.19), (1.35, 1.41))
-"""Heights of a nose over the radius that differ from the usual 1.27: carom tables have 1.20, Mathavan 2010 took 1.4."""
+# Region of a sticky patch, m.
 PATCH_REGION = {"x": (0.6, 1.9), "y": (0.4, 0.9)}
-"""Region of a sticky patch, m."""
 
 
 def draw_strengths(rng: np.random.Generator, names: Set[str]) -> Effects:
@@ -86,14 +85,14 @@ def draw_strengths(rng: np.random.Generator, names: Set[str]) -> Effects:
     return effects
 
 
+# Resolution of the image, px/m.
 PX_PER_M = 350.0
-"""Resolution of the image, px/m."""
+# Standard deviation of a coordinate, m.
 NOISE_M = 0.3 / PX_PER_M
-"""Standard deviation of a coordinate, m."""
+# Duration of a shot, s.
 SECONDS = 2.0
-"""Duration of a shot, s."""
+# Effects of the simulated world that have no counterpart in the library.
 FOREIGN_EFFECTS = frozenset({"sticky_patch", "curl", "ageing"})
-"""Effects of the simulated world that have no counterpart in the library."""
 
 
 @dataclass(frozen=True, slots=True)

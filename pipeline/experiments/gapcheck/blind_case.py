@@ -149,8 +149,8 @@ def _measure_oracle_closure(
     return closure.closed if closure.resolved else np.nan
 
 
+# chi2 from which two causes are separable when only they are compared: three standard deviations.
 SEPARATION_CHI2 = 9.0
-"""chi2 from which two causes are separable when only they are compared: three standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,12 +19,12 @@ from models.estimation.gap_scenes.gap_scene import GapScene
 
 Ranges = Mapping[str, Mapping[str, tuple[float, float]]]
 
+# Standard deviation of a coordinate, m or rad.
 NOISE = {"slide": 0.9e-3, "flight": 3e-3, "pendulum": 2e-3}
-"""Standard deviation of a coordinate, m or rad."""
+# Duration of a shot, s.
 SECONDS = {"slide": 1.5, "flight": 1.3, "pendulum": 2.5}
-"""Duration of a shot, s."""
+# Parameters of either sign.
 SIGNED_PARAMETERS = ("slope_x", "slope_y", "wind_x", "s", "angle", "c")
-"""Parameters of either sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +112,7 @@ ROUGH = {"correlation": 0.5}
 SLOPPY = {"outliers": 0.01, "missing": 0.03}
 HEAVY, COARSE, SMOOTH = {"tails": 3.0}, {"resolution": 3.0}, {"smoothing": 9}
 
+# Kinds with the cameras and effects of everyday recordings.
 BODY_KINDS = (
     BodyKind("slide, nothing missing", "slide", FRICTION, ("sliding_friction",)),
     BodyKind("slide, nothing missing, correlated noise", "slide", FRICTION, ("sliding_friction",), camera=ROUGH),
@@ -165,8 +166,8 @@ BODY_KINDS = (
          foreign=True),
     BodyKind("pendulum, magnet", "pendulum", {**JOINT, "magnet": {"m": (1.0, 4.0)}}, ("joint_friction",), foreign=True),
 )  # fmt: skip
-"""Kinds with the cameras and effects of everyday recordings."""
 
+# The same pendulum, simulated by an independent engine.
 MUJOCO_KINDS = (
     BodyKind("pendulum by MuJoCo, nothing missing", "pendulum", JOINT, ("joint_friction",), engine="mujoco"),
     BodyKind("pendulum by MuJoCo, joint friction", "pendulum", JOINT, engine="mujoco"),
@@ -174,12 +175,12 @@ MUJOCO_KINDS = (
         "pendulum by MuJoCo, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",), engine="mujoco"
     ),
 )
-"""The same pendulum, simulated by an independent engine."""
 
 GLIDE = {"sliding_friction": {"mu": (0.02, 0.1)}}
 BOUNCE = {"wall_restitution": {"e": (0.5, 0.9)}}
 RUB = {"wall_friction": {"mu": (0.05, 0.3)}}
 BOX = {"walls": [-0.5, -0.35, 0.5, 0.35], "radius": 0.03}
+# Kinds between walls.
 WALL_KINDS = tuple(
     BodyKind(f"slide between walls, {name}", "slide", acts, tuple(model),
              foreign=name in ("sticky patch", "fading walls"), facts=BOX)
@@ -198,13 +199,13 @@ WALL_KINDS = tuple(
          [*GLIDE, "wall_restitution"]),
     )
 )  # fmt: skip
-"""Kinds between walls."""
 
 PIVOT = {"pivot_x": {"amplitude": 0.02, "frequency": 1.5}}
 MOTOR = {"torque": {"amplitude": 5.0, "frequency": 0.8}}
 PLATFORM = {"platform_x": {"amplitude": 0.02, "frequency": 2.0}, "platform_y": {"amplitude": 0.01, "frequency": 3.0}}
 FAN = {"force_x": {"amplitude": 2.0, "frequency": 1.5}}
 AXIS = {f"axis_{name}": {"amplitude": 1.0, "frequency": 0.0} for name in "xyz"}
+# Kinds with known inputs.
 DRIVEN_KINDS = (
     BodyKind("pendulum with a moving pivot, nothing missing", "pendulum", JOINT, ("joint_friction",), drive=PIVOT),
     BodyKind("pendulum with a moving pivot, joint friction", "pendulum", JOINT, drive=PIVOT),
@@ -222,4 +223,3 @@ DRIVEN_KINDS = (
     BodyKind("flight about an axis that is not stated", "flight", {**DRAG, **SPIN}, ("air_drag",), foreign=True,
              drive=AXIS, stated=False),
 )  # fmt: skip
-"""Kinds with known inputs."""

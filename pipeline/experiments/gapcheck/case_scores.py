@@ -12,10 +12,10 @@ from scipy.stats import norm
 
 from pipeline.experiments.gapcheck.blind_case import OpenedCase
 
+# Coverage of the intervals.
 CONFIDENCE = 0.95
-"""Coverage of the intervals."""
+# Edges of the bins of probability in the calibration.
 PROBABILITY_BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
-"""Edges of the bins of probability in the calibration."""
 
 
 @dataclass(frozen=True, slots=True)

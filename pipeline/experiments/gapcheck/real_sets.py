@@ -31,10 +31,10 @@ from pipeline.io.track_folder import TrackFolder, read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
 ANSWERS_FILE = "answers.json"
+# Probability that a table of two decimals rounds to 1.
 CERTAIN = 0.995
-"""Probability that a table of two decimals rounds to 1."""
+# Closed part of the gap from which `unknown` cannot be certain.
 MOST_OF_GAP = 0.9
-"""Closed part of the gap from which `unknown` cannot be certain."""
 
 
 class SealedAnswer(BaseModel):
@@ -119,7 +119,6 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
 
     Args:
         one: The set.
-        report_folder: Folder of the report.
         seed: Random seed of the diagnosis.
         executor: Distributes the fits over processes; it does not change the report.
 
@@ -205,19 +204,19 @@ def _read_answers(path: Path) -> dict[str, SealedAnswer]:
         raise OptionError(f"{path}: {format_first_error(error)}; {remedy}") from error
 
 
+# Frames (T,), times (T,) s, coordinates (T, D).
 Shot = tuple[NDArray[np.int64], FloatArray, FloatArray]
-"""Frames (T,), times (T,) s, coordinates (T, D)."""
 
+# Half of the edge, m; sampling rate, Hz.
 CUBE_HALF, CUBE_HZ = 0.0524, 148.0
-"""Half of the edge, m; sampling rate, Hz."""
+# Limits where the cube slides: height m, vertical speed m/s, spin rad/s; it moves from the last one on, m/s.
 FLAT, CLIMBING, TURNING, MOVING = 0.002, 0.05, 1.0, 0.08
-"""Limits where the cube slides: height m, vertical speed m/s, spin rad/s; it moves from the last one on, m/s."""
+# Frame rate, Hz; resolution, px/m.
 SHUTTLE_HZ, SHUTTLE_PX_PER_M = 60.0, 159.0
-"""Frame rate, Hz; resolution, px/m."""
+# Every so many of 200 samples per second are used; duration of a swing, s.
 PENDULUM_EVERY, PENDULUM_SECONDS = 4, 2.5
-"""Every so many of 200 samples per second are used; duration of a swing, s."""
+# Least number of frames of a shot; largest number of shots of a set.
 MIN_FRAMES, MAX_SHOTS = 20, 24
-"""Least number of frames of a shot; largest number of shots of a set."""
 
 
 @dataclass(frozen=True, slots=True)

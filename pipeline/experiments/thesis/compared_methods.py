@@ -31,8 +31,8 @@ from pipeline.experiments.thesis.scenes.withheld_series import AssessedMotion
 from pipeline.io.observed_shot import read_observed_shot
 
 NO_LOSS = np.empty(0)
+# Number of parameters: friction, restitution, drag, gravity, radius and density of the ball.
 BOXES_NUMBERS = 6
-"""Number of parameters: friction, restitution, drag, gravity, radius and density of the ball."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,32 +136,33 @@ def select_tracks(tracks: Tracks, rows: IntArray, ids: tuple[str, ...]) -> Track
     )  # fmt: skip
 
 
+# The fit of the physics itself, by scene.
 PHYSICS: dict[str, MotionMethod] = {"double-pendulum": SpringsFit(), "real": ArmsFit(), "boxes": BoxesFit()}
-"""The fit of the physics itself, by scene."""
 PHYSICS_NAME = SpringsFit().name
 SPLINES = tuple(method.name for method in CURVES[1:])
+# The network of Chen 2022 with corrected times (`models.neural.networks.neural_runge_kutta`).
 THESIS_NET = "RK net"
-"""The network of Chen 2022 with corrected times (`models.neural.networks.neural_runge_kutta`)."""
 THESIS_NETS = (THESIS_NET, "Euler net", "RK net as printed", "RK net, end miss", "extrapolation net")
 CONSTRAINT_NET, PRETRAINED_NET = "ConstraintNet", "ConstraintNet, taught"
+# One method of each kind, compared in all settings; the other methods run in the setting of the thesis alone.
 REPRESENTATIVES = (
     "linear", *SPLINES, THESIS_NET, "RK net, tanh, L-BFGS", "net(x, v)", "Hamiltonian net", "interaction net",
     CONSTRAINT_NET, PHYSICS_NAME,
 )  # fmt: skip
-"""One method of each kind, compared in all settings; the other methods run in the setting of the thesis alone."""
+# Those of `REPRESENTATIVES` that train on three coordinates within seconds.
 QUICK_NETS = ("RK net, tanh, L-BFGS", "net(x, v)", "Hamiltonian net", "interaction net")
-"""Those of `REPRESENTATIVES` that train on three coordinates within seconds."""
+# Networks of a quick run by scene and noise (px): those whose training settles within its time limit.
 NETS_IN_QUICK_RUN = {
     ("double-pendulum", 0.0): (THESIS_NET, "Hamiltonian net"),
     ("double-pendulum", 0.1): (THESIS_NET, "Hamiltonian net"),
     ("boxes", 0.0): (THESIS_NET,),
     ("pool", 0.0): (THESIS_NET,),
 }
-"""Networks of a quick run by scene and noise (px): those whose training settles within its time limit."""
+# Networks that run with one seed outside the setting of the thesis, by default.
 SLOW_NETS = {
     "double-pendulum": (THESIS_NET, CONSTRAINT_NET), "boxes": (THESIS_NET, CONSTRAINT_NET, *QUICK_NETS),
 }  # fmt: skip
-"""Networks that run with one seed outside the setting of the thesis, by default."""
+# Inputs of methods beyond the visible samples, by scene.
 EXTRA_INPUTS: dict[str, dict[str, str]] = {
     "double-pendulum": {
         PRETRAINED_NET: (
@@ -176,7 +177,6 @@ EXTRA_INPUTS: dict[str, dict[str, str]] = {
     },
     "pool": {PHYSICS_NAME: "given the table and the camera of the run."},
 }
-"""Inputs of methods beyond the visible samples, by scene."""
 
 
 def is_network(method: str) -> bool:

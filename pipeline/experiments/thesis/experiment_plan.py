@@ -30,12 +30,12 @@ from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, lis
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries
 
 SCENES = ("double-pendulum", "real", "boxes", "pool")
+# Frame rates, Hz; noise, px.
 RATES, NOISES = (60.0, 30.0, 15.0), (0.0, 0.1, 0.5)
-"""Frame rates, Hz; noise, px."""
+# Frame rates, Hz: 13 and 26 samples apart; at higher rates every spline is good enough.
 REAL_RATES = (200 / 13, 200 / 26)
-"""Frame rates, Hz: 13 and 26 samples apart; at higher rates every spline is good enough."""
+# Duration of the simulated scenes, s.
 SECONDS = 2.5
-"""Duration of the simulated scenes, s."""
 
 
 Value = TypeVar("Value", str, float)
@@ -55,18 +55,18 @@ class Depth(StrEnum):
     """Every setting with every method, networks trained to the end."""
 
 
+# Share of their training steps that networks get, and CPU time after which they stop, s.
 BUDGETS = {
     Depth.QUICK: TrainingBudget(1.0, 120.0),
     Depth.USUAL: TrainingBudget(0.25, 20.0),
     Depth.WHOLE: TrainingBudget(1.0, 120.0),
 }
-"""Share of their training steps that networks get, and CPU time after which they stop, s."""
+# CPU time where it is less, s: with 402 coordinates a step takes ten times as long.
 SHORTER_TRAINING_S = {(Depth.USUAL, "boxes"): 5.0}
-"""CPU time where it is less, s: with 402 coordinates a step takes ten times as long."""
+# Frame rate (Hz) and noise (px) of the thesis.
 BASE_SETTING = (30.0, 0.0)
-"""Frame rate (Hz) and noise (px) of the thesis."""
+# The variant of the thesis, or the first.
 FIRST_VARIANT = {"double-pendulum": "stiff", "boxes": "800", "real": "0 s"}
-"""The variant of the thesis, or the first."""
 
 
 @dataclass(frozen=True, slots=True)

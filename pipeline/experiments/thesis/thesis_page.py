@@ -51,8 +51,9 @@ TITLES = {
     "boxes": "Scene II: a ball into fifty boxes",
     "pool": "Scene III: pool, from a real clip",
 }
+# Name of a variant of a scene.
 UNITS = {"double-pendulum": "{} springs", "real": "From {} on", "boxes": "A ball of {} px/s", "pool": "{}"}
-"""Name of a variant of a scene."""
+# Compared methods, the best of which counts, with their rivals.
 COMPARISONS = (
     (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), "linear"),
     (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), CONSTRAINT_NET),
@@ -61,10 +62,9 @@ COMPARISONS = (
     (PRETRAINED_NET, (PRETRAINED_NET,), "linear"),
     ("fit of the physics", (PHYSICS_NAME,), "cubic"),
 )
-"""Compared methods, the best of which counts, with their rivals."""
 COMPARISON_HEADS = ["median", "lowest", "highest", "lower in"]
+# Largest number of panels of a figure.
 MAX_PANELS = 9
-"""Largest number of panels of a figure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,21 +250,21 @@ def _count_notes(trials: Sequence[Trial]) -> list[str]:
 
 
 INK, LINE = "#1b2420", "#b9c2be"
+# Colours of splines, the physics fit, the networks of the thesis, all other networks.
 CURVE, PHYSICS, THESIS, NET = "#6b7a73", "#0f5c42", "#c62828", "#3b6ea5"
-"""Colours of splines, the physics fit, the networks of the thesis, all other networks."""
+# Colour of ConstraintNet in figures with few lines.
 RIVAL = "#b5762a"
-"""Colour of ConstraintNet in figures with few lines."""
 METHOD_KINDS = {CURVE: "curves", THESIS: "networks of the thesis", NET: "other networks", PHYSICS: "fit of the physics"}
+# px: smaller errors are plotted as this.
 MIN_PLOTTED_ERROR = 1e-4
-"""px: smaller errors are plotted as this."""
+# px²: smaller mean squared errors are plotted as this.
 MIN_PLOTTED_MSE = MIN_PLOTTED_ERROR**2
-"""px²: smaller mean squared errors are plotted as this."""
+# Height of the row of one method, px.
 ROW_HEIGHT = 21
-"""Height of the row of one method, px."""
+# Space between two rows of panels, px.
 ROW_SPACE = 70
-"""Space between two rows of panels, px."""
+# Space for the titles of panels and for the legend, px.
 MARGINS = {"t": 34, "b": 90}
-"""Space for the titles of panels and for the legend, px."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,12 @@ from pipeline.experiments.thesis.compared_methods import THESIS_NET
 from pipeline.experiments.thesis.experiment_plan import BASE_SETTING, FIRST_VARIANT
 from pipeline.experiments.thesis.trials import Trial
 
+# Claimed ratio of errors to those of linear interpolation and ConstraintNet: Chen 2022, abstract and figure 6.
 CLAIMED_FACTOR = 100.0
-"""Claimed ratio of errors to those of linear interpolation and ConstraintNet: Chen 2022, abstract and figure 6."""
+# Largest stated ratio; beyond it only rounding errors are compared.
 MAX_FACTOR = 1e6
-"""Largest stated ratio; beyond it only rounding errors are compared."""
+# Largest ratio of two errors that count as comparable.
 COMPARABLE_FACTOR = 2.0
-"""Largest ratio of two errors that count as comparable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,8 @@ from pipeline.experiments.thesis.scenes.withheld_series import (
 )
 
 STAGE = "reproduce"
+# Largest counted error at a midpoint, px; larger and undefined errors are counted as this.
 MAX_ERROR_PX = 1e6
-"""Largest counted error at a midpoint, px; larger and undefined errors are counted as this."""
 
 
 @dataclass(frozen=True, slots=True)

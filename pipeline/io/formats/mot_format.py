@@ -19,8 +19,8 @@ from pipeline.io.formats.track_format import (
 from pipeline.io.text_table import read_text
 
 _ROW = re.compile(rb"\s*-?[\d.]+([,\s]+-?[\d.eE+-]+){5,9}\s*")
+# Id of detections.
 _NO_IDENTITY = -1
-"""Id of detections."""
 
 
 def recognises(path: Path, head: bytes) -> bool:

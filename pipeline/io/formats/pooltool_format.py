@@ -24,10 +24,10 @@ from pipeline.io.formats.track_format import (
 )
 from pipeline.io.run_folder import parse_table
 
+# Motion states of pooltool.
 _ROLLING, _STATIONARY, _POCKETED = 3, 0, 4
-"""Motion states of pooltool."""
+# Height of a nose, ball radii; no path of a ball depends on it here.
 _CUSHION_HEIGHT = 1.28
-"""Height of a nose, ball radii; no path of a ball depends on it here."""
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -10,8 +10,8 @@ import numpy as np
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat, number_unnamed
 from pipeline.io.text_table import read_text
 
+# Name of the only node of a body.
 _NODE = "centre"
-"""Name of the only node of a body."""
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -19,8 +19,8 @@ from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, TrackScene,
 from pipeline.io.track_folder import SCENE_FILE, TRACKS_FILE, parse_scene_entry
 
 _COORDINATES = ("x", "y", "z", "theta1", "theta2")
+# Further columns of tables that formats hold.
 _KEPT = ("kind", "score", "x_px", "y_px", "width_px", "height_px", "radius_px", "sigma", "vx", "vy")
-"""Further columns of tables that formats hold."""
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -42,7 +42,6 @@ def interpret_table(table: TextTable, scene: Mapping[str, Any]) -> PointTracks:
     """Interpret a table as tracks, with the scene that is stated beside it.
 
     Args:
-        table: The table.
         scene: Content of a scene.json; may be empty.
 
     Returns:

@@ -22,8 +22,8 @@ class MalformedTracks(ValueError):
     """A file does not hold what its format demands; the message is half a sentence on the file."""
 
 
+# px from the corner of the image, where formats of boxes count from, to the centre of its first pixel, where we do.
 PIXEL_CORNER = 0.5
-"""px from the corner of the image, where formats of boxes count from, to the centre of its first pixel, where we do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +104,8 @@ class PointTracks:
         return np.asarray(self.columns["frame"] / self.fps)
 
 
+# Program, version, source and options of an export, with what the format cannot hold itself.
 Provenance = Mapping[str, Any]
-"""Program, version, source and options of an export, with what the format cannot hold itself."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from pipeline.io.formats.track_format import PointTracks, Provenance, TrackForma
 from pipeline.io.row_grid import build_row_grid
 from pipeline.io.text_table import read_text
 
+# First line of an export of several tracks.
 _MULTIPLE = "#multi:"
-"""First line of an export of several tracks."""
 _HEADER = re.compile(rb"^[\"']?t[\"']?\s*[,;\t ].*\bx\b", re.MULTILINE)
 
 

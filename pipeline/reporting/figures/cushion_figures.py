@@ -18,16 +18,16 @@ from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTI
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.table_profile import parse_learned_table
 
+# m/s and degrees from the normal of the ball, where they are not the axis; it rolls without side spin.
 SPEED, DEGREES = 1.5, 35.0
-"""m/s and degrees from the normal of the ball, where they are not the axis; it rolls without side spin."""
 _POINTS = 41
 _AXES = (
     ("speed (m/s)", np.geomspace(0.2, 5.0, _POINTS)),
     ("angle of incidence from the normal (degrees)", np.linspace(0.0, 80.0, _POINTS)),
     ("side spin: surface speed over speed", np.linspace(-1.0, 1.0, _POINTS)),
 )
+# Colours and dashes of published models: where two agree, both are visible.
 _STYLES = (("#9aa5a0", "dot"), ("#1565c0", "longdash"), ("#6a1b9a", "dot"), ("#ef6c00", "dot"))
-"""Colours and dashes of published models: where two agree, both are visible."""
 
 
 def build_cushion_figure(learned: LearnedTable, table: Table) -> go.Figure:

@@ -16,20 +16,20 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from pipeline.reporting.text.gap_sentences import explains_most, format_error_size, format_shot_name
 
+# m, margin around the table in plans.
 _PLAN_MARGIN = 0.05
-"""m, margin around the table in plans."""
+# Ratios of width to height, and of height to width, beyond which the scales of a path differ: else it is a stroke.
+# Figures are wide, so that upright paths become strokes sooner.
 _MAX_LENGTH_RATIO, _MAX_HEIGHT_RATIO = 10.0, 3.0
-"""Ratios of width to height, and of height to width, beyond which the scales of a path differ: else it is a stroke.
-Figures are wide, so that upright paths become strokes sooner."""
+# Colours of errors from none to the largest: all of them dark enough for dots on white.
 _ERROR_COLOURS = [[0.0, "#4f8fd0"], [0.5, "#8e3fa8"], [1.0, "#b00020"]]
-"""Colours of errors from none to the largest: all of them dark enough for dots on white."""
+# Half the size of the enlarged part, in multiples of the error in its middle.
 _ZOOM_REACH = 3.0
-"""Half the size of the enlarged part, in multiples of the error in its middle."""
 BEFORE, AFTER, OBSERVED, FRAME = "#c62828", "#0f5c42", "#55605a", "#1b2420"
 LineStyle = dict[str, str | float]
 Interval = tuple[float, float]
+# Row of a window and index of a body.
 Moment = tuple[int, int]
-"""Row of a window and index of a body."""
 
 
 def build_gap_figures(
@@ -247,7 +247,6 @@ def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
     The fitted curve is drawn where it explains most of the acceleration.
 
     Args:
-        law: The law.
         unit: Unit of a coordinate, m or rad.
 
     Returns:

@@ -10,8 +10,8 @@ from models.core.trajectory import State, Trajectory
 from models.core.typing import FloatArray
 from video.overlay.motion_paths import MIN_TRAVEL_RADII
 
+# Rotational energy of a rolling solid ball, relative to its translational energy.
 ROLLING_ENERGY_RATIO = 2 / 5
-"""Rotational energy of a rolling solid ball, relative to its translational energy."""
 
 
 def sample_times(motion: Trajectory, hz: float) -> FloatArray:

@@ -31,10 +31,10 @@ HOVER_TEMPLATE = (
 )
 MARKED_KINDS = ("strike", "ball", "cushion", "pocket")
 STRIPE_SYMBOL = "circle-dot"
+# Height of the row of one parameter, px.
 PARAMETER_ROW_PX = 92
-"""Height of the row of one parameter, px."""
+# Margin of an axis, as a share of the range that is drawn on it.
 AXIS_MARGIN = 0.15
-"""Margin of an axis, as a share of the range that is drawn on it."""
 
 
 def style_line(look: BallLook) -> dict[str, str]:

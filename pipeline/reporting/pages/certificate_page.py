@@ -17,26 +17,26 @@ from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 
+# Headings, and the numbers below each.
 _SECTIONS = (
     ("Level", ("slope_x", "slope_y")),
     ("Cushions", ("restitution", "restitution_left", "restitution_right", "restitution_top", "restitution_bottom")),
     ("Cloth", ("roll_out", "rolling_friction", "sliding_friction")),
     ("Size and squareness", ("length", "width", "angle", "aspect")),
 )
-"""Headings, and the numbers below each."""
 _RESTITUTION_CAPTION = (
     "Restitution of every cushion contact; diamonds: a ball that rolls at 1 m/s straight at the cushion"
 )
+# Directions of a positive and a negative slope, as on the plan: the table falls towards them.
 FALLS = {"slope_x": ("to the right", "to the left"), "slope_y": ("to the bottom", "to the top")}
-"""Directions of a positive and a negative slope, as on the plan: the table falls towards them."""
+# What a number needs to be determined.
 NEEDED = {
     **{f"restitution_{name}": f"{MIN_CONTACTS_PER_CUSHION} contacts with it" for name in CUSHIONS},
     "length": "a contact with the left and one with the right cushion",
     "width": "a contact with the top and one with the bottom cushion",
 }
-"""What a number needs to be determined."""
+# px
 _FIGURE_HEIGHT = 420
-"""px"""
 
 
 def write_certificate_page(
@@ -172,19 +172,19 @@ def format_comparison(rows: Sequence[NumberComparison], other: str) -> str:
     return f"Beyond their errors these numbers differ from {other}: {'; '.join(different)}."
 
 
+# Colours of the cushions in the order of `CUSHIONS`.
 CUSHION_COLOURS = ("#0f5c42", "#c62828", "#1565c0", "#ef6c00")
-"""Colours of the cushions in the order of `CUSHIONS`."""
+# Length of the arrow of a slope of 1 mm/m, share of the table's width.
 SLOPE_LENGTH = 0.35
-"""Length of the arrow of a slope of 1 mm/m, share of the table's width."""
+# Longest arrow, share of the table's width.
 MAX_ARROW = 0.45
-"""Longest arrow, share of the table's width."""
+# Standard deviations of a slope up to which a table counts as level: of the two slopes of a level table one exceeds
+# them in one of forty cases.
 LEVEL_SIGMAS = 2.5
-"""Standard deviations of a slope up to which a table counts as level: of the two slopes of a level table one exceeds
-them in one of forty cases."""
+# Marks of the ends of an arrow; plotly's own arrows lose their shaft where they are shorter than the head.
 ARROW_MARKER = {
     "symbol": ["circle", "arrow"], "size": [6, 16], "angleref": "previous", "color": "#c62828", "opacity": 1,
 }  # fmt: skip
-"""Marks of the ends of an arrow; plotly's own arrows lose their shaft where they are shorter than the head."""
 MIDDLE_MARKER = {"symbol": "circle", "size": 6, "color": "#c62828"}
 _SLOPES = ("slope_x", "slope_y")
 
@@ -200,7 +200,6 @@ def build_slope_figure(numbers: dict[str, Any], tracks: Sequence[Tracks], table:
     Args:
         numbers: Numbers of the certificate.
         tracks: Tracks of the shots.
-        table: The table.
 
     Returns:
         The figure; y runs down, as on the table.

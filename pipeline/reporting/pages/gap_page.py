@@ -41,10 +41,10 @@ from pipeline.reporting.text.gap_sentences import (
 )
 from pipeline.reporting.text.text_formatting import escape_text
 
+# Candidates in the list.
 MAX_CANDIDATES = 8
-"""Candidates in the list."""
+# Height of a figure, px.
 _FIGURE_HEIGHT = 420
-"""Height of a figure, px."""
 
 
 def write_gap_page(

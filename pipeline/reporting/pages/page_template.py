@@ -83,8 +83,8 @@ def _load_figure_template() -> dict[str, Any]:
 
 
 JPEG_QUALITY = 82
+# Longest side of an embedded image, px: phones load the page too.
 MAX_IMAGE_PX = 1280
-"""Longest side of an embedded image, px: phones load the page too."""
 
 
 def embed_image_file(path: Path) -> str:

@@ -61,20 +61,20 @@ from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.io.clip import Clip, read_frames
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_place
 
+# What the page of a batch shows of a run, beside the report.
 SUMMARY_FILE = "summary.json"
-"""What the page of a batch shows of a run, beside the report."""
+# s of the clip before an event, from which the video plays.
 LEAD_IN_SECONDS = 0.15
-"""s of the clip before an event, from which the video plays."""
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
 WHOLE_SHOT_HEADING = "One contact model fitted to the whole shot"
 PACKAGES = ("trueroll", "torch", "opencv-python-headless", "onnxruntime", "numpy", "av")
+# Largest gap of two balls without contact for which the page answers whether they touched: farther apart, nobody asks
+# whether they did.
 NEAR_MISS_DIAMETERS = 2.0
-"""Largest gap of two balls without contact for which the page answers whether they touched: farther apart, nobody asks
-whether they did."""
+# Answers on balls that came near each other.
 MAX_NEAR_MISSES = 6
-"""Answers on balls that came near each other."""
+# Limits of good quality: explained share of the motion, noise of a position (px).
 MIN_EXPLAINED_SHARE, MAX_NOISE_PX = 0.9, 1.0
-"""Limits of good quality: explained share of the motion, noise of a position (px)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,6 @@ def write_report(
     """Write the page of a run, and beside it what the page of a batch shows of it.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
@@ -192,8 +191,8 @@ def describe_run(
     }  # fmt: skip
 
 
+# Longest side, and JPEG quality: 8 to 15 kB.
 THUMBNAIL_PX, THUMBNAIL_QUALITY = 320, 70
-"""Longest side, and JPEG quality: 8 to 15 kB."""
 
 
 def _embed_thumbnail(poster: Path) -> str:
@@ -335,12 +334,12 @@ def assess_quality(clip: Clip, scene: Scene, fit: Fit) -> list[QualityFlag]:
     ]
 
 
+# Balls of a place that are outlined.
 MAX_OUTLINES = 3
-"""Balls of a place that are outlined."""
+# Radius of a ball without any.
 DEFAULT_RADIUS_PX = 10.0
-"""Radius of a ball without any."""
+# Reasons whose moment lies between frames, so that the balls are also outlined there.
 DATED_CODES = ("undecided", "unexplained")
-"""Reasons whose moment lies between frames, so that the balls are also outlined there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,11 +363,9 @@ def build_check_views(
     """Build the close-ups of places.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
-        places: The places.
 
     Returns:
         One view per place.

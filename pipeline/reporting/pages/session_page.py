@@ -25,13 +25,13 @@ from pipeline.reporting.text.session_sentences import (
 )
 from pipeline.reporting.text.text_formatting import escape_text
 
+# Numbers of the table of shots, as far as the session has them.
 MAIN_NUMBERS = (
     "cue_speed", "direction", "top_spin_share", "side_spin_share", "contact_speed", "cut_angle", "throw", "deflection",
     "object_speed", "pocket_offset", "pocket_speed", "length", "object_length", "cushions",
 )  # fmt: skip
-"""Numbers of the table of shots, as far as the session has them."""
+# px.
 _FIGURE_HEIGHT = 300
-"""px."""
 
 
 def write_session_page(
@@ -119,10 +119,10 @@ def _format_cell(columns: Columns, row: int, one: SeriesSummary) -> str:
     return format_direction(number, str(columns["heading"][row])) if is_direction else format_number(number)
 
 
+# Colours of the groups, dark enough on white.
 GROUP_COLOURS = ("#0f5c42", "#b45309", "#1d4ed8", "#9d174d", "#4d7c0f", "#6d28d9", "#0e7490", "#7f1d1d")
-"""Colours of the groups, dark enough on white."""
+# Offset, in radii, beyond which a tip slips off.
 MAX_TIP_OFFSET = 0.5
-"""Offset, in radii, beyond which a tip slips off."""
 
 
 def build_trend_figure(

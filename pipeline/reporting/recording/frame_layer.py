@@ -16,12 +16,12 @@ from pipeline.reporting.recording.recorded_shot import RecordedShot, build_time_
 from video.io.clip import Clip
 from video.io.playback_copy import ensure_playable, re_encode_clip
 
+# Radius of the disc of a detection, standard deviations.
 DOT_SIGMAS = 3.0
-"""Radius of the disc of a detection, standard deviations."""
+# Least radius of a disc that is visible, px.
 MIN_DOT_RADIUS = 0.75
-"""Least radius of a disc that is visible, px."""
+# Radius of the ring of a track, ball radii; more than one, so that it does not cover the ball.
 RING_RADII = 1.15
-"""Radius of the ring of a track, ball radii; more than one, so that it does not cover the ball."""
 
 
 def log_video(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:

@@ -21,10 +21,10 @@ from pipeline.reporting.figures.motion_samples import find_moving_balls, sample_
 from video.drawing.palette import INK, adapt_to_any_background, ensure_contrast
 from video.io.clip import Clip
 
+# Name of the timeline in s of the source clip.
 VIDEO_TIME = "video_time"
-"""Name of the timeline in s of the source clip."""
+# Name of the timeline of the frame index; a time between two frames belongs to the frame that is shown.
 FRAME = "frame"
-"""Name of the timeline of the frame index; a time between two frames belongs to the frame that is shown."""
 
 
 def open_stream(digest: str, title: str) -> rr.RecordingStream:
@@ -67,10 +67,10 @@ def build_time_columns(t: FloatArray, clip: Clip) -> list[rr.TimeColumn]:
     ]
 
 
+# Samples per second of the fitted paths and plots.
 PATH_HZ = 100.0
-"""Samples per second of the fitted paths and plots."""
+# Largest distance of a drawn line from the path, ball radii: invisible, and few points keep the recording small.
 PATH_TOLERANCE_RADII = 0.05
-"""Largest distance of a drawn line from the path, ball radii: invisible, and few points keep the recording small."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,14 +23,14 @@ from urllib.request import urlopen
 from models.core.errors import OptionError, TruerollError
 
 DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
+# Preferred port on which rerun receives recordings.
 PORT = 9876
-"""Preferred port on which rerun receives recordings."""
+# Preferred port of its web page.
 WEB_PORT = 9090
-"""Preferred port of its web page."""
+# Address on which both viewers listen: this machine only.
 HOST = "127.0.0.1"
-"""Address on which both viewers listen: this machine only."""
+# Environment of the viewer: a proxy that is not there takes its telemetry and its question for the latest version.
 NO_OUTSIDE = dict.fromkeys(("ALL_PROXY", "HTTPS_PROXY", "HTTP_PROXY"), f"http://{HOST}:9") | {"NO_PROXY": HOST}
-"""Environment of the viewer: a proxy that is not there takes its telemetry and its question for the latest version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +173,8 @@ def show_recordings(recordings: Sequence[Path], *, web: bool) -> int:
         return viewer.process.wait()
 
 
+# s for which a request waits for the viewer to start, and between two attempts.
 START_S, RETRY_S = 20.0, 0.1
-"""s for which a request waits for the viewer to start, and between two attempts."""
 _OUTER_LINK = re.compile(rb"<link\s[^>]*https://[^>]*>")
 
 

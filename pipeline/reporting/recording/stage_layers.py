@@ -73,10 +73,10 @@ def log_fit_stage(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     log_stage_lines(stream, shot.clip, "fit", describe_fit(shot.fit))
 
 
+# s for which a caption is shown below the plan.
 CAPTION_SECONDS = 0.8
-"""s for which a caption is shown below the plan."""
+# Distance of captions from the table, ball radii.
 CAPTION_OFFSET_RADII = 3.0
-"""Distance of captions from the table, ball radii."""
 MARK_COLOUR = (255, 200, 40)
 
 
@@ -146,8 +146,8 @@ def _log_captions(stream: rr.RecordingStream, shot: RecordedShot, marked: list[i
     stream.reset_time()
 
 
+# Colour of the sum over all balls.
 ALL_BALLS_COLOUR = (120, 170, 255)
-"""Colour of the sum over all balls."""
 
 
 def log_plots(stream: rr.RecordingStream, shot: RecordedShot) -> None:
@@ -183,8 +183,8 @@ def _log_line(
         )
 
 
+# Level of rerun's text log, and a sentence.
 LogLine = tuple[str, str]
-"""Level of rerun's text log, and a sentence."""
 
 
 def log_stage_lines(stream: rr.RecordingStream, clip: Clip, stage: str, lines: list[LogLine]) -> None:
@@ -269,12 +269,12 @@ def _format_parameter_row(p: Parameter) -> str:
     return f"| {p.name} | {value} | {sigma}{source} | {format_unit(p.unit)} | {format_textbook_range(p.name)} |"
 
 
+# Radius of a drawn pocket, ball radii.
 POCKET_RADII = 1.6
-"""Radius of a drawn pocket, ball radii."""
+# Drawn length of the median residual, ball radii.
 ARROW_RADII = 1.0
-"""Drawn length of the median residual, ball radii."""
+# Drawing order of arrows: above the balls.
 ARROW_DRAW_ORDER = 50.0
-"""Drawing order of arrows: above the balls."""
 
 
 def log_table(stream: rr.RecordingStream, table: Table) -> None:
@@ -361,7 +361,6 @@ def write_recording(
     and `about`; docs/reference/file-formats.md lists them.
 
     Args:
-        clip: The clip.
         scene: Table and camera.
         detections: K detections.
         tracks: Tracks of T frames and N balls.

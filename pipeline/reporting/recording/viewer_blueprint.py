@@ -9,8 +9,8 @@ from models.core.scene import Table
 from pipeline.reporting.recording.recorded_shot import VIDEO_TIME
 from video.io.clip import Clip
 
+# Margin of the plan around the table, ball radii.
 MARGIN_RADII = 4.0
-"""Margin of the plan around the table, ball radii."""
 
 
 def build_blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:

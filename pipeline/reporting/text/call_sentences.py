@@ -15,10 +15,11 @@ from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, Cal
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
 UNDECIDED = "cannot be decided"
+# Decimals of millimetres: no place is measured to a hundredth.
 MAX_MM_DECIMALS = 1
-"""Decimals of millimetres: no place is measured to a hundredth."""
+# m from which a margin is no closeness: a ball rolled on past a line, or lay away from another, by about two balls.
 MAX_STATED_MARGIN = 0.1
-"""m from which a margin is no closeness: a ball rolled on past a line, or lay away from another, by about two balls."""
+# Clauses on why a moment is unsure.
 DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "hidden": "a ball was not detected around it",
     "fast": "a ball moved far between two frames",
@@ -30,31 +31,30 @@ DOUBT_SENTENCES: dict[CallDoubt, str] = {
     "moving_at_start": "balls already move when they are first detected",
     "unexplained": "the motion of these balls has no complete explanation",
 }
-"""Clauses on why a moment is unsure."""
+# Facts in the words of the World Pool-Billiard Association (WPA, rules of 15 March 2016), with their sections.
 POOL_RULES: dict[str, str] = {
     "no-contact": "no ball hit (WPA 6.3)", "wrong-ball": "wrong ball first (WPA 6.2)",
     "no-rail": "no rail after contact (WPA 6.3)", "scratch": "cue ball scratch (WPA 6.1)",
     "frozen": "frozen ball (WPA 6.7)",
 }  # fmt: skip
-"""Facts in the words of the World Pool-Billiard Association (WPA, rules of 15 March 2016), with their sections."""
+# Facts in the words of the World Professional Billiards and Snooker Association.
 SNOOKER_RULES = POOL_RULES | {
     "no-contact": "no object ball hit", "wrong-ball": "ball not on hit first", "scratch": "in-off",
     "frozen": "touching ball",
 }  # fmt: skip
-"""Facts in the words of the World Professional Billiards and Snooker Association."""
+# Facts of the rules that another question is about.
 SAME_FACTS: dict[str, QuestionKind] = {"no-contact": "first", "wrong-ball": "first", "scratch": "pocket"}
-"""Facts of the rules that another question is about."""
+# Questions whose answer may be that no ball was touched.
 NO_CONTACT: tuple[QuestionKind, ...] = ("first", "no-contact")
-"""Questions whose answer may be that no ball was touched."""
+# Questions in two words, of any balls; facts of the rules have their name in the rulebook.
 TOPICS: dict[QuestionKind, str] = {
     "contact": "touched", "first": "first ball", "cushion-first": "rail before a ball", "pocket": "potted",
     "line": "line crossed", "score": "score", "cushions": "point with cushions", "foul": "foul",
 }  # fmt: skip
-"""Questions in two words, of any balls; facts of the rules have their name in the rulebook."""
+# Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too.
 UNCHANGED = "; the gap alone would allow a touch, but no ball changed its motion"
-"""Why a pass is no contact although its gap is within the error: the contact test knows the motion after it too."""
+# Games by the cushions that they demand before the second ball.
 CAROM_GAMES = {"1": "one-cushion", "3": "three-cushion"}
-"""Games by the cushions that they demand before the second ball."""
 
 
 @dataclass(frozen=True, slots=True)

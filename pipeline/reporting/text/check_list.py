@@ -18,32 +18,31 @@ from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILIT
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 
+# Why a place is worth a look: several causes remain; no cause is known; a ball moves when it is first detected; a track
+# has a gap; a track ends while its ball moves; no accepted fit; a detection far from the path; two balls that may be
+# exchanged.
 CheckCode = Literal[
     "undecided", "unexplained", "moving_at_start", "gap", "lost", "unfitted", "outlier", "identity"
 ]  # fmt: skip
-"""Why a place is worth a look: several causes remain; no cause is known; a ball moves when it is first detected; a
-track has a gap; a track ends while its ball moves; no accepted fit; a detection far from the path; two balls that may
-be exchanged.
-"""
+# Places of the list.
 MAX_PLACES = 10
-"""Places of the list."""
+# Frames within which two places of the same ball, or of balls that meet there, are one.
 MERGE_FRAMES = 2
-"""Frames within which two places of the same ball, or of balls that meet there, are one."""
+# Missed frames of a moving ball that need no check.
 MAX_GAP_FRAMES = 2
-"""Missed frames of a moving ball that need no check."""
+# Of a ball that moves from the first frame on, and of one that is first detected later. Guesses.
 START_UNCERTAINTY, LATE_UNCERTAINTY = 0.3, 0.6
-"""Of a ball that moves from the first frame on, and of one that is first detected later. Guesses."""
+# Missed frames, and s without an accepted fit, at which the uncertainty is 0.5. Guesses.
 HALF_GAP_FRAMES, HALF_UNFITTED_S = 10.0, 0.3
-"""Missed frames, and s without an accepted fit, at which the uncertainty is 0.5. Guesses."""
+# Factor of the uncertainty of a gap that an accepted fit bridges. Guess.
 BRIDGED_SHARE = 0.5
-"""Factor of the uncertainty of a gap that an accepted fit bridges. Guess."""
+# Least distance of an outlier from the path: standard deviations of all residuals, and ball radii. Guesses.
 OUTLIER_SIGMAS, OUTLIER_RADII = 6.0, 0.5
-"""Least distance of an outlier from the path: standard deviations of all residuals, and ball radii. Guesses."""
+# Distance of two centres, ball radii, below which two balls that are not detected may be exchanged: their surfaces are
+# within a radius.
 PASSING_RADII = 3.0
-"""Distance of two centres, ball radii, below which two balls that are not detected may be exchanged: their surfaces
-are within a radius."""
+# Uncertainty of a pair of very different and of the same colour, and the scale of CIE L*a*b* between. Guesses.
 UNLIKE_UNCERTAINTY, LIKE_UNCERTAINTY, COLOUR_SCALE = 0.3, 0.7, 20.0
-"""Uncertainty of a pair of very different and of the same colour, and the scale of CIE L*a*b* between. Guesses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +95,6 @@ def select_check_places(tracks: Tracks, fit: Fit, table: Table) -> list[CheckPla
     Args:
         tracks: Tracks of T frames and N balls.
         fit: The fit of the shot.
-        table: The table.
 
     Returns:
         At most `MAX_PLACES` places, the most uncertain first; each ball has one place within `MERGE_FRAMES`.

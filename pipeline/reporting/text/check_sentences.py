@@ -12,23 +12,23 @@ from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
 from pipeline.reporting.text.text_formatting import name_event, start_sentence
 
+# Least probability of a hypothesis that is named.
 MIN_NAMED_PROBABILITY = 0.005
-"""Least probability of a hypothesis that is named."""
+# s between an event and the moment whose hypotheses it belongs to, at most.
 MOMENT_TIME = 0.1
-"""s between an event and the moment whose hypotheses it belongs to, at most."""
+# Hypotheses that a sentence names.
 MAX_HYPOTHESES = 3
-"""Hypotheses that a sentence names."""
+# Reasons that a sentence names besides the main one.
 MAX_FURTHER_REASONS = 2
-"""Reasons that a sentence names besides the main one."""
+# Words for no cause at all, by the only cause that a moment may have.
 NOTHING_WORDS = {"rest": "still moving", "strike": "not struck", "pocket": "not potted"}
-"""Words for no cause at all, by the only cause that a moment may have."""
+# Why a pot is not certain, by what it is concluded from.
 FALL_REASONS = {
     "fall": ": its path leads there, but its fall is not seen",
     "vanish": ": it is not seen any more near there, but its fall is not seen either",
 }  # fmt: skip
-"""Why a pot is not certain, by what it is concluded from."""
+# Doubts that the probabilities show, or that have their own clause with a number of frames.
 SELF_EVIDENT_DOUBTS = ("rival", "no_cause", "hidden")
-"""Doubts that the probabilities show, or that have their own clause with a number of frames."""
 
 
 def format_check_place(place: CheckPlace, naming: Naming) -> str:
@@ -63,7 +63,6 @@ def format_event_probability(events: Events, k: int, explanation: ShotExplanatio
     """Format the probability of event k with its alternatives, which are undecided where it is below 0.9.
 
     Args:
-        events: The events.
         k: Which one.
         explanation: What may have happened at each moment.
         naming: What balls, rails and pockets are called.
@@ -80,7 +79,6 @@ def format_least_sure(events: Events, rows: Iterable[int], explanation: ShotExpl
     """Format the least sure of some events with its probability and alternatives, without a full stop.
 
     Args:
-        events: The events.
         rows: Which ones.
         explanation: What may have happened at each moment.
         naming: What balls, rails and pockets are called.

@@ -13,8 +13,8 @@ from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 
+# Beginning of a note on what a person corrected.
 HAND_PREFIX = "set by hand: "
-"""Beginning of a note on what a person corrected."""
 
 
 def note_corrections(scene: Scene, corrections: Corrections, tracks: Tracks) -> Scene:

@@ -10,14 +10,14 @@ from models.core.scene import Table
 from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import FilmingMeasurement
 
+# The verdict as a sentence.
 VERDICT_WORDS = {
     "go": "Go: the clip is filmed well.",
     "doubts": "Go with doubts: the clip can be used, and could be better.",
     "no-go": "No-go: change this before you film on.",
 }
-"""The verdict as a sentence."""
+# Faults of the light as a whole.
 LIGHT_CODES = ("exposure", "clipping")
-"""Faults of the light as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,7 @@ class FilmingWords:
     """Why there is no value."""
 
 
+# Words for each measurement.
 WORDS = {
     "exposure": FilmingWords(
         "brightness of the table", "of 255", 0, "Add light over the table, or raise the exposure.",
@@ -80,7 +81,6 @@ WORDS = {
         "Focus on the middle of the table and lock the focus; clean the lens.", "too few clear edges",
     ),
 }  # fmt: skip
-"""Words for each measurement."""
 
 
 def format_value(one: FilmingMeasurement) -> str:
@@ -106,7 +106,6 @@ def format_advice(measurements: Sequence[FilmingMeasurement], refusal: str) -> l
     """Format what to change, the worst first.
 
     Args:
-        measurements: All measurements.
         refusal: Why a run refuses the clip; empty otherwise.
 
     Returns:

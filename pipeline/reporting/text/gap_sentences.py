@@ -29,16 +29,17 @@ from models.core.number_format import (
     format_with_sigma,
 )
 
+# Share of the gap below which an effect that may close nothing is called small.
 SMALL_SHARE = 0.05
-"""Share of the gap below which an effect that may close nothing is called small."""
+# Share of an unexplained acceleration from which its law is given as a formula: less than half is left then.
 MOST_OF_IT = 0.5
-"""Share of an unexplained acceleration from which its law is given as a formula: less than half is left then."""
+# Rank correlation from which a quantity rises with another, and number of points from which it is asked.
 _TREND, _MIN_TREND_POINTS = 0.7, 4
-"""Rank correlation from which a quantity rises with another, and number of points from which it is asked."""
+# Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice.
 _NEAR_LIMIT = 8.0
-"""Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice."""
+# p-value from which readers may take an agreement for chance.
 _SMALL_P_VALUE = 0.05
-"""p-value from which readers may take an agreement for chance."""
+# Quantities with which a force varies, as sentences name them.
 _VARIABLES = {
     "speed": "speed",
     "time": "the time in the shot",
@@ -46,7 +47,6 @@ _VARIABLES = {
     "y": "place along y",
     "z": "height",
 }
-"""Quantities with which a force varies, as sentences name them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,9 +284,6 @@ def _format_law_sentence(law: ForceLaw, metric: str) -> str:
 
 def explains_most(law: ForceLaw) -> bool:
     """Return whether a law explains most of the unexplained acceleration, so that a formula or a curve stands for it.
-
-    Args:
-        law: The law.
 
     Returns:
         Whether its share on other shots is at least `MOST_OF_IT`.

@@ -18,6 +18,7 @@ from models.core.number_format import (
 )
 from models.core.shot_numbers import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers
 
+# Words by name of a number.
 NUMBER_NAMES = {
     "cue_speed": "Speed after the strike",
     "direction": "Direction of the shot",
@@ -38,36 +39,35 @@ NUMBER_NAMES = {
     "length": "Length of the path",
     "cushions": "Cushion contacts",
 }
-"""Words by name of a number."""
 STATE_WORDS = {"draw": "draw", "stun": "stun", "follow": "follow", "roll": "natural roll"}
+# Words for positive and negative values.
 SIDES = {
     "top_spin": ("top", "back"), "top_spin_share": ("top", "back"), "side_spin": ("right", "left"),
     "side_spin_share": ("right", "left"), "contact_spin_share": ("top", "back"), "cut_angle": ("right", "left"),
     "throw": ("right", "left"), "deflection": ("right", "left"), "pocket_offset": ("right", "left"),
     "tip_height": ("above", "below"), "tip_side": ("right", "left"),
 }  # fmt: skip
-"""Words for positive and negative values."""
 TIP_NUMBERS = {"top_spin_share": "tip_height", "side_spin_share": "tip_side"}
+# Offset of a level cue from the centre over the ball radius, for rolling spin w = v / R: a solid ball that an impulse
+# at the offset b sends off at the speed v spins with w = 5 v b / (2 R^2) (Alciatore, technical proof A.30).
 TIP_SHARE = 0.4
-"""Offset of a level cue from the centre over the ball radius, for rolling spin w = v / R: a solid ball that an impulse
-at the offset b sends off at the speed v spins with w = 5 v b / (2 R^2) (Alciatore, technical proof A.30)."""
+# Most decimals by unit that a player can use.
 DECIMALS = {"m/s": 2, "rad/s": 1, "": 2, "deg": 1, "mm": 1, "m": 2}
-"""Most decimals by unit that a player can use."""
+# Deviation of an expected number of cushions from a whole one from which both neighbours are possible.
 UNSURE_CUSHIONS = 0.1
-"""Deviation of an expected number of cushions from a whole one from which both neighbours are possible."""
 NOT_OBSERVABLE, NEAR_ZERO = "not measurable", "may be zero"
+# Standard deviations from 0 from which the side of a number is known.
 SURE_SIGMAS = 2.0
-"""Standard deviations from 0 from which the side of a number is known."""
+# Words by the least share of the object ball that the cue ball covers at the contact.
 FULLNESS_WORDS = (
     (0.875, "full"), (0.625, "three-quarter ball"), (0.375, "half ball"), (0.125, "quarter ball"), (0.0, "thin")
 )  # fmt: skip
-"""Words by the least share of the object ball that the cue ball covers at the contact."""
+# Standard deviation of the covered share from which it has no word: half of what a word stands for.
 MAX_FULLNESS_SIGMA = 0.125
-"""Standard deviation of the covered share from which it has no word: half of what a word stands for."""
+# Probability that the named states of the cue ball at the first ball must have together.
 MIN_STATE_PROBABILITY = 0.95
-"""Probability that the named states of the cue ball at the first ball must have together."""
+# States that are named; where more are possible, the spin is not measurable.
 MAX_STATES = 2
-"""States that are named; where more are possible, the spin is not measurable."""
 
 
 def format_number(one: ShotNumber, *, has_sigma: bool = True) -> str:

@@ -16,21 +16,20 @@ from models.estimation.forecast.ensemble_prediction import ShotPrediction
 from pipeline.reporting.text.table_words import format_place
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
+# m, largest displacement of a ball that is described as staying at rest.
 MAX_REST_SHIFT = 0.005
-"""m, largest displacement of a ball that is described as staying at rest."""
+# Least probability of an event that a sentence mentions.
 MIN_REPORTED_PROBABILITY = 0.1
-"""Least probability of an event that a sentence mentions."""
+# Probability above which the time of an event is that of the first contact in most plays.
 MIN_TIMED_PROBABILITY = 0.5
-"""Probability above which the time of an event is that of the first contact in most plays."""
+# Least probability of a pot that a sentence mentions.
 MIN_REPORTED_POT = 0.02
-"""Least probability of a pot that a sentence mentions."""
 
 
 def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -> str:
     """Format the prediction of one ball as a sentence.
 
     Args:
-        prediction: The prediction.
         k: Index of the ball.
         naming: What balls, rails and pockets are called.
 

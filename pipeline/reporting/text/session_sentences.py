@@ -11,8 +11,8 @@ from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, O
 from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_direction, format_number
 
 SUMMARY_HEADINGS = ("number", "shots", "median", "own spread", "unit", "trend per shot")
+# Instead of the median of directions that lead towards different rails, which none of the shots may have.
 MIXED_DIRECTIONS = "of several directions"
-"""Instead of the median of directions that lead towards different rails, which none of the shots may have."""
 
 
 def list_summary_cells(one: SeriesSummary, headings: Iterable[str]) -> tuple[str, ...]:

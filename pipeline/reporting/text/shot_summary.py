@@ -25,24 +25,24 @@ from pipeline.reporting.text.number_sentences import NOT_OBSERVABLE, format_hit,
 from pipeline.reporting.text.table_words import format_place
 from pipeline.reporting.text.text_formatting import format_event_time, is_repeated, start_sentence
 
+# s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled.
 CONTACT_MARGIN = 1e-3
-"""s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled."""
+# s after a contact by which most balls roll again, so that their direction is visible.
 SETTLING_TIME = 0.4
-"""s after a contact by which most balls roll again, so that their direction is visible."""
+# m/s below which a ball is described as at rest.
 REST_SPEED = 0.03
-"""m/s below which a ball is described as at rest."""
+# Degrees: a ball that turns by less continues in its direction, one that turns by more comes back.
 MAX_STRAIGHT_ANGLE, MIN_RETURN_ANGLE = 25.0, 140.0
-"""Degrees: a ball that turns by less continues in its direction, one that turns by more comes back."""
+# Probability from which an event is mentioned.
 MIN_PROBABILITY = 0.5
-"""Probability from which an event is mentioned."""
+# Frames without a detection after which a ball is lost.
 LOST_FRAMES = 2.0
-"""Frames without a detection after which a ball is lost."""
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
 MOVING = "still moving"
+# Later contacts of the ball that are listed one by one; balls take precedence over cushions.
 MAX_LATER_CONTACTS = 6
-"""Later contacts of the ball that are listed one by one; balls take precedence over cushions."""
+# Text of an answer that does not exist.
 NO_ANSWER = "-"
-"""Text of an answer that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)

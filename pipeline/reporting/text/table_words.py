@@ -8,10 +8,10 @@ from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
 
+# Segments of a long and a short rail between diamonds, from nose to nose; a snooker table has no diamonds.
 DIAMONDS = {"pool": (8, 4), "carom": (8, 4), "snooker": None}
-"""Segments of a long and a short rail between diamonds, from nose to nose; a snooker table has no diamonds."""
+# Decimals of centimetres: nobody lays a ball to a tenth of a millimetre.
 MAX_CM_DECIMALS = 1
-"""Decimals of centimetres: nobody lays a ball to a tenth of a millimetre."""
 
 
 def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> str:
@@ -20,7 +20,6 @@ def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> 
     Args:
         xy: Centre (2,), m.
         sigma: Standard deviation per axis, m; NaN where it is unknown.
-        table: The table.
         naming: What rails are called.
 
     Returns:

@@ -14,6 +14,8 @@ from models.core.fit_result import Fit, Trust
 from models.core.naming import Naming, join_names
 from models.core.number_format import format_speed, format_time
 
+# Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
+# Billiards, 1995.
 TEXTBOOK_RANGES = {
     "rolling_resistance.mu": (0.005, 0.015),
     "sliding_friction.mu": (0.15, 0.25),
@@ -21,15 +23,13 @@ TEXTBOOK_RANGES = {
     "cushion_restitution.e": (0.75, 0.98),
     "ball_restitution.e": (0.92, 0.98),
 }
-"""Textbook ranges of parameters: Alciatore, technical proofs, billiards.colostate.edu; Marlow, The Physics of Pocket
-Billiards, 1995."""
 
+# Words for the speed of an event: the component along the line of a contact is not the speed of a ball.
 SPEED_WORDS = {
     "strike": " and leaves at {}", "ball": ", closing at {}", "cushion": ", {} straight into it", "pocket": " at {}",
 }  # fmt: skip
-"""Words for the speed of an event: the component along the line of a contact is not the speed of a ball."""
+# m/s below which an event is described without its speed, which would be printed as 0.00.
 MIN_REPORTED_SPEED = 0.005
-"""m/s below which an event is described without its speed, which would be printed as 0.00."""
 
 
 def format_event(events: Events, k: int, naming: Naming) -> str:

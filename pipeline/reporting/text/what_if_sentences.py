@@ -10,10 +10,10 @@ from models.core.number_format import format_doubt, format_moment, format_speed,
 from pipeline.reporting.text.number_sentences import SURE_SIGMAS
 from pipeline.reporting.text.text_formatting import format_meeting
 
+# Least probability of an event that is mentioned.
 MIN_PROBABILITY = 0.1
-"""Least probability of an event that is mentioned."""
+# Least change of a share or an angle that is mentioned.
 MIN_CHANGE = 1e-9
-"""Least change of a share or an angle that is mentioned."""
 GOAL_WORDS = {
     "pot": "a ball is potted",
     "carom": "the carom is made",

@@ -9,8 +9,8 @@ from models.core.naming import Naming, join_names
 from models.core.number_format import format_moment
 from pipeline.reporting.text.text_formatting import start_sentence
 
+# Reason of a run without them.
 NOT_ASKED = "Whether one published contact model explains the whole shot was not tested; trueroll run --laws tests it."
-"""Reason of a run without them."""
 
 
 def format_law(name: str) -> str:

@@ -17,12 +17,12 @@ from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
 from models.physics.billiards.contact_model import ContactModel
 
+# Coefficient of friction at high speed.
 FRICTION_AT_SPEED = 0.00995
-"""Coefficient of friction at high speed."""
+# Increase of the coefficient at speed 0.
 FRICTION_RISE = 0.108
-"""Increase of the coefficient at speed 0."""
+# s/m, rate at which that increase falls with speed.
 FRICTION_DECAY = 1.088
-"""s/m, rate at which that increase falls with speed."""
 
 _E = parameter_vector.BALL_E
 

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from models.numerics.jit import compile_kernel
 
+# Impulse per reduced mass and slip that stops the slip between two solid spheres, which then turn as gears.
 STICKING_SHARE = 2.0 / 7.0
-"""Impulse per reduced mass and slip that stops the slip between two solid spheres, which then turn as gears."""
 
 
 @compile_kernel

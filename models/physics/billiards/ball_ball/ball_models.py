@@ -11,14 +11,14 @@ from models.physics.billiards.contact_model import collect_models, compose_dispa
 from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS
 from models.physics.effect import ModelChoice
 
+# All ball models, by code.
 REGISTERED_BALL_MODELS = collect_models(discover_modules("models.physics.billiards.ball_ball"))
-"""All ball models, by code."""
+# Names of the ball models; the position of a name is the code of the model in compiled functions.
 BALL_MODELS = tuple(model.name for model in REGISTERED_BALL_MODELS)
-"""Names of the ball models; the position of a name is the code of the model in compiled functions."""
+# (models, P) whether a parameter acts in a contact by a ball model.
 BALL_MODEL_READS = tabulate_parameters(REGISTERED_BALL_MODELS, IMPULSE_PARAMETERS)
-"""(models, P) whether a parameter acts in a contact by a ball model."""
+# Code of the model of gentle contacts, which lose no energy.
 GENTLE_MODEL = BALL_MODELS.index("elastic")
-"""Code of the model of gentle contacts, which lose no energy."""
 
 
 def _prepend_model(own_code: int, resolve: Callable[..., Any], others: Any) -> Any:
@@ -39,10 +39,11 @@ def _ignore_code(resolve: Callable[..., Any]) -> Any:
     return dispatch
 
 
+# (code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p) to the first ten of these after the
+# contact: the model of that code.
 dispatch_ball_model = compose_dispatch(REGISTERED_BALL_MODELS, _prepend_model, _ignore_code)
-"""(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p) to the first ten of these after the
-contact: the model of that code."""
 
+# The models differ in friction between the balls and in its dependence on the slip.
 BALL_MODEL_CHOICE = ModelChoice(
     name="ball_law",
     phases=("ball_contact",),
@@ -52,4 +53,3 @@ BALL_MODEL_CHOICE = ModelChoice(
     reference="docs/reference/contact-models.md",
     phrase="another law of ball contacts",
 )
-"""The models differ in friction between the balls and in its dependence on the slip."""

@@ -25,13 +25,14 @@ import numpy as np
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
 
+# Height of the nose above the cloth over the ball's radius: 62.5 to 64.5 % of the diameter (WPA equipment
+# specifications).
 NOSE_HEIGHT = 1.27
-"""Height of the nose above the cloth over the ball's radius: 62.5 to 64.5 % of the diameter (WPA equipment
-specifications)."""
 NOSE_HEIGHT_PARAMETER = "cushion_height.ratio"
+# Least height of a contact over the radius, see `models.physics.effects.contacts.cushion_height`.
 LEAST_HEIGHT = 0.5
-"""Least height of a contact over the radius, see `models.physics.effects.contacts.cushion_height`."""
 
+# Parameters that every cushion model reads.
 CUSHION_PARAMETERS = (
     "cushion_restitution.e",
     "cushion_restitution_speed.slope",
@@ -39,7 +40,6 @@ CUSHION_PARAMETERS = (
     "cushion_friction.mu",
     NOSE_HEIGHT_PARAMETER,
 )
-"""Parameters that every cushion model reads."""
 
 _E = parameter_vector.CUSHION_E
 _SLOPE, _POWER = parameter_vector.CUSHION_E_SLOPE, parameter_vector.CUSHION_E_POWER

@@ -11,12 +11,12 @@ from models.physics.billiards.contact_model import collect_models, compose_dispa
 from models.physics.billiards.parameter_vector import REBOUND_PARAMETERS
 from models.physics.effect import ModelChoice
 
+# All cushion models, by code.
 REGISTERED_CUSHION_MODELS = collect_models(discover_modules("models.physics.billiards.ball_cushion"))
-"""All cushion models, by code."""
+# Names of the cushion models; the position of a name is the code of the model in compiled functions.
 CUSHION_MODELS = tuple(model.name for model in REGISTERED_CUSHION_MODELS)
-"""Names of the cushion models; the position of a name is the code of the model in compiled functions."""
+# (models, P) whether a parameter acts in a contact by a cushion model.
 CUSHION_MODEL_READS = tabulate_parameters(REGISTERED_CUSHION_MODELS, REBOUND_PARAMETERS)
-"""(models, P) whether a parameter acts in a contact by a cushion model."""
 
 
 def _prepend_model(own_code: int, resolve: Callable[..., Any], others: Any) -> Any:
@@ -37,9 +37,11 @@ def _ignore_code(resolve: Callable[..., Any]) -> Any:
     return dispatch
 
 
+# (code, vn, vt, wn, wt, wz, radius, mass, p) to (vn, vt, wn, wt, wz): the model of that code.
 dispatch_cushion_model = compose_dispatch(REGISTERED_CUSHION_MODELS, _prepend_model, _ignore_code)
-"""(code, vn, vt, wn, wt, wz, radius, mass, p) to (vn, vt, wn, wt, wz): the model of that code."""
 
+# The models differ in the height of the nose, its compliance, and friction during the impact. Without friction a
+# published model is hardly more than a mirror.
 CUSHION_MODEL_CHOICE = ModelChoice(
     name="cushion_law",
     phases=("cushion_contact",),
@@ -49,5 +51,3 @@ CUSHION_MODEL_CHOICE = ModelChoice(
     reference="docs/reference/contact-models.md",
     phrase="another cushion law",
 )
-"""The models differ in the height of the nose, its compliance, and friction during the impact. Without friction a
-published model is hardly more than a mirror."""

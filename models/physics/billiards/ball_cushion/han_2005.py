@@ -24,8 +24,8 @@ from models.physics.billiards.ball_cushion.cushion_contact import (
 from models.physics.billiards.contact_model import ContactModel
 
 _MU = parameter_vector.CUSHION_MU
+# Impulse per mass and slip that stops the slip of a solid sphere.
 _STICK = 2.0 / 7.0
-"""Impulse per mass and slip that stops the slip of a solid sphere."""
 
 
 @compile_kernel

@@ -37,10 +37,10 @@ from models.physics.billiards.ball_cushion.cushion_contact import (
 )
 from models.physics.billiards.contact_model import ContactModel
 
+# Slip over vn at which friction reaches 70 % of mu.
 CREEP = 1e-5
-"""Slip over vn at which friction reaches 70 % of mu."""
+# Error of one step, in units of vn.
 TOLERANCE = 1e-8
-"""Error of one step, in units of vn."""
 
 _MU = parameter_vector.CUSHION_MU
 _CLOTH = parameter_vector.SLIDING_MU

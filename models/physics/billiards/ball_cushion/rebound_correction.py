@@ -13,18 +13,18 @@ import numpy as np
 from models.numerics.array_copies import copy_numbers
 from models.numerics.jit import compile_kernel
 
+# vn, vt, un, ut and side spin over the speed, and the logarithm of the speed; velocity and slip along n and t.
 INPUTS, HIDDEN, OUTPUTS = 6, 8, 4
-"""vn, vt, un, ut and side spin over the speed, and the logarithm of the speed; velocity and slip along n and t."""
+# Weights and offsets of the hidden units, row by row, then the weights of the outputs.
 WEIGHT_COUNT = HIDDEN * (INPUTS + 1) + OUTPUTS * HIDDEN
-"""Weights and offsets of the hidden units, row by row, then the weights of the outputs."""
+# The weights of a model that is not corrected.
 NO_CORRECTION = np.empty(0)
-"""The weights of a model that is not corrected."""
+# Of the speed, of any correction.
 LARGEST_SHARE = 0.3
-"""Of the speed, of any correction."""
+# m/s, added to the speed whose logarithm is an input.
 LEAST_SPEED = 0.1
-"""m/s, added to the speed whose logarithm is an input."""
+# Energy of the spin over that of the same surface speed as velocity, of a solid sphere.
 _SPIN_ENERGY = 0.4
-"""Energy of the spin over that of the same surface speed as velocity, of a solid sphere."""
 
 
 @compile_kernel

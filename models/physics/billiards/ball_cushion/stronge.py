@@ -32,20 +32,20 @@ from models.physics.billiards.ball_cushion.cushion_contact import (
 )
 from models.physics.billiards.contact_model import ContactModel
 
+# Poisson's ratio of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5 makes
+# it 1.53.
 POISSON_RATIO = 0.3
-"""Poisson's ratio of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5
-makes it 1.53."""
+# Normal over tangential stiffness of the nose.
 ETA_SQUARED = (2.0 - POISSON_RATIO) / (2.0 * (1.0 - POISSON_RATIO))
-"""Normal over tangential stiffness of the nose."""
+# Inverse tangential inertia of a solid sphere over the normal one.
 BETA = 3.5
-"""Inverse tangential inertia of a solid sphere over the normal one."""
+# Tangential over normal frequency.
 FREQUENCY_RATIO = (BETA / ETA_SQUARED) ** 0.5
-"""Tangential over normal frequency."""
 
 _MU = parameter_vector.CUSHION_MU
 _HALF_PI = 0.5 * np.pi
+# Number of times at which the end of sticking is searched: a tenth of the shortest half period apart.
 _SCAN = 32
-"""Number of times at which the end of sticking is searched: a tenth of the shortest half period apart."""
 
 
 @compile_kernel

@@ -17,11 +17,11 @@ from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 
+# m/s^2.
 GRAVITY = 9.81
-"""m/s^2."""
 
+# m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start.
 _TINY_SLIP = 1e-12
-"""m^2/s^2 under the root of |u|: keeps the derivative finite where the ball rolls from the start."""
 
 
 def spin_from_slip(v: FloatArray, slip: FloatArray, radius: float) -> FloatArray:

@@ -68,10 +68,10 @@ from models.physics.billiards.cloth.motion_pieces import (
 )
 from models.physics.billiards.parameter_vector import GRAVITY, ROLLING_MU, SLIDING_MU
 
+# m/s; a slip below this is rounding error of a ball that rolls.
 SLIP_THRESHOLD = 1e-10
-"""m/s; a slip below this is rounding error of a ball that rolls."""
+# s during which a ball that a slope sets in motion moves straight.
 DOWNHILL_START_DURATION = 1e-4
-"""s during which a ball that a slope sets in motion moves straight."""
 
 
 @compile_kernel
@@ -178,15 +178,15 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
     return count
 
 
+# m and m/s, error of one step; the second one where derivatives are carried, and then also for their error times a unit
+# change of the input.
 TOLERANCE, DERIVATIVE_TOLERANCE = 3e-10, 1e-7
-"""m and m/s, error of one step; the second one where derivatives are carried, and then also for their error times a
-unit change of the input."""
+# m/s; below this speed rolling ends in closed form, because its direction may turn without bound.
 STOPPING_SPEED = 1e-6
-"""m/s; below this speed rolling ends in closed form, because its direction may turn without bound."""
+# m and m/s, error of a step that is much too long, as all are where drag outweighs a friction close to 0.
 FAILED_STEP_ERROR = 1e30
-"""m and m/s, error of a step that is much too long, as all are where drag outweighs a friction close to 0."""
+# Indices of f and of the time in the integrated numbers.
 _LEFT, _TIME = 6, 7
-"""Indices of f and of the time in the integrated numbers."""
 
 
 @compile_kernel

@@ -28,10 +28,10 @@ from models.physics.billiards.parameter_vector import (
     VISCOUS_DRAG,
 )
 
+# Part of a force along the cloth that accelerates the centre of a solid sphere that rolls.
 ROLLING_SHARE = 5.0 / 7.0
-"""Part of a force along the cloth that accelerates the centre of a solid sphere that rolls."""
+# m/s below which the constant part of the generic turn vanishes.
 TURN_FADE_SPEED = 0.02
-"""m/s below which the constant part of the generic turn vanishes."""
 
 
 @compile_kernel

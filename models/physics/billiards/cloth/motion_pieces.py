@@ -5,19 +5,19 @@ from __future__ import annotations
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.parameter_vector import SPIN_DECAY
 
+# Phases; a ball glides where there is no sliding friction and it does not roll.
 SLIDE, ROLL, REST, GLIDE = range(4)
-"""Phases; a ball glides where there is no sliding friction and it does not roll."""
+# Names of the phases in `models.core.trajectory.PHASES`.
 PHASE_NAMES = ("slide", "roll", "rest", "roll")
-"""Names of the phases in `models.core.trajectory.PHASES`."""
+# Columns of a piece: start and end (s since the state), then coefficients of powers of the time since the piece began:
+# six each for x and y (m), five each for wx and wy (rad/s).
 PIECE_START, PIECE_END, X, Y, WX, WY, PIECE_WIDTH = 0, 1, 2, 8, 14, 19, 24
-"""Columns of a piece: start and end (s since the state), then coefficients of powers of the time since the piece began:
-six each for x and y (m), five each for wx and wy (rad/s)."""
+# Number of pieces in a table, for motion in closed form and for integrated motion.
 CLOSED_FORM_PIECES, INTEGRATED_PIECES = 4, 400
-"""Number of pieces in a table, for motion in closed form and for integrated motion."""
+# s, duration of rest.
 REST_DURATION = 1e9
-"""s, duration of rest."""
+# Index of the time (s) in the seven numbers that are moved along: x, y, vx, vy, wx, wy, time.
 CLOCK = 6
-"""Index of the time (s) in the seven numbers that are moved along: x, y, vx, vy, wx, wy, time."""
 
 
 @compile_kernel

@@ -32,18 +32,18 @@ from models.physics.billiards.cloth.motion_pieces import (
 )
 from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 
+# What a ball meets: another ball, a nose or facing, the arc of a jaw, a pocket.
 BALL, LINE, ARC, HOLE = range(4)
-"""What a ball meets: another ball, a nose or facing, the arc of a jaw, a pocket."""
+# Columns of a logged event. `EVENT_SECOND` is a ball or a row of lines, arcs or holes; `EVENT_SPEED` is the closing
+# speed (m/s); `EVENT_GENTLE` is 1 for gentle contacts.
 EVENT_KIND, EVENT_TIME, EVENT_FIRST, EVENT_SECOND, EVENT_SPEED, EVENT_GENTLE, EVENT_WIDTH = 0, 1, 2, 3, 4, 5, 6
-"""Columns of a logged event. `EVENT_SECOND` is a ball or a row of lines, arcs or holes; `EVENT_SPEED` is the closing
-speed (m/s); `EVENT_GENTLE` is 1 for gentle contacts."""
+# Columns of a segment, the motion of one ball between two contacts: the ball, the time when the segment begins (s), and
+# the seven numbers of the state there.
 SEGMENT_BALL, SEGMENT_TIME, SEGMENT_STATE, SEGMENT_WIDTH = 0, 1, 2, 9
-"""Columns of a segment, the motion of one ball between two contacts: the ball, the time when the segment begins (s),
-and the seven numbers of the state there."""
+# s; contacts that are closer in time count as simultaneous.
 SIMULTANEITY = 1e-12
-"""s; contacts that are closer in time count as simultaneous."""
+# Crossings of the line of a nose beyond its ends that one piece of a path may have.
 _MOST_CROSSINGS = 20
-"""Crossings of the line of a nose beyond its ends that one piece of a path may have."""
 
 
 @compile_kernel

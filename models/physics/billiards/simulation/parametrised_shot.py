@@ -24,25 +24,25 @@ from models.physics.billiards.simulation.simulate_shot import simulate
 from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot
 from models.physics.billiards.simulation.table_physics import Physics
 
+# Indices in `SHOT_PARAMETERS`.
 MASS_RATIO, RADIUS_RATIO, RADIUS_FACTOR = (len(PARAMETER_NAMES) + k for k in range(3))
-"""Indices in `SHOT_PARAMETERS`."""
+# Indices in `SHOT_PARAMETERS` of the first nose offset and of the first parameter of the image.
 NOSE_OFFSETS, IMAGE_START = len(PARAMETER_NAMES) + 3, len(PARAMETER_NAMES) + 7
-"""Indices in `SHOT_PARAMETERS` of the first nose offset and of the first parameter of the image."""
+# Indices in `SHOT_PARAMETERS`.
 SHUTTER_READOUT, DROPPED_FRAMES = IMAGE_START + len(IMAGE_PARAMETERS), IMAGE_START + len(IMAGE_PARAMETERS) + 1
-"""Indices in `SHOT_PARAMETERS`."""
+# All Q parameters that shots may share: of the physics, the balls, the table, and the measurement.
 SHOT_PARAMETERS: tuple[str, ...] = (
     *PARAMETER_NAMES, "unequal_mass.ratio", "unequal_radius.ratio", "collision_radius.factor",
     *(f"nose.{side}" for side in CUSHIONS), *IMAGE_PARAMETERS, "rolling_shutter.readout", "dropped_frames.frames",
 )  # fmt: skip
-"""All Q parameters that shots may share: of the physics, the balls, the table, and the measurement."""
+# (Q,) values without any effect.
 NEUTRAL_SHOT_PARAMETERS = np.concatenate(
     [neutral_parameters(), np.ones(3), np.zeros(4), NEUTRAL_IMAGE_PARAMETERS, np.zeros(2)]
 )
-"""(Q,) values without any effect."""
+# Numbers of a ball that moves, of a ball at rest, and of the motion of its centre alone.
 MOVING_BALL_SIZE, RESTING_BALL_SIZE, CENTRE_SIZE = 7, 2, 4
-"""Numbers of a ball that moves, of a ball at rest, and of the motion of its centre alone."""
+# Index of the surface speed of side spin among them.
 SIDE_SPIN = 6
-"""Index of the surface speed of side spin among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +216,8 @@ def _fill_directions(state, radius, moving, usual_mass, values, numbers, start_s
             directions[physics + MASS_RATIO + number - NOSE_OFFSETS, start_size + column] = 1.0
 
 
+# Row j: x, y, vx, vy and R wx, R wy, R wz by number j of a ball: R wx = uy - vy, R wy = vx - ux.
 _UNITS = np.eye(MOVING_BALL_SIZE)
-"""Row j: x, y, vx, vy and R wx, R wy, R wz by number j of a ball: R wx = uy - vy, R wy = vx - ux."""
 _UNITS[2:6, 4:6] = [[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]
 
 

@@ -50,8 +50,8 @@ from models.physics.billiards.simulation.event_engine import (
     cushion_normal,
 )
 
+# Inputs of a shot per ball; after those of all balls come the physical parameters, then the offsets of the noses.
 BALL_COLUMNS = ("x", "y", "vx", "vy", "wx", "wy", "wz", "radius", "mass")
-"""Inputs of a shot per ball; after those of all balls come the physical parameters, then the offsets of the noses."""
 BALL_INPUTS = len(BALL_COLUMNS)
 _RADIUS, _MASS, _PARAMETERS = 7, 8, len(PARAMETER_NAMES)
 
@@ -398,8 +398,8 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
 
 
 _SIDE_SPIN = 6
+# s by which a segment is planned beyond the last time that is wanted.
 PLANNING_MARGIN = 1e-9
-"""s by which a segment is planned beyond the last time that is wanted."""
 
 
 @compile_kernel

@@ -23,12 +23,12 @@ from models.physics.billiards.simulation.table_physics import Physics
 __all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "kinetic_energy", "simulate"]
 
 
+# Number of contacts for which there is room at first.
 _FIRST_CAPACITY = 512
-"""Number of contacts for which there is room at first."""
+# What a disturbance of a cushion contact changes.
 DISTURBED = ("velocity_n", "velocity_t", "slip_n", "slip_t", "side_spin")
-"""What a disturbance of a cushion contact changes."""
+# A shot with more contacts is an error.
 MOST_CONTACTS = 500_000
-"""A shot with more contacts is an error."""
 
 
 def simulate(

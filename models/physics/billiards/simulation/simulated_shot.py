@@ -46,8 +46,8 @@ from models.physics.billiards.simulation.event_engine import (
 from models.physics.billiards.simulation.shot_derivatives import BALL_COLUMNS, differentiate_shot
 from models.physics.billiards.simulation.table_physics import Physics
 
+# Numbers of the state of a ball: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
 STATE_SIZE = 7
-"""Numbers of the state of a ball: x, y (m), vx, vy (m/s), wx, wy, wz (rad/s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,8 +386,8 @@ def fill_pieces(segments, pocket_times, radius, p, seconds, bends, pieces, balls
     return piece_count
 
 
+# m; greatest error of a cubic of a trajectory on a path that is no cubic.
 _CUBIC_TOLERANCE = 1e-8
-"""m; greatest error of a cubic of a trajectory on a path that is no cubic."""
 
 
 def _split_into_cubics(row: FloatArray, spin: FloatArray) -> list[tuple[float, float, FloatArray, FloatArray]]:

@@ -26,8 +26,8 @@ from models.physics.billiards.parameter_vector import (
 )
 from models.physics.effect import BilliardsEffect
 
+# Choices between published contact models, which a diagnosis treats like effects.
 BILLIARDS_MODEL_CHOICES = (CUSHION_MODEL_CHOICE, BALL_MODEL_CHOICE)
-"""Choices between published contact models, which a diagnosis treats like effects."""
 
 
 @dataclass(frozen=True, slots=True)

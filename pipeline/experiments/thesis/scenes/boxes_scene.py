@@ -17,10 +17,10 @@ from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, W
 from pipeline.io.run_folder import read_csv_columns
 
 WORLD = Path(__file__).resolve().parents[4] / "worlds" / "boxes.py"
+# Speeds of the ball, px/s: the variants.
 SPEEDS = ("400", "800", "1600")
-"""Speeds of the ball, px/s: the variants."""
+# Simulated frame rate; lower rates use every second or fourth frame.
 FRAME_RATE_HZ = 60
-"""Simulated frame rate; lower rates use every second or fourth frame."""
 BOXES = 50
 
 

@@ -11,16 +11,16 @@ from models.physics.springs.spring_system import build_springs, count_steps, int
 from pipeline.experiments.thesis.scenes.boxes_scene import FRAME_RATE_HZ, simulate_throw
 from pipeline.experiments.thesis.scenes.double_pendulum_scene import GRAVITY, LENGTH, PIVOT, SPRING_KINDS
 
+# Numbers of swings and throws.
 SWING_COUNT, THROW_COUNT = 64, 6
-"""Numbers of swings and throws."""
+# Largest initial angle from hanging, rad; that of the scene itself is pi/2.
 MAX_ANGLE = 0.6 * np.pi
-"""Largest initial angle from hanging, rad; that of the scene itself is pi/2."""
+# Duration of a swing or throw, s.
 SECONDS = 2.5
-"""Duration of a swing or throw, s."""
+# First seed of training data; seeds of scenes are smaller.
 FIRST_TRAINING_SEED = 10_000
-"""First seed of training data; seeds of scenes are smaller."""
+# Largest speed of a ball relative to another, px/s; it sets the integration steps.
 MAX_SPEED = 2000.0
-"""Largest speed of a ball relative to another, px/s; it sets the integration steps."""
 
 
 def simulate_training_swings(kind: str, seconds: float, seed: int) -> FloatArray:

@@ -13,22 +13,22 @@ from models.core.typing import FloatArray
 from models.physics.springs.spring_system import build_springs, evaluate_spring_rate
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
 
+# Stiffness (mass/s^2) and damping (mass/s) of springs, which the thesis does not state; masses are 1.
 SPRING_KINDS = {"soft": (300.0, 0.1), "medium": (3e3, 1.0), "stiff": (1e5, 20.0)}
-"""Stiffness (mass/s^2) and damping (mass/s) of springs, which the thesis does not state; masses are 1."""
+# px/s^2: 100 px are a metre.
 GRAVITY = 981.0
-"""px/s^2: 100 px are a metre."""
+# px: rest length and initial distance of the balls.
 LENGTH = 80.0
-"""px: rest length and initial distance of the balls."""
+# px: the fixed ball.
 PIVOT = (200.0, 190.0)
-"""px: the fixed ball."""
+# Relative and absolute tolerance of the integration.
 ACCURACY = 1e-10
-"""Relative and absolute tolerance of the integration."""
 RECORDING = "double_freeswing_200Hz.npz"
 RECORDED_HZ = 200.0
+# First sample of each variant of the recording.
 STARTS = {"0 s": 0, "15 s": 3000, "30 s": 6000}
-"""First sample of each variant of the recording."""
+# Duration of a recorded series, s.
 RECORDED_SECONDS = 10.0
-"""Duration of a recorded series, s."""
 
 
 @lru_cache(maxsize=16)

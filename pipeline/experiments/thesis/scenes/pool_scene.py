@@ -13,10 +13,10 @@ from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, W
 from pipeline.io.run_folder import read_csv_columns
 from pipeline.io.text_table import Columns
 
+# Least number of frames of a segment in which every ball was observed.
 MIN_FRAMES = 15
-"""Least number of frames of a segment in which every ball was observed."""
+# Least displacement between its first and last frame, px.
 MIN_MOTION_PX = 1.0
-"""Least displacement between its first and last frame, px."""
 
 
 @dataclass(frozen=True, slots=True)
