@@ -2,8 +2,9 @@
 
     python -m benchmarks.clips.overlay_cover [CLIP|DIR...] [--slow 4] [--style coach]
 
-A pixel of a ball is hidden where the annotation changes it: in a frame of the slow motion, within the circle of a ball
-less one pixel, which encloses its edge. A clip is run first; of a run folder the saved fit and the clip that it notes
+A pixel of a ball is hidden where the annotation changes its luma: in a frame of the slow motion, within the circle of a
+ball less one pixel, which encloses its edge. Chroma is shared by four pixels, so that a line beside a ball changes it
+on the edge too, and hides nothing. A clip is run first; of a run folder the saved fit and the clip that it notes
 are used. Prints one row per clip; exits with 1 if a moving ball, or one that it touches, is hidden.
 """
 
@@ -72,9 +73,11 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     annotation = prepare_annotation(timeline, tracks, fit, first, options.slow, options.style)
     times, whole = find_output_times(clip, timeline, options), (0, 0, clip.width, clip.height)
     for frame in synthesize_frames(clip, appearance, fit, times, FrameInterval.synthesize_planes):
-        before = frame.image.copy_patch(*whole)
-        after = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions).copy_patch(*whole)
-        changed = (before != after).any(axis=-1)
+        before = frame.image.copy_patch(*whole)[..., 0]
+        changed = (
+            annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions).copy_patch(*whole)[..., 0]
+            != before
+        )
         active = frame.balls.moving | find_touching(fit, tracks, frame.t)
         hidden = [count_in_discs(changed, frame.balls, which) for which in (active, ~active)]
         counts += [1, *hidden, int(changed.sum()), len(annotation.name_rects)]
