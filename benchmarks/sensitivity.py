@@ -28,6 +28,7 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from fnmatch import fnmatchcase
 from functools import cache, partial
 from hashlib import sha256
+from itertools import takewhile
 from multiprocessing import get_context
 from pathlib import Path
 from types import FrameType, ModuleType
@@ -145,13 +146,13 @@ def load_packages() -> list[ModuleType]:
 
 
 def find_constants(module: ModuleType) -> list[Constant]:
-    """Find UPPER_CASE floats, integers above 1, and those in tuples, with the docstring that follows each."""
-    body, constants = _parse(str(module.__file__)).body, list[Constant]()
-    for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
+    """Find UPPER_CASE floats, integers above 1, and those in tuples, with the comment above each."""
+    lines, constants = Path(str(module.__file__)).read_text(encoding="utf-8").splitlines(), list[Constant]()
+    for node in _parse(str(module.__file__)).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue
-        is_doc = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-        doc = " ".join(ast.literal_eval(after.value).split()) if is_doc else ""  # type: ignore[attr-defined]
+        above = takewhile(lambda line: line.startswith("#"), reversed(lines[: node.lineno - 1]))
+        doc = " ".join(line.removeprefix("#").strip() for line in reversed([*above]))
         is_code = isinstance(node.value, ast.Call) and "range" in ast.dump(node.value.func)
         names = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         for name in names:

@@ -32,11 +32,11 @@ from models.core.events import Events
 LIMITS = '''
 from functools import cache
 import math
+# m: largest
+# distance.
 REACH = 0.25
-"""m: largest
-distance."""
+# Rounds.
 ROUNDS, FLAG, ONE = 7, True, 1
-"""Rounds."""
 STEPS = (0.0, (2, 0.5))
 TURN: float = math.radians(90.0)
 lower, Mixed, WORDS, TABLE = 0.5, 0.5, ("a", "b"), {"a": 0.5}
@@ -136,7 +136,7 @@ def test_constants_are_floats_integers_above_one_and_items_of_tuples(package: Pa
     }  # fmt: skip
 
 
-def test_the_docstring_that_follows_describes_a_constant(package: Package) -> None:
+def test_the_comment_above_describes_a_constant(package: Package) -> None:
     assert pick(package, "REACH").doc == "m: largest distance."
     assert pick(package, "ROUNDS").doc == "Rounds."
     assert pick(package, "TURN").doc == ""

@@ -79,7 +79,7 @@ def test_a_net_over_a_hole_is_no_ball_and_a_ball_beside_the_hole_is_one() -> Non
     inside, outside = np.array([1.4, 1.4]) * ball, np.array([2.9, 2.9]) * ball
     for place in (inside, outside):
         x, y = np.rint(camera.to_pixels(place, ball)).astype(int).tolist()
-        for share, level in ((1.0, 200), (0.8, 215), (0.5, 225)):  # shaded: a disc of one level is drawn, no ball
+        for share, level in ((1.0, 170), (0.8, 200), (0.5, 225)):  # shaded: a disc of one level is drawn, no ball
             cv2.circle(
                 image, (x, y), round(share * float(camera.radius_px(place, ball))), (level,) * 3, -1, cv2.LINE_AA
             )

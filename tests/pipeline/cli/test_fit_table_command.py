@@ -54,7 +54,7 @@ def test_shots_of_two_tables_are_refused(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_a_folder_without_tracks_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert execute_command_line(["fit-table", str(tmp_path), "--cache", str(tmp_path / "c")]) == 2
-    assert "tracks.csv was expected" in capsys.readouterr().err
+    assert "tracks.csv or a folder with one was expected" in capsys.readouterr().err
 
 
 @pytest.mark.slow

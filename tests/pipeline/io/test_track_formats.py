@@ -318,7 +318,7 @@ def test_a_system_of_pooltool_is_read_in_our_axes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("ending", "words"), [
     (".mot.txt", "--size"), (".trk", "--px-per-m"), (".dlc.csv", "--px-per-m"), (".msgpack", "needs the table"),
-    (".json", "several formats"), (".parquet.gz", "several formats"),
+    (".json", "ending of no format"), (".parquet.gz", "ending of no format"),
 ])  # fmt: skip
 def test_what_an_export_lacks_is_named_with_the_option_that_states_it(tmp_path: Path, ending: str, words: str) -> None:
     (tmp_path / "tracks.csv").write_text("frame,t,id,x,y\n0,0,a,1,2\n1,0.1,a,1,3\n")
