@@ -79,7 +79,7 @@ def test_an_unusable_shot_is_reported_and_the_others_teach_the_table(
     assert document["learned_from"]["shots"] == 3
     reasons = document["refused"]
     assert len(reasons) == 3
-    assert "tracks.csv was expected" in reasons[0]
+    assert "tracks.csv or a folder with one was expected" in reasons[0]
     assert "t must increase" in reasons[1]
     assert "shot 1: the shot does not end" in reasons[2]
 
