@@ -29,7 +29,7 @@ from benchmarks.sensitivity import (
 )
 from models.core.events import Events
 
-LIMITS = '''
+LIMITS = """
 from functools import cache
 import math
 # m: largest
@@ -67,7 +67,7 @@ def last_step():
 half_grip = GRIP / 2
 def grip():
     return GRIP + half_grip
-'''
+"""
 USERS = """
 from {name}.limits import REACH, ROUNDS as MOST_ROUNDS
 if True:
