@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from detectors.measurement.ball_colour import LUMA
 from detectors.measurement.cloth_background import SHADOW_WEIGHT
 from models.core.array_columns import replace_rows, take_rows
 from models.core.typing import BoolArray, ByteArray, FloatArray
@@ -38,8 +39,6 @@ RADIUS_PRIOR_RADII = 0.05
 MIN_GRADIENT = 9.0
 # Distance up to which an edge supports a circle: ball radii, and px; the larger one counts.
 TIGHT_RADII, TIGHT_PX = 0.07, 0.6
-# Brightness of RGB (ITU-R BT.601).
-LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 # Radius, over its own, within which a disc hides others behind it: the lens blurs its rim.
 OCCLUDER_RADII = 1.15
 # Share of unoccluded rays up to which the support is relative to this share, beyond to the unoccluded rays.

@@ -129,6 +129,8 @@ def _find_balls(
 ) -> tuple[list[Tracklet], TrackPixels]:
     """Find the tracks of all balls; those that a person placed need not look or move like one."""
     detections = marked.detections
+    if not len(detections):
+        raise TrackError(NO_BALLS)
     table_detections = project_detections(detections, frame, scene)
     pixels = TrackPixels(table_detections, detections, frame, t)
     is_marked = marked.mark[table_detections.row] >= 0
@@ -165,8 +167,6 @@ def _find_balls(
     if options.balls:
         balls = sorted(balls, key=lambda tracklet: -len(tracklet.frame_index))[: options.balls]
     balls = keep_placed_balls(balls, marked.mark, pixels)
-    if not len(detections):
-        raise TrackError(NO_BALLS)
     if not balls:
         raise TrackError(
             f"Tracking needs balls that are detected in several frames; {len(detections)} detections contain none: "

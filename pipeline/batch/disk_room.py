@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from models.core.errors import OptionError
+from pipeline.stages.render_stage import SLOW_FILE
 from video.io.video_options import RenderOptions
 
 # Of a shot, mostly its page, and of each of its frames, mostly in the trajectory: 4.5 MB for 149 frames.
@@ -35,7 +36,7 @@ def estimate_bytes(films: Iterable[FilmLength], options: RenderOptions) -> float
 
     The cache takes as much again.
     """
-    last = "report.html" if options.no_video else "slow.mp4"
+    last = "report.html" if options.no_video else SLOW_FILE
     slow = 0.0 if options.no_video else options.slow
     return sum(
         SHOT_BYTES + film.frames * (FRAME_BYTES + slow * (SLOW_FRAME_BYTES + SLOW_PIXEL_BYTES * film.pixels))

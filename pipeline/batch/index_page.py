@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -16,16 +15,18 @@ from urllib.parse import quote
 import numpy as np
 from PIL import Image
 
+from models.core.errors import OptionError
 from pipeline.batch.clip_job import ClipResult
+from pipeline.io.strict_json import read_json
 from pipeline.reporting.pages.page_template import build_jpeg_uri, render_template
 from pipeline.reporting.pages.run_report import SUMMARY_FILE, THUMBNAIL_PX, THUMBNAIL_QUALITY
 from pipeline.reporting.text.text_formatting import escape_text
+from pipeline.stages.render_stage import SLOW_FILE
 
 # A phone opens a page of 3 MB at once.
 MAX_PAGE_BYTES = 2_900_000
 # Longest side of an image that shows a table at all.
 LEAST_THUMBNAIL_PX = 64
-VIDEO = "slow.mp4"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,7 @@ def _list_cards(row: ClipResult, out: Path) -> Iterator[ShotCard]:
         level = facts["trust"]["light"] if "trust" in facts else row.trust
         place = quote(os.fsencode(os.path.relpath(folder / name, out)))
         title = escape_text(f"{row.clip}, {name}" if name else row.clip)
-        yield ShotCard(title, place, level, facts, (folder / name / VIDEO).is_file())
+        yield ShotCard(title, place, level, facts, (folder / name / SLOW_FILE).is_file())
 
 
 def _list_shot_folders(folder: Path) -> list[str]:
@@ -102,9 +103,8 @@ def _list_shot_folders(folder: Path) -> list[str]:
 
 def _read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object; empty where the file cannot be read."""
-    with suppress(OSError, ValueError):
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return content
+    with suppress(OptionError):
+        return dict(read_json(path, "a summary was expected"))
     return {}
 
 
