@@ -159,6 +159,7 @@ class PageRows(HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         self.hidden -= tag in ("script", "style")
+        self.parts.append(" ")
 
     def handle_data(self, data: str) -> None:
         self.parts.append("" if self.hidden else data)
@@ -260,7 +261,7 @@ class RunStatements:
         subject = ""
         for row in map(self.identify, rows):
             for text in re.split(r"(?<=[^\d])\. (?=[A-Z«])", row):
-                subject = found[1] if (found := re.match(r"(«[^»]+»)", text)) else subject
+                subject = found[0] if (found := re.search(r"^«[^»]+»|«[^»]+»(?=: )", text)) else subject
                 text = re.sub(r"\b[Ii]t (was struck|touched|fell|came)", rf"{subject} \1", text)
                 # the time of a score is that of its second ball, its probability that of all its contacts
                 text, scores = re.subn(r"touched «[^»]+» and, after [^,]* in all, («[^»]+» at)", r"touched \1", text)

@@ -186,7 +186,7 @@ def test_places_to_check_have_a_sentence_a_frame_and_a_close_up(unsure_page: str
     assert [Image.open(io.BytesIO(image)).size for image in images] == [(480, 360), (480, 360)]
     middle = np.asarray(Image.open(io.BytesIO(images[0])).convert("L"))[150:210, 210:270]
     assert middle.max() > 200, "the white ball is in the middle of its close-up"
-    assert "frame 15 · 0.500 s · 39 % unsure" in unsure_page
+    assert "0.500 s, around frame 15 · 39 % unsure" in unsure_page
     assert (
         "White: what it met at 0.5000 s ± 1.0 ms is unsure: right short rail 61 %, something else 39 %; too few frames"
         in unsure_page
