@@ -50,7 +50,7 @@ from pathlib import Path
 import psutil
 
 from benchmarks.support.row_files import append_row, read_rows
-from models.core.source_imports import find_discovered_packages, find_imports
+from models.core.module_discovery import find_discovered_packages, find_imports
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("models", "detectors", "diagnosis", "video", "pipeline")

@@ -16,8 +16,7 @@ from models.core.detections import Detections
 from models.core.errors import TableNotFound
 from models.core.scene import Game
 from models.core.typing import ByteArray, FloatArray
-from models.tracking.appearance import Appearance
-from models.tracking.ball_classes import POOL_SET, assign_to_set, classify_balls
+from models.tracking.ball_classes import POOL_SET, Appearance, assign_to_set, classify_balls
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
 

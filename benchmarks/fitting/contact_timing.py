@@ -41,7 +41,7 @@ from benchmarks.support.figures import (
     estimate_statistic,
     run_quick,
 )
-from models.core.joint_solution import ClothFriction
+from models.core.contact_graph import ClothFriction
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot

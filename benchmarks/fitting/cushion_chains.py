@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.events import Events
-from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray

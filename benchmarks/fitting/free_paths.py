@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.events import Events
-from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.forecast.solution_state import ROLLING_SLOPE_FACTOR, SLOPE_SIGMA, UNEVENNESS, WINDOW_LENGTH

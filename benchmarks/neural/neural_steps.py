@@ -22,9 +22,8 @@ from benchmarks.neural.spring_fits import LOST_PX, simulate_truth
 from benchmarks.support.figures import Figure, add_quick_option, estimate_median, run_quick
 from models.core.typing import FloatArray
 from models.neural.common.integration_steps import EulerStep
-from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
+from models.neural.common.method_interface import CUBIC, CURVES, LINEAR, FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
-from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
 from models.neural.method_catalogue import COMPETING_METHODS, CONSTRAINT_NET, THESIS_METHODS
 from models.neural.networks.hamiltonian_network import HAMILTONIAN
 from models.neural.networks.neural_flow import SECOND_ORDER

@@ -31,8 +31,7 @@ from benchmarks.neural.spring_fits import CASES, FUTURE_SECONDS, SpringFitScore,
 from benchmarks.support.figures import Figure, add_quick_option, estimate_median, run_quick
 from models.core.recording import record_points
 from models.estimation.springs.latent_inference import infer_springs
-from models.neural.common.method_interface import MotionMethod, TrainingBudget
-from models.neural.common.spline_methods import AKIMA, CUBIC, LINEAR
+from models.neural.common.method_interface import AKIMA, CUBIC, LINEAR, MotionMethod, TrainingBudget
 from pipeline.experiments.thesis.compared_methods import (
     CONSTRAINT_NET,
     PRETRAINED_NET,

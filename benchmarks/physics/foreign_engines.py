@@ -23,7 +23,7 @@ from models.core.typing import FloatArray
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_ball import alciatore
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
-from models.physics.billiards.ball_cushion.cushion_contact import (
+from models.physics.billiards.contact_model import (
     NOSE_HEIGHT,
     apply_cushion_impulse,
     contact_inclination,

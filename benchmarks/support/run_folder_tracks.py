@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.support.run_folder import FOOTAGE, ROOT, RunFolder, read_run, run_clip
-from models.core.capture_clock import CaptureClock
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
+from models.core.trajectory import CaptureClock
 from models.estimation.gap_scenes.billiards_scene import TimeJump, add_pauses, find_time_jumps
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 from models.tracking.track_noise import NOISE_FLOOR_RADII, apply_noise, estimate_noise

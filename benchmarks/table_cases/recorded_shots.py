@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.support.run_folder import ROOT
+from models.core.contact_graph import JointSolution
 from models.core.errors import TrackError
-from models.core.joint_solution import JointSolution
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray

@@ -14,18 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.tracking.break_shots import BALLS, HZ, PX_PER_M, Break, FilmedBreak, R, overhead_scene
-from models.core.capture_clock import CaptureClock
 from models.core.contact_graph import Contact, ContactGraph, ContactKind, Segment
 from models.core.fit_result import Fit
 from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.tracks import Tracks
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
-from models.estimation.reconstruction.close_passes import list_close_passes
-from models.estimation.reconstruction.explain_shot import list_gaps, refine_contact_times, whiten_observed
+from models.estimation.reconstruction.explain_shot import (
+    list_close_passes,
+    list_gaps,
+    refine_contact_times,
+    whiten_observed,
+)
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.structure_search.contact_partners import collect_hypotheses
 

@@ -17,7 +17,7 @@ from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.working_view import WorkingView, nearest_pixels, values_at
 from models.core.scene import POCKETS
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from models.numerics.robust_scale import estimate_sigma
+from models.numerics.statistics import estimate_sigma
 
 # Weight of differences towards darker shades of the cloth's own colour, which are mostly shadows.
 SHADOW_WEIGHT = 0.5

@@ -18,7 +18,7 @@ import numpy as np
 from detectors.measurement.circle_fit import build_shadow_weighted_basis
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 from models.numerics.least_squares import NormalEquations, SearchOptions, minimize_cost, solve_normal_equations
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 
 # Lengths of the trial displacements, ball radii.
 TRIAL_LENGTHS_RADII = np.array([0.0, 0.8, 1.6, 2.6, 3.8, 5.2, 6.8])

@@ -13,7 +13,7 @@ from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import Covariates
 from models.estimation.multiple_shooting.normal_equations import require_linearized
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 
 # Number of noise samples.
 NOISE_DRAWS = 300

@@ -7,7 +7,6 @@ previous one is white (Prais and Winsten 1954). Jacobians are transformed alike,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import prod
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from models.estimation.multiple_shooting.shooting_windows import (
     drop_shared_jacobian,
     predict_window,
 )
-from models.numerics.autoregression import whiten_series
 from models.physics.effect import Prior
 
 
@@ -36,9 +34,8 @@ class NoiseChain:
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Whiten values (K, ...) whose errors have unit variance."""
-        table = values.reshape(len(values), prod(values.shape[1:]))
-        rows = whiten_series(table, self.previous, self.correlation, 1 / np.sqrt(1 - self.correlation**2))
-        return np.asarray(rows.reshape(values.shape))
+        scale = 1 / np.sqrt(1 - self.correlation**2)
+        return np.asarray(((values.T - self.correlation * values[self.previous].T) * scale).T)
 
 
 def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:

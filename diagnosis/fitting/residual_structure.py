@@ -16,7 +16,7 @@ from scipy.stats import norm
 from diagnosis.fitting.display_names import format_group
 from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
 from models.core.typing import BoolArray, FloatArray
-from models.numerics.significance import correct_for_choices
+from models.numerics.statistics import correct_for_choices
 
 # Share of the largest edge below which an edge is 0: what a simulation leaves of a body that has stopped.
 _ROUNDING = 1e-6

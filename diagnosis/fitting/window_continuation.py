@@ -24,7 +24,7 @@ from diagnosis.fitting.hypothesis_fits import (
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.multiple_shooting.shooting_windows import find_sensitive_observation, simulate_window
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 
 Item = TypeVar("Item")
 

@@ -35,7 +35,7 @@ from diagnosis.selection.hypothesis_trials import (
 from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 from models.numerics.least_squares import invert_semidefinite
-from models.numerics.significance import correct_for_choices
+from models.numerics.statistics import correct_for_choices
 
 # Probability of adding any effect where none is missing.
 SIGNIFICANCE = 0.01

@@ -18,7 +18,7 @@ from diagnosis.unexplained.local_patch import PATCH_SIGNIFICANCE, Disc, LocalPat
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, LOCAL_PATCH
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
-from models.numerics.significance import correct_for_choices
+from models.numerics.statistics import correct_for_choices
 
 # Number of discs from which the paths are fitted: the pieces of a short recording place a patch within its radius.
 _PROPOSALS = 4

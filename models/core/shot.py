@@ -11,14 +11,13 @@ from typing import Literal
 import numpy as np
 
 from models.core.answer import format_html
-from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import JointSolution, Observations
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.joint_solution import JointSolution, Observations
+from models.core.fit_result import MarkOutcome
 from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
-from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
-from models.core.trajectory import Trajectory
+from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import BoolArray, FloatArray
 
 # `fit_failed`: the equations of the fit have no solution, with the error; `no_ball`: no ball was detected;

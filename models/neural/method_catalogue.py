@@ -16,6 +16,7 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from models.neural.common.method_interface import (
+    CURVES,
     FittedMotion,
     MotionMethod,
     MotionNotFoundError,
@@ -23,7 +24,6 @@ from models.neural.common.method_interface import (
     select_holdout,
     validate_samples,
 )
-from models.neural.common.spline_methods import CURVES
 from models.neural.networks.constraint_net import CONSTRAINT_NET
 from models.neural.networks.hamiltonian_network import HAMILTONIAN, SEPARABLE
 from models.neural.networks.interaction_network import INTERACTION

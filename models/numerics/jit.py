@@ -13,12 +13,19 @@ Numba copies the code of every function that a function calls into it, so that a
 calls is optimized and translated once per function above it. Here that holds for short functions only, which the
 optimizer inlines. The code of a longer one exists once, and its callers refer to it by its symbol; they are loaded
 from disk after it, and only if it still has this symbol.
+
+Notification and timing of compilations: a new installation compiles all kernels, which takes a minute.
+
+Copies of small arrays in compiled functions.
+
+`target[:] = source` takes several times as long to compile: numba checks shapes and overlaps, and formats errors.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -33,11 +40,11 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.codegen import ll
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
-from numba.core.event import trigger_event
+from numba.core.event import Event, Listener, TimingListener, install_listener, trigger_event
 from numba.core.sigutils import normalize_signature
 from numba.core.types.misc import unliteral
 
-from models.core.source_imports import find_discovered_packages, find_imports
+from models.core.module_discovery import find_discovered_packages, find_imports
 
 # Length of the complex step, along the imaginary axis.
 COMPLEX_STEP = 1e-30
@@ -262,3 +269,58 @@ def compile_inline_closure(function: Callable[..., Any]) -> Any:
         The compiled closure.
     """
     return numba.njit(error_model="numpy", nogil=True, inline="always")(function)
+
+
+@contextmanager
+def notify_first_compilation(notify: Callable[[], None]) -> Iterator[None]:
+    """Call `notify` once, before the first compilation of a function that is cached on disk.
+
+    Args:
+        notify: Called without arguments, in the thread that compiles.
+
+    Yields:
+        None; the notification is active inside the `with` block.
+    """
+    with install_listener(COMPILATION_EVENT, _CompilationListener(notify)):
+        yield
+
+
+class _CompilationListener(Listener):  # type: ignore[misc]
+    """Listens to compilations of cached functions."""
+
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._notify: Callable[[], None] | None = notify
+
+    def on_start(self, event: Event) -> None:
+        if self._notify is not None:
+            notify, self._notify = self._notify, None
+            notify()
+
+    def on_end(self, event: Event) -> None:
+        return None
+
+
+@contextmanager
+def measure_compilation() -> Iterator[Callable[[], float]]:
+    """Measure for how long this process compiles functions that are cached on disk, or waits for them.
+
+    Yields:
+        A function that returns the time since the `with` block began, s.
+    """
+    with install_listener(COMPILATION_EVENT, TimingListener()) as timer:
+        yield lambda: timer.duration if timer.done else 0.0
+
+
+@compile_kernel
+def copy_numbers(source, target):  # type: ignore[no-untyped-def]
+    """Copy an array (n,) to the first n numbers of another, which it does not overlap."""
+    for k in range(len(source)):
+        target[k] = source[k]
+
+
+@compile_kernel
+def copy_rows(source, target):  # type: ignore[no-untyped-def]
+    """Copy an array (n, m) to the first n rows of another, which it does not overlap."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]

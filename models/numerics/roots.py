@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import compile_kernel
+from models.numerics.jit import compile_kernel, copy_numbers
 
 # Degree of the squared distance of two quintic paths.
 MAX_DEGREE = 10

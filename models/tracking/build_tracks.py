@@ -25,8 +25,7 @@ from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
-from models.tracking.appearance import summarize_appearance
-from models.tracking.ball_classes import assign_ids, classify_balls, find_struck_ball
+from models.tracking.ball_classes import assign_ids, classify_balls, find_struck_ball, summarize_appearance
 from models.tracking.clutter_filter import is_ball, looks_like_ball, moves_like_ball
 from models.tracking.hand_edits import (
     EditedBall,

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError
+from models.core.fit_result import ShotNumbers
 from models.core.naming import Naming
-from models.core.shot_numbers import ShotNumbers
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns

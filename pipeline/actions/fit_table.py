@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from models.core.answer import Answer, Quantity
+from models.core.contact_graph import JointSolution
 from models.core.errors import OptionError, TrackError, TruerollError
 from models.core.fit_result import Parameter
-from models.core.joint_solution import JointSolution
 from models.core.number_format import format_measured
 from models.core.scene import CUSHIONS, Table
 from models.core.shot import Shot

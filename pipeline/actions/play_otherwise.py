@@ -12,9 +12,9 @@ import numpy as np
 from models.core.answer import Answer, Quantity
 from models.core.errors import NO_STROKE, OptionError, TrackError
 from models.core.events import Events
+from models.core.fit_result import ShotNumbers
 from models.core.naming import Naming
 from models.core.scene import Scene
-from models.core.shot_numbers import ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.forecast.ensemble_prediction import QUANTILES, compute_quantiles

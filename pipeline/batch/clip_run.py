@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from models.numerics.first_compilation import measure_compilation
+from models.numerics.jit import measure_compilation
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
 from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.long_clip import run_shots

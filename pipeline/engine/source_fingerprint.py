@@ -15,7 +15,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
-from models.core.source_imports import Import, find_discovered_packages, find_imports
+from models.core.module_discovery import Import, find_discovered_packages, find_imports
 
 # Folder of the project's packages: the checkout, or site-packages.
 ROOT = Path(__file__).resolve().parents[2]

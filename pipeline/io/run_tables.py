@@ -12,9 +12,8 @@ import numpy as np
 
 from models.core.ball_look import format_colour
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.fit_result import Fit, Parameter, WholeShotFit
+from models.core.fit_result import Fit, Parameter, ShotExplanation, WholeShotFit
 from models.core.scene import Camera, Scene
-from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
@@ -120,7 +119,7 @@ def write_scene(
 
 def _describe_ball_size(scene: Scene, fit: Fit) -> dict[str, Any]:
     """Describe the ball size that all stages use, and its independent estimates, with that of the contacts."""
-    from models.estimation.reconstruction.contact_ball_size import estimate_contact_ball_size  # slow to import
+    from models.estimation.reconstruction.plausibility import estimate_contact_ball_size  # slow to import
 
     contacts = estimate_contact_ball_size(fit.parameters, scene.table.ball_radius)
     size, estimates = scene.ball_size, [*scene.ball_size_estimates, *([] if contacts is None else [contacts])]

@@ -9,16 +9,15 @@ from functools import lru_cache
 from pathlib import Path
 
 from models.core.errors import OptionError
-from models.core.fit_result import Fit, Trust, WholeShotFit
+from models.core.fit_result import CauseHypothesis, Fit, Moment, ShotExplanation, Trust, WholeShotFit, is_undecided
 from models.core.naming import Naming
 from models.core.number_format import format_probability, format_time
 from models.core.shot import Note, Shot
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.joint_fit.trust_level import add_warnings
-from models.estimation.reconstruction.close_passes import list_close_passes
-from models.estimation.reconstruction.rolling_deceleration import DECELERATION_RANGE, USUAL_DECELERATION
+from models.estimation.reconstruction.explain_shot import list_close_passes
+from models.estimation.reconstruction.plausibility import DECELERATION_RANGE, USUAL_DECELERATION
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import add_shot_numbers
 from pipeline.io.shot_folder import read_shot

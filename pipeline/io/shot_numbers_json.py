@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from models.core.errors import OptionError
-from models.core.shot_numbers import SPIN_STATES, ShotNumber, ShotNumbers
+from models.core.fit_result import SPIN_STATES, ShotNumber, ShotNumbers
 from pipeline.io.strict_json import replace_nonfinite
 
 # Key of scene.json.

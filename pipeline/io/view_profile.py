@@ -16,7 +16,7 @@ from models.core.fit_result import Parameter
 from models.core.scene import BallSize, Table
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
-from models.numerics.covariance_intersection import intersect_estimates
+from models.numerics.statistics import intersect_estimates
 from models.physics.billiards.parameter_vector import GRAVITY, TABLE_PARAMETERS
 from pipeline.io.profile_export import SCHEMA
 from pipeline.io.run_folder import list_files_beside, parse_camera, parse_table, read_scene_document

@@ -84,8 +84,7 @@ def prepare_fit_kernels() -> None:
     """Compile the kernels of the joint fit, those of its priors first."""
     import numpy as np
 
-    from models.core.contact_graph import ContactGraph
-    from models.core.joint_solution import SHARED_COUNT, Observations
+    from models.core.contact_graph import SHARED_COUNT, ContactGraph, Observations
     from models.estimation.joint_fit.fit_arrays import FitParameters, build_graph_arrays
     from models.estimation.joint_fit.joint_refinement import refine_graph
     from models.estimation.joint_fit.prior_residuals import evaluate_priors

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from models.numerics.first_compilation import notify_first_compilation
+from models.numerics.jit import notify_first_compilation
 
 COMPILING_NOTE = "compiling numerical code for this machine: once, it takes one to two minutes"
 

@@ -21,8 +21,7 @@ from benchmarks.stress_cases.video_damage import blur_streak, paste_ball
 from benchmarks.tracking.break_shots import overhead_scene
 from models.core.detections import Detections
 from models.core.events import Events
-from models.core.fit_result import Fit, Trust
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.fit_result import CauseHypothesis, Fit, Moment, ShotExplanation, Trust
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 

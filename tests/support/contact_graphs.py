@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from support.filmed_shots import Filmed
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, Segment
 from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
 

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from support import synthetic_run as shot
 
 import pipeline.editing.edit_session as edit_session
-from models.core.shot_explanation import MarkOutcome
+from models.core.fit_result import MarkOutcome
 from pipeline.chain import hash_clip, honour_corrections
 from pipeline.editing.edit_server import EditServer
 from pipeline.editing.edit_session import EditSession

@@ -7,11 +7,11 @@ import numpy as np
 from models.core.scene import Table
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
-from models.physics.billiards.image_distortion import ImagePlacement
 from models.physics.billiards.simulation.parametrised_shot import (
     NEUTRAL_SHOT_PARAMETERS,
     SHOT_PARAMETERS,
     ContactModels,
+    ImagePlacement,
     simulate_start,
 )
 from models.physics.effect import Prior

@@ -10,15 +10,13 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from models.core.capture_clock import CaptureClock
 from models.core.detections import Detections
 from models.core.events import Events
-from models.core.fit_result import Fit, Parameter, Trust
+from models.core.fit_result import CauseHypothesis, Fit, Moment, Parameter, ShotExplanation, Trust
 from models.core.scene import Camera, Scene, Table
 from models.core.shot import Shot
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
-from models.core.trajectory import Trajectory
+from models.core.trajectory import CaptureClock, Trajectory
 from pipeline.io.shot_folder import publish_shot, write_shot
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import apply_homography
 from models.core.typing import FloatArray, ImageArray
-from models.numerics.robust_scale import estimate_sigma
+from models.numerics.statistics import estimate_sigma
 from video.calibration.camera_model import (
     estimate_camera_position,
     fit_perspective,

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from models.core.number_format import format_probability
 from models.core.scene import BallSize, Table, apply_homography
 from models.core.typing import FloatArray, ImageArray
-from models.physics.billiards.nominal_ball_size import estimate_preset_ball_size
-from models.physics.billiards.tables import TABLE_PRESETS
+from models.physics.billiards.tables import TABLE_PRESETS, estimate_preset_ball_size
 from video.calibration.ball_size import BallSizes
 from video.calibration.camera_model import homography_between
 from video.calibration.cloth_region import compare_with_cloth

@@ -12,13 +12,15 @@ from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import BallSize, Camera, Scene, Table, combine_ball_sizes, find_contradictions
 from models.core.typing import FloatArray, ImageArray
-from models.numerics.covariance_intersection import intersect_estimates
-from models.physics.billiards.nominal_ball_size import (
+from models.numerics.statistics import intersect_estimates
+from models.physics.billiards.tables import (
+    TABLE_PRESETS,
     estimate_preset_ball_size,
     estimate_typed_ball_size,
     format_contradiction,
+    parse_table,
+    replace_ball_radius,
 )
-from models.physics.billiards.tables import TABLE_PRESETS, parse_table, replace_ball_radius
 from video.calibration.ball_size import measure_ball_sizes
 from video.calibration.camera_model import PerspectiveFit, build_camera, orient_corners
 from video.calibration.camera_motion import (

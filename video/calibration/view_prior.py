@@ -8,7 +8,7 @@ import numpy as np
 
 from models.core.scene import BallSize, Table
 from models.core.typing import FloatArray
-from models.numerics.covariance_intersection import measure_contradiction
+from models.numerics.statistics import measure_contradiction
 
 # First words of the note about a moving camera.
 MOTION_NOTE = "the camera moves"

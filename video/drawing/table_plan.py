@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.ball_look import WHITE, BallLook, Colour
-from models.core.naming import Naming
+from models.core.naming import Naming, TableView, find_table_view
 from models.core.scene import CUSHIONS, Scene, Table
-from models.core.table_view import TableView, find_table_view
 from models.core.typing import ByteArray, FloatArray, ImageArray
 from video.drawing.circles import SHIFT
 from video.drawing.mask_tile import MaskTile

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
-from models.core.fit_result import Fit
+from models.core.fit_result import SURE_PROBABILITY, Fit
 from models.core.number_format import format_probability, format_time
-from models.core.shot_explanation import SURE_PROBABILITY
 from models.core.typing import FloatArray
 from video.drawing.palette import FLASH
 from video.matting.ball_timeline import BallTimeline

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.numerics.robust import evaluate_pair_loss
+from models.numerics.statistics import evaluate_pair_loss
 from models.physics.billiards.simulation.parametrised_shot import (
     MOVING_BALL_SIZE,
     NEUTRAL_SHOT_PARAMETERS,

@@ -16,8 +16,8 @@ from typing import Literal, TypedDict
 import numpy as np
 from scipy.special import ndtr
 
+from models.core.fit_result import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt, is_undecided
 from models.core.scene import CUSHIONS, POCKETS
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt, is_undecided
 from models.estimation.contact_test.candidate_contacts import (
     REST_SPEED,
     CandidateContact,

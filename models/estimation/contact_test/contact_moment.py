@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
+from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import BallSamples, SegmentFit, fit_segment
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics, evaluate_kinematics

@@ -32,7 +32,7 @@ from models.estimation.contact_test.contact_moment import (
     predict_nearest_approach,
 )
 from models.numerics.least_squares import SearchOptions, minimize_residuals
-from models.numerics.robust_scale import estimate_norm_sigma
+from models.numerics.statistics import estimate_norm_sigma
 from models.physics.effects.catalogue import find_prior
 
 # Correlations of the errors of successive samples (AR(1)), equally probable before.

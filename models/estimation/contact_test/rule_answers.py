@@ -11,8 +11,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from models.core.errors import NO_STROKE, TrackError
+from models.core.fit_result import is_undecided
 from models.core.scene import CUSHIONS, POCKETS, Game
-from models.core.shot_explanation import is_undecided
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers as calls
 from models.estimation.contact_test import candidate_contacts as contacts

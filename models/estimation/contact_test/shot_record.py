@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.events import Events
+from models.core.fit_result import ShotExplanation
 from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Table
-from models.core.shot_explanation import ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray

@@ -10,12 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.capture_clock import CaptureClock
-from models.core.contact_graph import ContactGraph, Segment
+from models.core.contact_graph import ContactGraph, JointSolution, Observations, Segment, layout_parameters
 from models.core.fit_result import Trust
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
 from models.core.scene import Table
 from models.core.tracks import Tracks
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.forecast.state_estimate import (
     NOSE_FRICTION,
@@ -43,7 +42,7 @@ from models.estimation.table_learning.cushion_contacts import (
 from models.estimation.table_learning.cushion_learning import learn_own_cushions
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
 from models.estimation.table_learning.side_spin import infer_side_spins
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG

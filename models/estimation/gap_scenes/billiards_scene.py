@@ -22,7 +22,6 @@ from models.estimation.whole_shot.initial_states import estimate_initial_states,
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
-from models.physics.billiards.image_distortion import ImagePlacement
 from models.physics.billiards.simulation.event_engine import (
     BALL,
     EVENT_FIRST,
@@ -31,7 +30,7 @@ from models.physics.billiards.simulation.event_engine import (
     EVENT_TIME,
     HOLE,
 )
-from models.physics.billiards.simulation.parametrised_shot import ContactModels, convert_to_starts
+from models.physics.billiards.simulation.parametrised_shot import ContactModels, ImagePlacement, convert_to_starts
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect, Prior

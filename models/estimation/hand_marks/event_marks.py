@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.events import Events, merge_events
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, MarkOutcome, Moment, ShotExplanation
+from models.core.fit_result import MIN_LISTED_PROBABILITY, CauseHypothesis, MarkOutcome, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.resolved_marks import HAND_ODDS, HAND_TIME_FRAMES, NO_BALL, ResolvedMark
 

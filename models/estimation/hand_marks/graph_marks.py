@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, layout_parameters
+from models.core.fit_result import MarkOutcome, MarkOutcomeCode
 from models.core.options import REQUIRED_GAIN
 from models.core.scene import CUSHIONS, Table
-from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.resolved_marks import (
     HAND_ODDS,

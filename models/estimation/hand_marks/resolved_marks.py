@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from models.core.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
-from models.core.shot_explanation import MarkOutcome, MarkOutcomeCode
+from models.core.fit_result import MarkOutcome, MarkOutcomeCode
 from models.core.tracks import Tracks
 
 # Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph, index_after_merge
-from models.core.joint_solution import ClothFriction, Observations
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, Observations, index_after_merge
 from models.core.typing import FloatArray, IntArray
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 

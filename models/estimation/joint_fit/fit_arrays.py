@@ -7,8 +7,14 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph, ContactKind
-from models.core.joint_solution import SHARED_COUNT, ClothFriction, JointSolution, layout_parameters
+from models.core.contact_graph import (
+    SHARED_COUNT,
+    ClothFriction,
+    ContactGraph,
+    ContactKind,
+    JointSolution,
+    layout_parameters,
+)
 from models.core.scene import CUSHIONS
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.numerics.jit import compile_kernel

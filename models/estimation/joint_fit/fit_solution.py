@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import ContactGraph, JointSolution, Observations
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
 from models.numerics.jit import compile_kernel

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph
-from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction, JointSolution, Observations
+from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction, ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (
@@ -45,7 +44,7 @@ from models.numerics.least_squares import (
     solve_damped,
     solve_normal_equations,
 )
-from models.numerics.robust import evaluate_pair_loss
+from models.numerics.statistics import evaluate_pair_loss
 from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
 
 # Bounds of the friction coefficients of any cloth, polished or wet.

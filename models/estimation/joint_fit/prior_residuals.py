@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.joint_solution import SEGMENT_STATE_SIZE, SHARED_COUNT
+from models.core.contact_graph import SEGMENT_STATE_SIZE, SHARED_COUNT
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import (

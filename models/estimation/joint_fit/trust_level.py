@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import JointSolution, Observations
 from models.core.fit_result import Trust, TrustLevel
-from models.core.joint_solution import JointSolution, Observations
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
 

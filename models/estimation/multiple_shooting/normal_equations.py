@@ -29,7 +29,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     simulate_window,
 )
 from models.estimation.multiple_shooting.state_elimination import ChainBlock
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 
 
 def linearize_chains(problem: ShootingProblem, point: Iterate) -> tuple[Iterate, list[ChainBlock]]:

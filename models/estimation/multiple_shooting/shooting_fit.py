@@ -44,7 +44,7 @@ from models.estimation.multiple_shooting.shooting_windows import ShootingModel, 
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import Minimum, SearchOptions, count_determined, minimize_cost, solve_damped
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 from models.physics.effect import Prior
 
 # Ratio of posterior to prior standard deviation above which the data did not determine a parameter.

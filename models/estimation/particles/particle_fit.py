@@ -18,10 +18,10 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import group_rigid_points, has_fixed_distances
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
+from models.estimation.rigid_bodies.rigid_world import group_rigid_points, has_fixed_distances
 from models.estimation.springs.latent_inference import infer_springs
-from models.neural.common.spline_methods import fit_akima, fit_spline
+from models.neural.common.method_interface import fit_akima, fit_spline
 
 # Function of times (M,) s that returns positions (M, N, D).
 Motion = Callable[[FloatArray], FloatArray]

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.capture_clock import CaptureClock
 from models.core.tracks import Tracks
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray, IntArray
 
 # Samples that share a parabola: fewer let the clock drift within a few windows, more are cut by contacts.

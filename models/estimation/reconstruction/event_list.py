@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact
-from models.core.events import Events
-from models.core.joint_solution import (
+from models.core.contact_graph import (
     SEGMENT_STATE_SIZE,
     ClothFriction,
+    Contact,
     JointSolution,
     ParameterLayout,
     layout_parameters,
 )
+from models.core.events import Events
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray

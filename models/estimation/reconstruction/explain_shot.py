@@ -15,21 +15,34 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import Contact, ContactGraph
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, layout_parameters
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.fit_result import MarkOutcome
 from models.core.options import FitOptions
 from models.core.progress import Progress, ignore_progress
 from models.core.scene import Scene, Table
-from models.core.shot import ContactRivals, ContactTestResult, Note, Shot, SimulatedBreak, select_outside_breaks
-from models.core.shot_explanation import MarkOutcome
+from models.core.shot import (
+    ClosePass,
+    ContactRivals,
+    ContactTestResult,
+    Note,
+    Shot,
+    SimulatedBreak,
+    select_outside_breaks,
+)
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_search import search_break, summarize_break
-from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME
-from models.estimation.contact_test.contact_moment import BallWindow, PossibleContact, make_ball_window
+from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME, find_close_passes
+from models.estimation.contact_test.contact_moment import (
+    USUAL_CLOTH,
+    BallWindow,
+    ClothPriors,
+    PossibleContact,
+    make_ball_window,
+)
 from models.estimation.contact_test.contact_probability import estimate_contact_time
-from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma
+from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma, make_shot_record
 from models.estimation.hand_marks.graph_marks import (
     MarkedFit,
     apply_marks,
@@ -43,8 +56,8 @@ from models.estimation.joint_fit.fit_solution import assign_observations, collec
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
 from models.estimation.reconstruction.capture_times import estimate_capture_times
-from models.estimation.reconstruction.close_passes import list_close_passes
-from models.estimation.reconstruction.rolling_deceleration import find_implausible_deceleration
+from models.estimation.reconstruction.plausibility import find_implausible_deceleration
+from models.estimation.reconstruction.shot_views import view_captured
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
@@ -435,3 +448,22 @@ def _last_reliable_time(graph: ContactGraph, one: SimulatedBreak, ball: int) -> 
     if ball == one.balls[0]:
         return graph.start_time(find_segment_at(graph, ball, one.start + TIME_EPSILON))
     return rest_start_time(graph, ball, one.hit)
+
+
+def list_close_passes(shot: Shot, cloth: ClothPriors = USUAL_CLOTH) -> tuple[ClosePass, ...]:
+    """List the passes of a shot that may have been contacts, with the results of their tests.
+
+    Args:
+        shot: The shot; its own passes do not count.
+        cloth: What is known about the friction of the cloth.
+
+    Returns:
+        The passes.
+    """
+    if not len(shot.tracks.t):
+        return ()
+    view, scene = view_captured(replace(shot, passes=())), shot.scene
+    record = make_shot_record(
+        shot.capture_tracks, view.events, view.trajectory, scene.table, scene.camera, view.explanation
+    )
+    return find_close_passes(replace(record, cloth=cloth))

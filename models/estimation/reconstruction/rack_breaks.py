@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.core.contact_graph import CAUSELESS_KINDS
-from models.core.joint_solution import JointSolution, layout_parameters
+from models.core.contact_graph import CAUSELESS_KINDS, JointSolution, layout_parameters
+from models.core.fit_result import RackBreak
 from models.core.shot import Shot
-from models.core.shot_explanation import RackBreak
 from models.estimation.break_shot.break_simulation import BreakShot
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.reconstruction.event_list import NUDGE_RADII

@@ -8,18 +8,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.capture_clock import CaptureClock
-from models.core.contact_graph import CAUSELESS_KINDS
+from models.core.contact_graph import CAUSELESS_KINDS, JointSolution, layout_parameters
 from models.core.events import Events, merge_events
-from models.core.fit_result import Fit, Parameter, Trust
-from models.core.joint_solution import JointSolution, layout_parameters
+from models.core.fit_result import MIN_LISTED_PROBABILITY, Fit, Moment, Parameter, RackBreak, ShotExplanation, Trust
 from models.core.naming import Naming
 from models.core.number_format import format_time
 from models.core.scene import POCKETS, Table
 from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, Moment, RackBreak, ShotExplanation
 from models.core.tracks import Tracks
-from models.core.trajectory import Trajectory
+from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.event_marks import weigh_marks
 from models.estimation.hand_marks.resolved_marks import resolve_marks
@@ -33,8 +30,8 @@ from models.estimation.joint_fit.trust_level import (
     evaluate_segment_chi2,
     find_accepted_segments,
 )
-from models.estimation.reconstruction.contact_ball_size import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.event_list import collect_events, list_events
+from models.estimation.reconstruction.plausibility import describe_ball_factor, warn_of_contact_ball_size
 from models.estimation.reconstruction.rack_breaks import find_rack_breaks
 from models.estimation.reconstruction.trajectory_assembly import (
     TrajectoryPiece,

@@ -11,9 +11,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import ContactGraph
-from models.core.joint_solution import (
+from models.core.contact_graph import (
     SEGMENT_STATE_SIZE,
+    ContactGraph,
     JointSolution,
     Observations,
     ParameterLayout,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.fit_result import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import IntArray

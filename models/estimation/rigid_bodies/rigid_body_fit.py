@@ -15,8 +15,14 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from models.core.typing import FloatArray, IntArray
-from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies, group_rigid_points
-from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, acceleration_error, guess_worlds
+from models.estimation.rigid_bodies.rigid_world import (
+    Bodies,
+    RigidBodyWorld,
+    acceleration_error,
+    assemble_bodies,
+    group_rigid_points,
+    guess_worlds,
+)
 from models.physics.rigid_bodies.contact_impulses import simulate_bodies
 
 # Rounds over all parameters, with steps that are halved each time.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.special import expit
 
-from models.core.shot_explanation import BallPremise
+from models.core.fit_result import BallPremise
 from models.core.typing import FloatArray
 from models.estimation.shot_hypotheses.event_probability import read_event_model
 

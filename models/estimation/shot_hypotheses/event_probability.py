@@ -19,8 +19,8 @@ from importlib.resources import files
 import numpy as np
 from scipy.special import expit
 
+from models.core.fit_result import CauseHypothesis
 from models.core.shot import ContactTestResult
-from models.core.shot_explanation import CauseHypothesis
 from models.core.typing import FloatArray
 
 

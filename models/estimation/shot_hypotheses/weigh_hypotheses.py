@@ -7,12 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import CAUSELESS_KINDS
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
-from models.core.options import REQUIRED_GAIN
-from models.core.scene import Table
-from models.core.shot import ContactRivals, RivalContact
-from models.core.shot_explanation import (
+from models.core.contact_graph import CAUSELESS_KINDS, JointSolution, Observations, layout_parameters
+from models.core.fit_result import (
     MIN_LISTED_PROBABILITY,
     BallPremise,
     Cause,
@@ -22,6 +18,9 @@ from models.core.shot_explanation import (
     RackBreak,
     ShotExplanation,
 )
+from models.core.options import REQUIRED_GAIN
+from models.core.scene import Table
+from models.core.shot import ContactRivals, RivalContact
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import find_segment_at

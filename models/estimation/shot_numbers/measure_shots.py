@@ -9,14 +9,12 @@ from math import erf, sqrt
 
 import numpy as np
 
-from models.core.capture_clock import CaptureClock
+from models.core.contact_graph import JointSolution, Observations, layout_parameters
 from models.core.events import Events
-from models.core.fit_result import Fit, WholeShotSolution
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.fit_result import SAME_STRIKE, SPIN_STATES, Fit, ShotNumber, ShotNumbers, SpinState, WholeShotSolution
 from models.core.scene import POCKETS, Table
-from models.core.shot_numbers import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers, SpinState
 from models.core.tracks import Tracks
-from models.core.trajectory import Trajectory
+from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import FloatArray
 from models.estimation.forecast.solution_state import (
     collect_captured_observations,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.joint_solution import JointSolution, layout_parameters
+from models.core.contact_graph import JointSolution, layout_parameters
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import LONGEST_MOTION
 from models.estimation.table_learning.cushion_contacts import evaluate_segment_state

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.shot_numbers import ShotNumbers
+from models.core.fit_result import ShotNumbers
 from models.core.typing import FloatArray
-from models.numerics.robust_scale import estimate_sigma
+from models.numerics.statistics import estimate_sigma
 
 # Shots from which a slope with an interval is stated: fewer have no interval of 95 % by ranks.
 MIN_TREND_SHOTS = 4

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.springs.coordinate_series import (
+from models.estimation.springs.parameter_layout import (
     MIN_RELATIVE_NOISE,
     MIN_SAMPLES,
     measure_scales,

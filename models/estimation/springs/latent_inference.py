@@ -24,16 +24,16 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.springs.coordinate_series import (
+from models.estimation.springs.dense_shooting import build_normal_equations, state_covariance
+from models.estimation.springs.graph_search import compute_stiffness_bound, find_rejections, fit_noise, search_graphs
+from models.estimation.springs.parameter_layout import (
     MIN_RELATIVE_NOISE,
     MIN_SAMPLES,
     estimate_coordinate_noise,
     find_fixed_particles,
+    find_reference_particles,
     measure_scales,
 )
-from models.estimation.springs.dense_shooting import build_normal_equations, state_covariance
-from models.estimation.springs.graph_search import compute_stiffness_bound, find_rejections, fit_noise, search_graphs
-from models.estimation.springs.parameter_layout import find_reference_particles
 from models.estimation.springs.spring_fit import (
     SearchEffort,
     SpringFit,

@@ -8,7 +8,6 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
-from models.estimation.springs.coordinate_series import fit_splines, measure_scales, second_difference
 from models.estimation.springs.dense_shooting import (
     ChainEstimate,
     ChainObservations,
@@ -18,7 +17,14 @@ from models.estimation.springs.dense_shooting import (
     minimize_chain,
     start_chain,
 )
-from models.estimation.springs.parameter_layout import SpringLayout, TypicalScales, build_layout
+from models.estimation.springs.parameter_layout import (
+    SpringLayout,
+    TypicalScales,
+    build_layout,
+    fit_splines,
+    measure_scales,
+    second_difference,
+)
 from models.numerics.least_squares import invert_semidefinite
 from models.physics.springs.spring_system import SpringSystem, count_steps, integrate_springs
 

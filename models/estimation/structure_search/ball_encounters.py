@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.contact_cascades import (

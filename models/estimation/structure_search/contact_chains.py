@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import CascadeContact, insert_cascade, predict_cascade
 from models.estimation.joint_fit.fit_solution import assign_observations

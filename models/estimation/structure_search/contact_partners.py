@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
 from models.core.typing import FloatArray

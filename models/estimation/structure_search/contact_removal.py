@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph, ContactKind
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, ContactKind, JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.fit_solution import assign_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph

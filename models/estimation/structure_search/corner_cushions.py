@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED

@@ -13,8 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, Segment
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, JointSolution, Observations, Segment
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from models.core.joint_solution import JointSolution
+from models.core.contact_graph import JointSolution
 from models.estimation.structure_search.ball_encounters import total_cost
 
 logger = logging.getLogger("trueroll.fit")

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_simulation import BreakShot

@@ -11,8 +11,7 @@ from itertools import permutations
 
 import numpy as np
 
-from models.core.contact_graph import Contact, ContactGraph
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.joint_refinement import refine_graph

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.core.joint_solution import SEGMENT_STATE_SIZE, SHARED_COUNT, JointSolution, layout_parameters
+from models.core.contact_graph import SEGMENT_STATE_SIZE, SHARED_COUNT, JointSolution, layout_parameters
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_arrays import build_graph_arrays, extract_parameters

@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from models.core.contact_graph import JointSolution
 from models.core.fit_result import Parameter
-from models.core.joint_solution import JointSolution
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph
+from models.core.contact_graph import ContactGraph, JointSolution, layout_parameters
 from models.core.errors import TrackError
 from models.core.fit_result import Parameter
-from models.core.joint_solution import JointSolution, layout_parameters
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.core.contact_graph import JointSolution
 from models.core.errors import TrackError
-from models.core.joint_solution import JointSolution
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray

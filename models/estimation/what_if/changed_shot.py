@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.contact_graph import JointSolution
 from models.core.errors import NO_STROKE, TrackError
 from models.core.fit_result import Fit, WholeShotSolution
-from models.core.joint_solution import JointSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray

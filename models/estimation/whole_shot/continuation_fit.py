@@ -18,7 +18,7 @@ from models.estimation.multiple_shooting.posterior_samples import sample_posteri
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
 from models.estimation.whole_shot.shot_windows import ShotWindows
-from models.numerics.robust import huber_losses
+from models.numerics.statistics import huber_losses
 from models.physics.billiards.simulation.event_engine import EVENT_TIME
 from models.physics.billiards.simulation.parametrised_shot import SIDE_SPIN, start_offsets
 

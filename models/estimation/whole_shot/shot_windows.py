@@ -25,22 +25,20 @@ from models.estimation.whole_shot.window_simulation import (
     simulate_window_run,
 )
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.image_distortion import (
-    IMAGE_PARAMETERS,
-    NEUTRAL_IMAGE_PARAMETERS,
-    ImagePlacement,
-    distort_places,
-)
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SLIDING_MU
 from models.physics.billiards.simulation.parametrised_shot import (
     CENTRE_SIZE,
     DROPPED_FRAMES,
+    IMAGE_PARAMETERS,
     IMAGE_START,
     MOVING_BALL_SIZE,
+    NEUTRAL_IMAGE_PARAMETERS,
     NEUTRAL_SHOT_PARAMETERS,
     SHOT_PARAMETERS,
     SHUTTER_READOUT,
     ContactModels,
+    ImagePlacement,
+    distort_places,
     pack_start,
     simulate_start,
 )

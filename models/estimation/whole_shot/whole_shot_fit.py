@@ -21,7 +21,7 @@ from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import TablePrior
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.table_fit import LawSearch, TableFit, search_laws
-from models.numerics.robust import huber_losses
+from models.numerics.statistics import huber_losses
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts, convert_to_states
 from models.tracking.track_noise import apply_noise, estimate_noise
 

@@ -26,17 +26,24 @@ import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
-from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
+from models.neural.common.method_interface import (
+    FittedMotion,
+    Scaling,
+    TrainingBudget,
+    estimate_scaling,
+    fit_spline,
+    validate_samples,
+)
 from models.neural.common.network_training import (
     Motion,
+    Perceptron,
     TrainingResult,
     TrainingSchedule,
+    count_parameters,
+    make_generator,
     train_network,
     use_one_thread,
 )
-from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
-from models.neural.common.spline_methods import fit_spline
 from models.neural.networks.hamiltonian_network import evaluate_gradient
 
 # eps of the projection: lower bound on the squared gradient.

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from models.neural.common.integration_steps import RungeKuttaStep
-from models.neural.common.perceptron import Perceptron
+from models.neural.common.network_training import Perceptron
 from models.neural.networks.neural_flow import FlowDimensions, NeuralFlowMethod
 
 # Learned traits per point.

@@ -19,17 +19,29 @@ import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
 from models.neural.common.integration_steps import (
     IntegrationStep,
     RungeKuttaStep,
     integrate_steps,
     integrate_to_tolerance,
 )
-from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
-from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
-from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
-from models.neural.common.spline_methods import fit_spline
+from models.neural.common.method_interface import (
+    FittedMotion,
+    Scaling,
+    TrainingBudget,
+    estimate_scaling,
+    fit_spline,
+    validate_samples,
+)
+from models.neural.common.network_training import (
+    Motion,
+    Perceptron,
+    TrainingSchedule,
+    count_parameters,
+    make_generator,
+    train_network,
+    use_one_thread,
+)
 
 # Most integration steps from sample to sample in the evaluation; a field that needs more was not learned.
 MAX_SUBSTEPS = 16

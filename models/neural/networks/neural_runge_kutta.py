@@ -20,11 +20,23 @@ import torch
 from torch import Tensor, nn
 
 from models.core.typing import FloatArray
-from models.neural.common.coordinate_scaling import Scaling, estimate_scaling
 from models.neural.common.integration_steps import EulerStep, IntegrationStep, RungeKuttaStep
-from models.neural.common.method_interface import FittedMotion, TrainingBudget, validate_samples
-from models.neural.common.network_training import Motion, TrainingSchedule, train_network, use_one_thread
-from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
+from models.neural.common.method_interface import (
+    FittedMotion,
+    Scaling,
+    TrainingBudget,
+    estimate_scaling,
+    validate_samples,
+)
+from models.neural.common.network_training import (
+    Motion,
+    Perceptron,
+    TrainingSchedule,
+    count_parameters,
+    make_generator,
+    train_network,
+    use_one_thread,
+)
 
 THESIS_WIDTHS = (512, 512, 512)
 THESIS_SCHEDULE = TrainingSchedule()

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table as Grid
 
-from models.numerics.first_compilation import notify_first_compilation
+from models.numerics.jit import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache

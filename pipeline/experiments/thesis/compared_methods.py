@@ -13,11 +13,10 @@ import numpy as np
 from models.core.recording import record_points
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, IntArray
-from models.estimation.pendulum.pendulum_fit import fit_pendulum
 from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
+from models.estimation.springs.double_pendulum import fit_pendulum
 from models.estimation.springs.latent_inference import infer_springs
-from models.neural.common.method_interface import MotionMethod, TrainingBudget, validate_samples
-from models.neural.common.spline_methods import CURVES
+from models.neural.common.method_interface import CURVES, MotionMethod, TrainingBudget, validate_samples
 from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
 from pipeline.experiments.thesis.scenes.constraint_training_data import (
     SWING_COUNT,

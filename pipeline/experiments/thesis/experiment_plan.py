@@ -9,8 +9,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
-from models.neural.common.method_interface import HOLDOUT_PATIENCE, MIN_HOLDOUT_GAIN, MotionMethod, TrainingBudget
-from models.neural.early_stopping import EarlyStopping
+from models.neural.common.method_interface import (
+    HOLDOUT_PATIENCE,
+    MIN_HOLDOUT_GAIN,
+    EarlyStopping,
+    MotionMethod,
+    TrainingBudget,
+)
 from pipeline.experiments.thesis.compared_methods import (
     NETS_IN_QUICK_RUN,
     REPRESENTATIVES,

@@ -21,9 +21,14 @@ from typing import Any
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
-from models.neural.common.spline_methods import CUBIC, LINEAR
-from models.neural.early_stopping import EarlyStopping
+from models.neural.common.method_interface import (
+    CUBIC,
+    LINEAR,
+    EarlyStopping,
+    FittedMotion,
+    MotionMethod,
+    TrainingBudget,
+)
 from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network

@@ -13,11 +13,10 @@ import numpy as np
 from PIL import Image
 
 from models.core.ball_look import format_colour
-from models.core.fit_result import Fit
+from models.core.fit_result import Fit, is_undecided
 from models.core.naming import Naming, join_names
 from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
-from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.contact_test import call_answers

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from models.core.fit_result import ShotNumber
 from models.core.number_format import format_unit
-from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template

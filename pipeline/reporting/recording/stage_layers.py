@@ -8,10 +8,9 @@ import numpy as np
 import rerun as rr
 
 from models.core.detections import Detections
-from models.core.fit_result import Fit, Parameter
+from models.core.fit_result import Fit, Parameter, is_undecided
 from models.core.number_format import format_measured, format_unit
 from models.core.scene import Scene, Table
-from models.core.shot_explanation import is_undecided
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import replace_file

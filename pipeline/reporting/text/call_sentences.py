@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
+from models.core.fit_result import MIN_LISTED_PROBABILITY, is_undecided
 from models.core.naming import Naming, join_names
 from models.core.number_format import EXTREME_PROBABILITY, format_probability, format_time, format_with_sigma
 from models.core.scene import CUSHIONS
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, is_undecided
 from models.estimation.contact_test.call_answers import UNKNOWN, CallAnswer, CallDoubt, QuestionKind
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 

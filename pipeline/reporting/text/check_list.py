@@ -12,9 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.fit_result import Fit
+from models.core.fit_result import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Fit, Moment
 from models.core.scene import Table
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Moment
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 

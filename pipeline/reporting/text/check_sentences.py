@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from models.core.events import Events
+from models.core.fit_result import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from models.core.naming import Naming
 from models.core.number_format import EXTREME_PROBABILITY, format_moment, format_probability, format_time
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation, is_undecided
 from pipeline.reporting.text.call_sentences import DOUBT_SENTENCES
 from pipeline.reporting.text.check_list import CheckPlace, CheckReason
 from pipeline.reporting.text.text_formatting import name_event, start_sentence

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections, TrackEdit
+from models.core.fit_result import MarkOutcome
 from models.core.naming import Naming, build_naming
 from models.core.number_format import format_time
 from models.core.scene import Scene
-from models.core.shot_explanation import MarkOutcome
 from models.core.tracks import Tracks
 from models.estimation.hand_marks.resolved_marks import update_ball_names
 

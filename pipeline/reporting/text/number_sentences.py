@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 
 from models.core.events import Events
+from models.core.fit_result import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers
 from models.core.naming import Naming
 from models.core.number_format import (
     format_measured,
@@ -16,7 +17,6 @@ from models.core.number_format import (
     format_unit,
     format_with_sigma,
 )
-from models.core.shot_numbers import SAME_STRIKE, SPIN_STATES, ShotNumber, ShotNumbers
 
 # Words by name of a number.
 NUMBER_NAMES = {

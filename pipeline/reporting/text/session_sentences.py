@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import isfinite
 
+from models.core.fit_result import ShotNumber
 from models.core.number_format import format_measured, format_unit
-from models.core.shot_numbers import ShotNumber
 from models.estimation.shot_numbers.session_statistics import MIN_TREND_SHOTS, OF_BOTH_BALLS, SeriesSummary
 from pipeline.reporting.text.number_sentences import DECIMALS, NUMBER_NAMES, format_direction, format_number
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.events import Events
-from models.core.fit_result import Fit
+from models.core.fit_result import Fit, RackBreak, ShotNumber, ShotNumbers
 from models.core.naming import join_names
 from models.core.number_format import format_moment, format_probability, format_speed
 from models.core.scene import Table
-from models.core.shot_explanation import RackBreak
-from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer

@@ -9,7 +9,7 @@ import pytest
 from support import synthetic_run
 
 from models.core.scene import BallSize, combine_ball_sizes, find_contradictions
-from models.physics.billiards.nominal_ball_size import estimate_typed_ball_size, format_contradiction
+from models.physics.billiards.tables import estimate_typed_ball_size, format_contradiction
 
 PRESET = BallSize(0.028575, 3.7e-5, "preset")
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from models.core.ball_look import BallLook, describe_unseen_balls
-from models.core.naming import Naming, join_names
+from models.core.naming import Naming, TableView, find_table_view, join_names
 from models.core.scene import CUSHIONS, POCKETS, Camera, Table
-from models.core.table_view import TableView, find_table_view
 
 TABLE = Table("pool-9ft", "pool", 2.54, 1.27, 0.028575, 0.17, True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from models.core.fit_result import ShotNumber
 from models.core.number_format import (
     format_measured,
     format_probability,
@@ -12,7 +13,6 @@ from models.core.number_format import (
     format_value,
     format_with_sigma,
 )
-from models.core.shot_numbers import ShotNumber
 from pipeline.reporting.text.number_sentences import format_number
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from models.core.source_imports import find_imports
+from models.core.module_discovery import find_imports
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -9,9 +9,8 @@ import pytest
 from support.pendulum_swings import circle, mse
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import FittedMotion, MotionMethod, TrainingBudget
+from models.neural.common.method_interface import EarlyStopping, FittedMotion, MotionMethod, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
-from models.neural.early_stopping import EarlyStopping
 from models.neural.networks.constraint_net import CONSTRAINT_NET
 from models.neural.networks.neural_runge_kutta import RUNGE_KUTTA_NET, SMOOTH_NET
 

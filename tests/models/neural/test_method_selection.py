@@ -8,9 +8,8 @@ import numpy as np
 from support.pendulum_swings import circle, mse
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import FittedMotion, MotionNotFoundError, TrainingBudget
+from models.neural.common.method_interface import CUBIC, LINEAR, FittedMotion, MotionNotFoundError, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
-from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.method_catalogue import MethodSelection
 from models.neural.networks.neural_runge_kutta import SMOOTH_NET
 

@@ -82,7 +82,7 @@ LONG_CALLEE = LONG_CALLEE.replace(
 )
 MEASURE = """
 from models.billiards.caller import outer
-from models.numerics.first_compilation import measure_compilation, notify_first_compilation
+from models.numerics.jit import measure_compilation, notify_first_compilation
 notes = []
 with notify_first_compilation(lambda: notes.append(1)), measure_compilation() as measure:
     before = measure()
@@ -106,7 +106,7 @@ closures = [build(inner, factor) for factor in (10, 100)]
 print(*(closure(1) for closure in closures), *(sum(closure.stats.cache_hits.values()) for closure in closures))
 """
 PARTS = "caller.outer", "callee.inner"
-COPIED = ("core/source_imports.py", "numerics/jit.py", "numerics/first_compilation.py")
+COPIED = ("core/module_discovery.py", "numerics/jit.py")
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from models.numerics.least_squares import (
     solve_damped,
     solve_normal_equations,
 )
-from models.numerics.robust import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss
 
 OPTIONS = SearchOptions(iterations=200, attempts=30, min_gain=1e-20)
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.numerics.robust import HUBER_THRESHOLD, evaluate_huber_loss, evaluate_pair_loss, huber_losses
-from models.numerics.robust_scale import estimate_norm_sigma, estimate_sigma
+from models.numerics.statistics import (
+    HUBER_THRESHOLD,
+    estimate_norm_sigma,
+    estimate_sigma,
+    evaluate_huber_loss,
+    evaluate_pair_loss,
+    huber_losses,
+)
 
 
 def test_small_residuals_count_by_their_square_and_large_ones_by_their_norm() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.numerics.significance import correct_for_choices
+from models.numerics.statistics import correct_for_choices
 
 
 def test_the_best_of_many_choices_is_uniform_after_the_correction() -> None:

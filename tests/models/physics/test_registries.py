@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from models.core.source_imports import find_discovered_packages
+from models.core.module_discovery import find_discovered_packages
 from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import collect_models, find_model
 from models.physics.effects.catalogue import collect_effects

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from models.core.detections import Detections
-from models.tracking.appearance import Appearance, summarize_appearance
 from models.tracking.ball_classes import (
     SNOOKER_COLOURS,
+    Appearance,
     assign_ids,
     assign_to_set,
     classify_balls,
     find_missing_colours,
     recognise_set,
+    summarize_appearance,
 )
 
 

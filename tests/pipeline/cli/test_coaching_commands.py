@@ -18,7 +18,7 @@ from support.filmed_pot import R, film_pot
 
 import trueroll
 from models.core.errors import OptionError
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.fit_result import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
 from pipeline.actions.compare_session import read_shots
 from pipeline.cli.execute import execute_command_line

@@ -14,7 +14,7 @@ from support.browser import accessibility_violations, console_messages, open_chr
 from support.edit_servers import serve_synthetic_run, wait_for_result
 
 from models.core.corrections import BallPlace, ContactCorrection, Corrections
-from models.core.shot_explanation import MarkOutcome
+from models.core.fit_result import MarkOutcome
 from pipeline.editing.edit_server import EditServer
 from pipeline.io.corrections_file import CorrectionsFile, read_corrections, write_corrections
 

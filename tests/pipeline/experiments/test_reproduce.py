@@ -13,9 +13,16 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import HOLDOUT_PATIENCE, FittedMotion, MotionMethod, TrainingBudget
-from models.neural.common.spline_methods import CUBIC, CURVES, LINEAR
-from models.neural.early_stopping import EarlyStopping
+from models.neural.common.method_interface import (
+    CUBIC,
+    CURVES,
+    HOLDOUT_PATIENCE,
+    LINEAR,
+    EarlyStopping,
+    FittedMotion,
+    MotionMethod,
+    TrainingBudget,
+)
 from pipeline.cli.execute import execute_command_line
 from pipeline.engine.result_cache import ResultCache
 from pipeline.experiments.thesis.compared_methods import (

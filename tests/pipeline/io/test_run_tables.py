@@ -14,7 +14,7 @@ from support import synthetic_run as shot
 from models.core.fit_result import Fit, Parameter, WholeShotFit, WholeShotSolution
 from models.core.scene import BallSize, Scene
 from models.core.tracks import Tracks
-from models.estimation.reconstruction.contact_ball_size import CONTACT_FLOOR
+from models.estimation.reconstruction.plausibility import CONTACT_FLOOR
 from pipeline.engine.value_files import load_value, save_value
 from pipeline.io.csv_tables import write_events
 from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory

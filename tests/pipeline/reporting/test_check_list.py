@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
-from models.core.fit_result import Fit
+from models.core.fit_result import Cause, CauseHypothesis, Doubt, Fit, Moment, ShotExplanation
 from models.core.naming import Naming
-from models.core.shot_explanation import Cause, CauseHypothesis, Doubt, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from pipeline.reporting.text.check_list import MAX_PLACES, CheckPlace, select_check_places
 from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure

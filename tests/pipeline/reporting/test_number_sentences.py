@@ -11,9 +11,9 @@ from support import synthetic_run as shot
 from models.core.array_columns import concatenate_rows
 from models.core.ball_look import BallLook
 from models.core.events import Events
+from models.core.fit_result import ShotNumber, ShotNumbers, SpinState
 from models.core.naming import Naming
 from models.core.scene import Table
-from models.core.shot_numbers import ShotNumber, ShotNumbers, SpinState
 from pipeline.reporting.text.number_sentences import (
     format_cushions,
     format_direction,

@@ -12,9 +12,8 @@ from support import synthetic_run as shot
 
 from models.core.array_columns import concatenate_rows
 from models.core.events import Events
-from models.core.fit_result import Fit
+from models.core.fit_result import CauseHypothesis, Fit, Moment, ShotExplanation
 from models.core.naming import build_naming
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test.call_answers import answer_contact
 from models.estimation.contact_test.shot_record import make_shot_record
 from pipeline.editing.run_view import ClipRun, describe_run

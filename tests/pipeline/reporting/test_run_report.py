@@ -15,14 +15,24 @@ import pytest
 from PIL import Image
 from support import synthetic_run as shot
 
-from models.core import shot_explanation
+from models.core import fit_result
 from models.core.ball_look import BallLook, describe_unseen_balls
-from models.core.fit_result import Fit, Trust, TrustLevel, WholeShotFit, WholeShotSolution
+from models.core.fit_result import (
+    MIN_LISTED_PROBABILITY,
+    CauseHypothesis,
+    Fit,
+    Moment,
+    ShotExplanation,
+    ShotNumber,
+    ShotNumbers,
+    Trust,
+    TrustLevel,
+    WholeShotFit,
+    WholeShotSolution,
+)
 from models.core.naming import Naming, build_naming
 from models.core.scene import Scene
 from models.core.shot import Note
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, CauseHypothesis, Moment, ShotExplanation
-from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.candidate_contacts import CandidateContact
@@ -419,7 +429,7 @@ def test_decided_contacts_and_undecided_cushions_and_rests_stay_green(clip: Clip
 
 
 def test_an_event_counts_as_undecided_where_the_fit_and_the_slow_motion_count_it_so() -> None:
-    for module in (call_answers, shot_explanation, motion_paths):
+    for module in (call_answers, fit_result, motion_paths):
         assert module.SURE_PROBABILITY == 0.9
     assert motion_paths.MIN_PROBABILITY == MIN_LISTED_PROBABILITY
 

@@ -10,9 +10,7 @@ import pytest
 from support import synthetic_run as shot
 
 from models.core.events import Events
-from models.core.fit_result import Fit
-from models.core.shot_explanation import RackBreak
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.fit_result import Fit, RackBreak, ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.estimation.contact_test.call_answers import CallAnswer

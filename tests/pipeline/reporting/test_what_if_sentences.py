@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from models.core.ball_look import BallLook
-from models.core.naming import Naming
-from models.core.table_view import TableView
+from models.core.naming import Naming, TableView
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
 
 NAMING = Naming({"white": BallLook("white"), "yellow": BallLook("yellow")}, TableView(1), "carom")

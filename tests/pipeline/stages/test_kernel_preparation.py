@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import Observations
+from models.core.contact_graph import Contact, ContactGraph, Observations, Segment
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
 from models.numerics.jit import is_compiled

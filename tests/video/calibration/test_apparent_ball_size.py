@@ -11,8 +11,7 @@ from support.sample_clips import NAMES, read_sample_truth
 from support.table_images import TableColours, draw_table, look_at_table
 
 from models.core.scene import Scene
-from models.physics.billiards.nominal_ball_size import estimate_preset_ball_size
-from models.physics.billiards.tables import CAROM_BALL, TABLE_PRESETS, parse_table
+from models.physics.billiards.tables import CAROM_BALL, TABLE_PRESETS, estimate_preset_ball_size, parse_table
 from video.calibration.ball_size import BallSizes, measure_ball_sizes
 from video.calibration.table_classifier import classify_table
 from video.calibration.table_finder import calibrate_clip, calibrate_image

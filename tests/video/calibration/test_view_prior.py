@@ -10,7 +10,7 @@ import pytest
 
 from models.core.scene import NOSE_HEIGHT_RADII, BallSize
 from models.core.typing import FloatArray
-from models.numerics.covariance_intersection import intersect_estimates, measure_contradiction
+from models.numerics.statistics import intersect_estimates, measure_contradiction
 from models.physics.billiards.tables import TABLE_PRESETS
 from video.calibration.table_finder import calibrate_clip
 from video.calibration.view_prior import PROFILE_NOTE, ViewPrior

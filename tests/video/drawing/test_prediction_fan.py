@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from models.core.ball_look import describe_unseen_balls
-from models.core.naming import build_naming
+from models.core.naming import TableView, build_naming
 from models.core.scene import Table
-from models.core.table_view import TableView
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 from video.drawing.table_plan import (
     CLOTH_COLOUR,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.ball_ball.ball_contact import apply_ball_impulse
-from models.physics.billiards.contact_model import ContactModel
+from models.physics.billiards.contact_model import ContactModel, apply_ball_impulse
 
 
 @compile_kernel

@@ -10,8 +10,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
-from models.physics.billiards.contact_model import ContactModel
+from models.physics.billiards.contact_model import STICKING_SHARE, ContactModel, apply_ball_impulse, surface_slip
 
 _E = parameter_vector.BALL_E
 _MU = parameter_vector.BALL_MU

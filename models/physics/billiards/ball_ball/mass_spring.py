@@ -22,8 +22,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_ball.ball_contact import STICKING_SHARE, apply_ball_impulse, surface_slip
-from models.physics.billiards.contact_model import ContactModel
+from models.physics.billiards.contact_model import STICKING_SHARE, ContactModel, apply_ball_impulse, surface_slip
 
 # N/m: two balls of 0.17 kg touch for 0.2 ms, the order of Hertz's contact of phenolic balls at 1 m/s.
 STIFFNESS = 2.1e7

@@ -12,16 +12,16 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_cushion.cushion_contact import (
+from models.physics.billiards.contact_model import (
     CUSHION_PARAMETERS,
     NOSE_HEIGHT,
     NOSE_HEIGHT_PARAMETER,
+    ContactModel,
     apply_cushion_impulse,
     contact_inclination,
     contact_velocities,
     restitution_at_speed,
 )
-from models.physics.billiards.contact_model import ContactModel
 
 _MU = parameter_vector.CUSHION_MU
 # Impulse per mass and slip that stops the slip of a solid sphere.

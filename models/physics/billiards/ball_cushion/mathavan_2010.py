@@ -25,17 +25,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import compile_kernel
+from models.numerics.jit import compile_kernel, copy_numbers
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_cushion.cushion_contact import (
+from models.physics.billiards.contact_model import (
     CUSHION_PARAMETERS,
     NOSE_HEIGHT,
     NOSE_HEIGHT_PARAMETER,
+    ContactModel,
     contact_inclination,
     restitution_at_speed,
 )
-from models.physics.billiards.contact_model import ContactModel
 
 # Slip over vn at which friction reaches 70 % of mu.
 CREEP = 1e-5

@@ -17,13 +17,13 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_cushion.cushion_contact import (
+from models.physics.billiards.contact_model import (
     CUSHION_PARAMETERS,
     NOSE_HEIGHT_PARAMETER,
+    ContactModel,
     contact_inclination,
     restitution_at_speed,
 )
-from models.physics.billiards.contact_model import ContactModel
 
 # Height of the centre above the cloth over the radius.
 CENTRE_HEIGHT = 1.0

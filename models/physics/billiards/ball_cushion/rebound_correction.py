@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import compile_kernel
+from models.numerics.jit import compile_kernel, copy_numbers
 
 # vn, vt, un, ut and side spin over the speed, and the logarithm of the speed; velocity and slip along n and t.
 INPUTS, HIDDEN, OUTPUTS = 6, 8, 4

@@ -21,16 +21,16 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_cushion.cushion_contact import (
+from models.physics.billiards.contact_model import (
     CUSHION_PARAMETERS,
     NOSE_HEIGHT,
     NOSE_HEIGHT_PARAMETER,
+    ContactModel,
     apply_cushion_impulse,
     contact_inclination,
     contact_velocities,
     restitution_at_speed,
 )
-from models.physics.billiards.contact_model import ContactModel
 
 # Poisson's ratio of the nose as a half-space. 0.3 makes the tangential frequency 1.70 times the normal one, 0.5 makes
 # it 1.53.

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.joint_solution import SEGMENT_STATE_SIZE, ClothFriction
+from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
 from models.numerics.jit import compile_kernel
 

@@ -40,8 +40,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import COMPLEX_STEP, compile_kernel
+from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers
 from models.physics.billiards.cloth.forces import (
     ROLLING_SHARE,
     contact_slip,

@@ -14,10 +14,9 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import CONTACT_DEPTH
-from models.physics.billiards.ball_ball.ball_contact import apply_ball_impulse, surface_slip
 from models.physics.billiards.ball_ball.ball_models import GENTLE_MODEL, dispatch_ball_model
 from models.physics.billiards.ball_cushion.cushion_models import dispatch_cushion_model
-from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, sphere_energy
+from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, apply_ball_impulse, sphere_energy, surface_slip
 from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS, REBOUND_PARAMETERS
 
 

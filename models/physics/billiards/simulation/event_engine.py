@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers
-from models.numerics.jit import compile_kernel
+from models.numerics.jit import compile_kernel, copy_numbers
 from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
 from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound, rebound_energy
 from models.physics.billiards.cloth.cloth_motion import plan_motion

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.array_copies import copy_numbers, copy_rows
-from models.numerics.jit import COMPLEX_STEP, compile_kernel
+from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers, copy_rows
 from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_READS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_READS
 from models.physics.billiards.cloth.cloth_motion import plan_motion

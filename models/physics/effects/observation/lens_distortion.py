@@ -2,7 +2,7 @@
 
 r is the distance from the image centre in half table lengths.
 
-The equation is in `models.physics.billiards.image_distortion`.
+The equation is in `models.physics.billiards.simulation.parametrised_shot`.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import synthetic_run as shot
 
+from models.core.fit_result import BallPremise, CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.core.number_format import format_probability
-from models.core.shot_explanation import BallPremise, CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.shot_record import NOSE_SIGMA, ShotRecord, make_shot_record

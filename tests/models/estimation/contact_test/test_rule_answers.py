@@ -12,9 +12,9 @@ from support import fixed_step_table as truth
 from support.filmed_shots import DELAY, RADIUS, Filmed, film
 
 from models.core.events import Events
+from models.core.fit_result import CauseHypothesis, Moment, ShotExplanation
 from models.core.number_format import format_probability
 from models.core.scene import CUSHIONS
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import rule_answers
 from models.estimation.contact_test.call_answers import answer_first_contact
 from models.estimation.contact_test.candidate_contacts import CandidateContact

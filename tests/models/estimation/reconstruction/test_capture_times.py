@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.core.capture_clock import CaptureClock
 from models.core.tracks import Tracks
+from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.reconstruction.capture_times import estimate_capture_times
 

@@ -10,7 +10,7 @@ from support import synthetic_run
 
 from models.core.fit_result import Parameter
 from models.core.scene import BallSize
-from models.estimation.reconstruction.contact_ball_size import (
+from models.estimation.reconstruction.plausibility import (
     CONTACT_FLOOR,
     describe_ball_factor,
     estimate_contact_ball_size,

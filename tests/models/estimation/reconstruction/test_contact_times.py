@@ -10,11 +10,10 @@ from support.filmed_shots import RADIUS, film, random_shot
 from support.frame_rates import convert_rate
 
 from benchmarks.fitting.path_bends import measure_bends
-from models.core.contact_graph import Contact
+from models.core.contact_graph import Contact, JointSolution, Observations, layout_parameters
 from models.core.corrections import BallPlace, ContactCorrection
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.fit_result import MarkOutcome
 from models.core.shot import ContactTestResult
-from models.core.shot_explanation import MarkOutcome
 from models.estimation.hand_marks.graph_marks import combine_marked_times
 from models.estimation.hand_marks.resolved_marks import HAND_TIME_FRAMES, ResolvedMark
 from models.estimation.joint_fit.fit_solution import end_state

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from support import staged_shot as shot
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
-from models.core.shot_explanation import CauseHypothesis, Moment, ShotExplanation
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Segment, layout_parameters
+from models.core.fit_result import CauseHypothesis, Moment, ShotExplanation
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.shot_record import make_shot_record
 from models.estimation.reconstruction import event_list

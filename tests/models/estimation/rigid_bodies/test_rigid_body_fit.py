@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.estimation.rigid_bodies.body_clusters import Bodies, assemble_bodies, group_rigid_points
 from models.estimation.rigid_bodies.rigid_body_fit import (
     BodySimulator,
     BodyState,
     fit_rigid_bodies,
     start_without_contacts,
 )
-from models.estimation.rigid_bodies.world_parameters import RigidBodyWorld, guess_worlds
+from models.estimation.rigid_bodies.rigid_world import (
+    Bodies,
+    RigidBodyWorld,
+    assemble_bodies,
+    group_rigid_points,
+    guess_worlds,
+)
 
 GRAVITY = 1000.0
 FLOOR = np.array([[0.0, -1.0, 0.0]])

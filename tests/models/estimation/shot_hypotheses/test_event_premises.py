@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from models.core.contact_graph import Contact, ContactGraph, Segment
+from models.core.fit_result import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, BallPremise, ShotExplanation
 from models.core.shot import ContactTestResult
-from models.core.shot_explanation import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, BallPremise, ShotExplanation
 from models.estimation.reconstruction import shot_views
 from models.estimation.shot_hypotheses.event_premises import (
     PREMISE_EVIDENCE_NAMES,

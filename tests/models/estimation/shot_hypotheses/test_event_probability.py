@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models.core.contact_graph import Contact
-from models.core.shot_explanation import SURE_PROBABILITY
+from models.core.fit_result import SURE_PROBABILITY
 from models.estimation.shot_hypotheses import weigh_hypotheses
 from models.estimation.shot_hypotheses.event_probability import (
     CATEGORIES,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.fit_result import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import (
     collect_session_numbers,
     estimate_player_spread,

@@ -9,9 +9,8 @@ import pytest
 from support.filmed_pot import FPS, LEAD, SCENE, film_pot, true_numbers
 
 from models.core.errors import TrackError
-from models.core.fit_result import Fit, WholeShotSolution
+from models.core.fit_result import Fit, ShotNumber, ShotNumbers, WholeShotSolution
 from models.core.scene import Table
-from models.core.shot_numbers import ShotNumber, ShotNumbers
 from models.core.tracks import Tracks
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, WIDTH, Filmed, film
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import ClothFriction
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, Segment
 from models.estimation.joint_fit.contact_cascades import predict_cascade
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot

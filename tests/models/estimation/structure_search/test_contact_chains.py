@@ -6,8 +6,7 @@ import numpy as np
 from support.contact_graphs import PRICES, list_contact_names, moving, refine_segments, resting
 from support.filmed_shots import DELAY, RADIUS, Filmed, film
 
-from models.core.contact_graph import Contact
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, JointSolution, Observations
 from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
 from models.estimation.structure_search.contact_chains import complete_chains
 from models.estimation.structure_search.contact_removal import remove_false_contacts

@@ -8,8 +8,7 @@ from support import fixed_step_table as truth
 from support.contact_graphs import PRICES, list_contact_names, moving, refine_segments, resting
 from support.filmed_shots import DELAY, Filmed, film
 
-from models.core.contact_graph import Contact
-from models.core.joint_solution import JointSolution, Observations
+from models.core.contact_graph import Contact, JointSolution, Observations
 from models.estimation.structure_search.ball_encounters import total_cost
 from models.estimation.structure_search.corner_cushions import insert_corner_cushions
 

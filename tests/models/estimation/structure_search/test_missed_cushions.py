@@ -10,8 +10,7 @@ from support import fixed_step_table as truth
 from support.contact_graphs import moving, refine_segments, resting
 from support.filmed_shots import DELAY, RADIUS, Filmed, film, scene
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import ClothFriction, JointSolution, Observations
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Observations, Segment
 from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.structure_search.missed_cushions import refit_rebounds, split_corner_contacts
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from support.filmed_shots import RADIUS, scene
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import ClothFriction, JointSolution
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Segment
 from models.core.typing import FloatArray
 from models.estimation.structure_search import structure_revision
 

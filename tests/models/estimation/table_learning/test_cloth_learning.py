@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import ClothFriction, JointSolution, layout_parameters
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Segment, layout_parameters
 from models.core.tracks import Tracks
 from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR
 from models.estimation.table_learning.learn_table import CONTACT_MARGIN, extract_free_segments

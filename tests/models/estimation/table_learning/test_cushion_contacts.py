@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.core.contact_graph import Contact, ContactGraph, Segment
-from models.core.joint_solution import JointSolution, Observations, layout_parameters
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, Segment, layout_parameters
 from models.core.scene import Table
 from models.estimation.joint_fit.joint_refinement import add_covariance, refine_graph
 from models.estimation.table_learning.cushion_contacts import evaluate_segment_state, extract_cushion_contacts

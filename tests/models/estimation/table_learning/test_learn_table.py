@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.core.contact_graph import ContactGraph
+from models.core.contact_graph import ClothFriction, ContactGraph, JointSolution
 from models.core.errors import TrackError
-from models.core.joint_solution import ClothFriction, JointSolution
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import Tracks
 from models.estimation.forecast.ensemble_prediction import forecast_shot

@@ -7,7 +7,7 @@ import pytest
 from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
 from models.core.events import Events
-from models.core.shot_numbers import ShotNumber, ShotNumbers
+from models.core.fit_result import ShotNumber, ShotNumbers
 from models.estimation.forecast.ensemble_prediction import EventKey
 from models.estimation.what_if.changed_shot import (
     ChangedShot,

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from support.simulated_shots import filmed, numbers, shots, unknown
 
-from models.physics.billiards.image_distortion import ImagePlacement, distort_places
-from models.physics.billiards.simulation.parametrised_shot import SHOT_PARAMETERS, pack_start
+from models.physics.billiards.simulation.parametrised_shot import (
+    SHOT_PARAMETERS,
+    ImagePlacement,
+    distort_places,
+    pack_start,
+)
 
 ODD = {
     "slope__slope_x": 1.5, "slope__slope_y": -0.8, "air_drag__k": 0.02, "viscous_drag__k": 0.03, "nap__mu": 0.001,

@@ -13,8 +13,15 @@ from models.neural.common.method_interface import (
     MotionNotFoundError,
     TrainingBudget,
 )
-from models.neural.common.network_training import HOLDOUT_INTERVAL, Motion, TrainingSchedule, train_network
-from models.neural.common.perceptron import Perceptron, count_parameters, make_generator
+from models.neural.common.network_training import (
+    HOLDOUT_INTERVAL,
+    Motion,
+    Perceptron,
+    TrainingSchedule,
+    count_parameters,
+    make_generator,
+    train_network,
+)
 from models.neural.networks.neural_runge_kutta import TimeEncoding
 
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import MotionMethod, TrainingBudget
-from models.neural.common.spline_methods import AKIMA, CUBIC, CURVES, LINEAR, QUINTIC
+from models.neural.common.method_interface import AKIMA, CUBIC, CURVES, LINEAR, QUINTIC, MotionMethod, TrainingBudget
 
 
 def polynomial(t: FloatArray, degree: int) -> FloatArray:

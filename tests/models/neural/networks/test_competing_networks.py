@@ -12,9 +12,8 @@ from scipy.integrate import solve_ivp
 from support.pendulum_swings import circle, mse
 
 from models.core.typing import FloatArray
-from models.neural.common.method_interface import TrainingBudget
+from models.neural.common.method_interface import CUBIC, LINEAR, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
-from models.neural.common.spline_methods import CUBIC, LINEAR
 from models.neural.networks.constraint_net import CONSTRAINT_NET, PRETRAINING_SCHEDULE, PretrainedConstraintNet
 from models.neural.networks.hamiltonian_network import (
     HAMILTONIAN,

@@ -10,9 +10,8 @@ import torch
 from support.pendulum_swings import circle, mse
 from torch import nn
 
-from models.neural.common.method_interface import TrainingBudget
+from models.neural.common.method_interface import LINEAR, TrainingBudget
 from models.neural.common.network_training import TrainingSchedule
-from models.neural.common.spline_methods import LINEAR
 from models.neural.networks.neural_runge_kutta import (
     CORRECTED_NET,
     EULER_NET,

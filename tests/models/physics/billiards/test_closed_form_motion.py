@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import fixed_step_table as truth
 
-from models.core.joint_solution import ClothFriction
+from models.core.contact_graph import ClothFriction
 from models.physics.billiards.cloth.closed_form_motion import (
     differentiate_kinematics,
     duration_until_rest,

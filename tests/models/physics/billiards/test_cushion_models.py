@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from models.core.typing import FloatArray
 from models.physics.billiards import parameter_vector
 from models.physics.billiards.ball_cushion import han_2005, mathavan_2010, stronge
-from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT, contact_inclination
+from models.physics.billiards.contact_model import NOSE_HEIGHT, contact_inclination
 
 Rebound = Callable[..., tuple[float, ...]]
 

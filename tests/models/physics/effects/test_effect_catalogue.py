@@ -6,8 +6,8 @@ import pytest
 
 from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
-from models.physics.billiards.image_distortion import IMAGE_PARAMETERS
 from models.physics.billiards.parameter_vector import ENGINE_EFFECTS, PARAMETER_NAMES, neutral_parameters
+from models.physics.billiards.simulation.parametrised_shot import IMAGE_PARAMETERS
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect, Prior
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior

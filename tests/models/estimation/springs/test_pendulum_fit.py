@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from models.core.typing import FloatArray
-from models.estimation.pendulum.pendulum_fit import fit_pendulum
-from models.physics.pendulum.double_pendulum import (
+from models.estimation.springs.double_pendulum import (
     PENDULUM_PARAMETERS,
     advance_pendulum,
     differentiate_pendulum,
     evaluate_pendulum_rate,
+    fit_pendulum,
 )
 
 ARMS = np.array([0.45, 0.5, 60.0, 28.0, 0.04, 0.01, 0.0, 0.0, 0.002, 0.002])

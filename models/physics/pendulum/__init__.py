@@ -1,1 +1,0 @@
-"""Pendulums of rigid arms."""
