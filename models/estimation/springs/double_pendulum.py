@@ -26,7 +26,8 @@ from models.estimation.springs.dense_shooting import (
     minimize_chain,
     start_chain,
 )
-from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
+from models.numerics.integrators import build_step_loop
+from models.numerics.jit import COMPLEX_STEP, compile_kernel
 from models.numerics.least_squares import invert_semidefinite
 
 RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
@@ -54,64 +55,63 @@ DRY_FRICTION_WIDTH = 0.05
 RADIANS_PER_STEP = 0.2
 # rad/s; steps are at least short enough for this rate, that of swinging short arms.
 LEAST_STEP_RATE = 8.0
-COMPLEX_STEP = 1e-30
 
 
-def evaluate_pendulum_rate(state: RealOrComplex, numbers: RealOrComplex) -> RealOrComplex:
-    """Evaluate the time derivative of states.
+@compile_kernel
+def _smooth_sign(x):  # type: ignore[no-untyped-def]
+    """Return the hyperbolic tangent, with the derivative that x carries; numba's own overflows at complex numbers."""
+    sign = np.tanh(x.real)
+    return sign + (1 - sign * sign) * (x - x.real)
+
+
+@compile_kernel
+def fill_pendulum_rate(state, numbers, rate):  # type: ignore[no-untyped-def]
+    """Write the time derivative (4,) of a state.
 
     Args:
-        state: (4, ...) two angles (rad), two angular velocities (rad/s).
-        numbers: (10, ...) values of `PENDULUM_PARAMETERS`.
-
-    Returns:
-        (4, ...) derivative.
+        state: (4,) two angles (rad), two angular velocities (rad/s); real or complex.
+        numbers: (10,) values of `PENDULUM_PARAMETERS`.
+        rate: (4,) receives the derivative.
     """
     first, second, w1, w2 = state
     coupling, inertia, weight1, weight2, viscous1, viscous2, dry1, dry2, drag1, drag2 = numbers
     sine, cosine = np.sin(first - second), np.cos(first - second)
     apart = w2 - w1
-    joint = viscous2 * apart + dry2 * np.tanh(apart / DRY_FRICTION_WIDTH)
-    push1 = (
-        -coupling * sine * w2**2
-        - weight1 * np.sin(first)
-        - viscous1 * w1
-        - dry1 * np.tanh(w1 / DRY_FRICTION_WIDTH)
-        + joint
-    )
-    push1 = push1 - drag1 * w1 * w1 * np.sign(w1.real)
-    push2 = coupling * sine * w1**2 - weight2 * np.sin(second) - joint - drag2 * w2 * w2 * np.sign(w2.real)
-    determinant = inertia - (coupling * cosine) ** 2
-    return np.stack([
-        w1, w2, (inertia * push1 - coupling * cosine * push2) / determinant,
-        (push2 - coupling * cosine * push1) / determinant,
-    ])  # fmt: skip
+    joint = viscous2 * apart + dry2 * _smooth_sign(apart / DRY_FRICTION_WIDTH)
+    pivot = viscous1 * w1 + dry1 * _smooth_sign(w1 / DRY_FRICTION_WIDTH) + drag1 * w1 * w1 * np.sign(w1.real)
+    push1 = joint - pivot - coupling * sine * w2 * w2 - weight1 * np.sin(first)
+    push2 = coupling * sine * w1 * w1 - weight2 * np.sin(second) - joint - drag2 * w2 * w2 * np.sign(w2.real)
+    determinant = inertia - coupling * cosine * coupling * cosine
+    rate[0], rate[1] = w1, w2
+    rate[2] = (inertia * push1 - coupling * cosine * push2) / determinant
+    rate[3] = (push2 - coupling * cosine * push1) / determinant
 
 
-def advance_pendulum(state: RealOrComplex, numbers: RealOrComplex, spans: FloatArray) -> RealOrComplex:
+_take_pendulum_steps = build_step_loop(fill_pendulum_rate)
+
+
+@compile_kernel
+def _advance_states(states, numbers, spans, count):  # type: ignore[no-untyped-def]
+    for k in range(len(states)):
+        _take_pendulum_steps(states[k], numbers[k], spans[k] / count, count)
+
+
+def advance_pendulum(states: RealOrComplex, numbers: RealOrComplex, spans: FloatArray) -> RealOrComplex:
     """Integrate states over time.
 
     Args:
-        state: (4, K, ...) two angles (rad), two angular velocities (rad/s); real or complex.
-        numbers: (10, ...) values of `PENDULUM_PARAMETERS`.
-        spans: (K, ...) s.
+        states: (K, 4) two angles (rad), two angular velocities (rad/s); real or complex.
+        numbers: (K, 10) values of `PENDULUM_PARAMETERS`.
+        spans: (K,) s.
 
     Returns:
-        (4, K, ...) states at the end.
+        (K, 4) states at the end.
     """
-    fastest = max(float(np.abs(state[2:].real).max(initial=0.0)), LEAST_STEP_RATE)
+    fastest = max(float(np.abs(states[:, 2:].real).max(initial=0.0)), LEAST_STEP_RATE)
     count = max(1, int(np.ceil(float(np.abs(spans).max(initial=0.0)) * min(fastest, 100.0) / RADIANS_PER_STEP)))
-    dt = spans / count
-    for _ in range(count):
-        stages: list[RealOrComplex] = []
-        for shares in DOP853_STAGES:
-            place = state
-            for share, stage in zip(shares, stages, strict=False):
-                if share:
-                    place = place + (dt * share) * stage
-            stages.append(evaluate_pendulum_rate(place, numbers))
-        state = state + dt * sum(share * stage for share, stage in zip(DOP853_WEIGHTS, stages, strict=True) if share)
-    return state
+    ends = states.copy()
+    _advance_states(ends, np.ascontiguousarray(numbers), spans, count)
+    return ends
 
 
 def differentiate_pendulum(
@@ -128,13 +128,11 @@ def differentiate_pendulum(
         Ends (K, 4), and their derivatives (K, 4, 4) by the state and (K, 4, 10) by the parameters.
     """
     count, inputs = len(states), 4 + len(numbers)
-    shifted = np.repeat(np.concatenate([states, np.broadcast_to(numbers, (count, len(numbers)))], axis=1)[:, :, None],
-                        inputs, axis=2).astype(np.complex128)  # (K, inputs, direction)  # fmt: skip
-    shifted += 1j * COMPLEX_STEP * np.eye(inputs)
-    turned = np.moveaxis(shifted, 1, 0)
-    ends = advance_pendulum(turned[:4], turned[4:], spans[:, None])  # (4, K, direction)
-    slopes = np.moveaxis(ends.imag, 0, 1) / COMPLEX_STEP
-    return ends[:, :, 0].real.T, slopes[:, :, :4], slopes[:, :, 4:]
+    plain = np.concatenate([states, np.broadcast_to(numbers, (count, len(numbers)))], axis=1)
+    shifted = (plain[:, None] + 1j * COMPLEX_STEP * np.eye(inputs)).reshape(-1, inputs)  # (K directions, inputs)
+    ends = advance_pendulum(shifted[:, :4], shifted[:, 4:], np.repeat(spans, inputs)).reshape(count, inputs, 4)
+    slopes = ends.imag.swapaxes(1, 2) / COMPLEX_STEP
+    return ends[:, 0].real, slopes[:, :, :4], slopes[:, :, 4:]
 
 
 # rad: noise of a good encoder, or of a marker observed from near.
@@ -197,9 +195,9 @@ class PendulumFit:
         """Compute the states (M, 4) at times between the first and the last sample, or after it."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         following = np.minimum(k + 1, len(self.t) - 1)
-        numbers = np.broadcast_to(self.parameters[:, None], (len(self.parameters), len(t)))
-        ahead = advance_pendulum(self.states[k].T, numbers, t - self.t[k]).T
-        back = advance_pendulum(self.states[following].T, numbers, np.minimum(t - self.t[following], 0.0)).T
+        numbers = np.broadcast_to(self.parameters, (len(t), len(self.parameters)))
+        ahead = advance_pendulum(self.states[k], numbers, t - self.t[k])
+        back = advance_pendulum(self.states[following], numbers, np.minimum(t - self.t[following], 0.0))
         share = np.where(following > k, (t - self.t[k]) / np.where(following > k, self.t[following] - self.t[k], 1), 0)
         weight = (share**2 * (3 - 2 * share))[:, None]
         return np.asarray((1 - weight) * ahead.real + weight * back.real, np.float64)

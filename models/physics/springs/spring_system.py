@@ -13,9 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
-from models.physics.springs.spring_kernels import fill_accelerations
-from models.physics.springs.spring_tangents import integrate_with_tangents
+from models.physics.springs.spring_kernels import fill_accelerations, integrate_segments
 
 # rad of the fastest oscillation; the error of DOP853 is then about 1e-6 of its amplitude per step.
 RADIANS_PER_STEP = 0.9
@@ -137,12 +135,12 @@ def evaluate_acceleration(graph: SpringSystem, x: FloatArray, v: FloatArray) -> 
     Returns:
         (N, D) accelerations.
     """
-    result = np.empty_like(x)
+    result, parameters = np.empty((*x.shape, 1)), graph.parameters
     fill_accelerations(
-        x, v, graph.fixed, graph.mass, np.where(np.isinf(graph.stiffness), 0.0, graph.stiffness), graph.damping,
-        graph.rest, graph.gravity, graph.radius, graph.contact, graph.pairs, graph.rods, graph.colliding_pairs, result,
+        np.stack([x, v])[..., None], parameters, np.zeros(len(parameters), np.int64), graph.fixed, graph.pairs,
+        graph.rods, graph.colliding_pairs, result,
     )  # fmt: skip
-    return result
+    return result[..., 0]
 
 
 def evaluate_spring_rate(graph: SpringSystem, state: FloatArray) -> FloatArray:
@@ -221,9 +219,9 @@ def integrate_springs(
     """
     count = len(starts)
     ends, slopes = np.empty_like(starts), np.empty((count, starts[0].size, len(inputs)))
-    integrate_with_tangents(
-        np.ascontiguousarray(starts), spans, steps, DOP853_STAGES, DOP853_WEIGHTS, graph.fixed, graph.parameters,
-        graph.pairs, graph.rods, graph.colliding_pairs, inputs, ends, slopes,
+    integrate_segments(
+        np.ascontiguousarray(starts), spans, steps, inputs, graph.parameters, graph.fixed, graph.pairs, graph.rods,
+        graph.colliding_pairs, ends, slopes,
     )  # fmt: skip
     return SpringMotion(ends, slopes)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.numerics.integrators import DOP853_STAGES, DOP853_WEIGHTS
+from models.physics.springs.spring_kernels import integrate_segments
 from models.physics.springs.spring_system import (
     SpringSystem,
     build_springs,
@@ -15,7 +15,6 @@ from models.physics.springs.spring_system import (
     integrate_springs,
     simulate_springs,
 )
-from models.physics.springs.spring_tangents import integrate_with_tangents
 
 NO_GRAVITY = np.zeros(2)
 DOWN = np.array([0.0, 981.0])
@@ -161,21 +160,10 @@ def test_slopes_are_finite_differences(scene: object) -> None:
 
     def end(inputs: FloatArray) -> FloatArray:
         ends, none = np.empty((1, *start.shape)), np.empty(0, np.int64)
-        integrate_with_tangents(
-            inputs[: start.size].reshape(1, *start.shape).copy(),
-            spans,
-            steps,
-            DOP853_STAGES,
-            DOP853_WEIGHTS,
-            graph.fixed,
-            inputs[start.size :],
-            graph.pairs,
-            graph.rods,
-            graph.colliding_pairs,
-            none,
-            ends,
-            np.empty((1, start.size, 0)),
-        )
+        integrate_segments(
+            inputs[: start.size].reshape(1, *start.shape).copy(), spans, steps, none, inputs[start.size :], graph.fixed,
+            graph.pairs, graph.rods, graph.colliding_pairs, ends, np.empty((1, start.size, 0)),
+        )  # fmt: skip
         return ends.ravel()
 
     inputs = np.concatenate([start.ravel(), graph.parameters])
