@@ -57,6 +57,8 @@ def _map_times(t: FloatArray, source: FloatArray, target: FloatArray) -> FloatAr
 
 # Phases of motion. `measured`: no accepted fit; the piece is a curve through the measured positions.
 PHASES = ("slide", "roll", "rest", "measured")
+# s before the end of a piece, where it is sampled: no ball moves visibly in that time.
+MEETING_TIME = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,18 @@ class Trajectory:
             raise ValueError("Trajectory pieces must end after they start")
         if pieces > 1 and np.any((np.diff(self.ball) < 0) | ((np.diff(self.ball) == 0) & (np.diff(self.start) < 0))):
             raise ValueError("Trajectory pieces must be sorted by ball, then by start")
+
+    def sample_times(self, hz: float) -> FloatArray:
+        """Sample times (K,) s of the motion evenly, and on both sides of where two pieces meet: paths bend there.
+
+        Args:
+            hz: Samples per second.
+        """
+        if not len(self.start):
+            return np.empty(0)
+        first, last = float(self.start.min()), float(self.end.max())
+        even = np.linspace(first, last, max(2, round((last - first) * hz) + 1))
+        return np.unique(np.concatenate([even, self.start, self.end - MEETING_TIME]))
 
     def at(self, t: float | FloatArray) -> State:
         """Evaluate the state of every ball.

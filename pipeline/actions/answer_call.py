@@ -23,6 +23,7 @@ from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
 from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord
+from models.physics.billiards.cushion_geometry import find_mouth_line
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
 from pipeline.io.shot_folder import read_shot
@@ -41,7 +42,7 @@ QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
-# Points of a drawn line, which lens distortion may bend, and of half a circle.
+# Points of a drawn line, which lens distortion may bend.
 LINE_POINTS = 33
 # Frames of a strip before and after the nearest one.
 STRIP_NEIGHBOURS = 2
@@ -286,7 +287,7 @@ def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
 
 
 def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
-    """Trace points (n, 2) m of the line in question, or the circle in which a ball drops into the pocket in question.
+    """Trace points (n, 2) m of the line in question, or of the mouth of the pocket in question.
 
     Args:
         record: The shot.
@@ -296,9 +297,7 @@ def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
         The points; none for other questions.
     """
     if call.kind == "pocket":
-        angle = np.linspace(0, 2 * np.pi, 2 * LINE_POINTS - 1)
-        circle = call_answers.POCKET_MOUTH_RADII * record.table.ball_radius * np.stack([np.cos(angle), np.sin(angle)])
-        return np.asarray(record.table.pocket_centres[POCKETS.index(call.subject[1])] + circle.T)
+        return find_mouth_line(record.table, call.subject[1]).ends
     if call.kind != "line":
         return np.empty((0, 2))
     axis, at = _parse_line(call.subject[1])
@@ -310,16 +309,14 @@ def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
 def _build_close_up_frame(
     record: ShotRecord, camera: Camera, call: CallAnswer, frame: int, image: NDArray[np.uint8]
 ) -> CloseUpFrame:
-    """Build a close-up frame with the fitted outlines of the balls concerned, and the line or pocket in question."""
+    """Build a close-up frame with the fitted outlines of the balls concerned, and the line or mouth in question."""
     t = float(record.shown[np.searchsorted(record.frame, frame)])
     drift = estimate_drift(record, camera, t)
     outlines = _build_outlines(record, camera, call, t, drift)
-    line, pocket = camera.to_pixels(trace_mark(record, call), record.table.ball_radius) + drift, None
-    if call.kind == "pocket":
-        radius = float(np.ptp(line[:, 0]) / 2)
-        pocket = NamedOutline(record.naming.name_pocket(call.subject[1]), (line[:-1]).mean(axis=0), radius)
+    mark = trace_mark(record, call)
+    line = camera.to_pixels(mark, record.table.ball_radius) + drift if len(mark) else None
     moment = _build_outlines(record, camera, call, call.t, drift)
-    return CloseUpFrame(image, frame, t, outlines, moment, line if call.kind == "line" else None, pocket)
+    return CloseUpFrame(image, frame, t, outlines, moment, line, shows_line=call.kind == "pocket")
 
 
 def _build_outlines(

@@ -11,7 +11,10 @@ from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
 from models.core.number_format import format_measured, format_moment
+from models.core.scene import Scene
+from models.core.shot import Shot
 from models.core.tracks import Tracks
+from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from models.estimation.contact_test.shot_record import NOSE_SIGMA
 from models.estimation.forecast.ensemble_prediction import (
@@ -22,6 +25,7 @@ from models.estimation.forecast.ensemble_prediction import (
     forecast_shot,
 )
 from models.estimation.forecast.forecast_check import PredictionCheck, check_prediction, estimate_state
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
@@ -37,6 +41,8 @@ from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 # Time between rows of prediction.csv, s; times of later observations are added.
 STEP_S = 0.02
+# Samples per second of the drawn path until the prediction.
+PATH_HZ = 60.0
 
 
 def predict_shot(
@@ -69,10 +75,13 @@ def predict_shot(
     times = _list_prediction_times(tracks, t, seconds)
     naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
     is_whole = t >= tracks.t[-1]
-    state = estimate_state(
-        tracks, scene, t, learned,
-        lambda past, place: load_shot(source, number, cache) if is_whole else explain_tracks(past, place, cache),
-    )  # fmt: skip
+    shots: list[Shot] = []
+
+    def explain_past(past: Tracks, place: Scene) -> Shot:
+        shots.append(load_shot(source, number, cache) if is_whole else explain_tracks(past, place, cache))
+        return shots[0]
+
+    state = estimate_state(tracks, scene, t, learned, explain_past)
     prediction = forecast_shot(state, times, seed, draws)
     later = check_prediction(prediction, tracks)
     document = summarize_prediction(prediction, number, later if len(later.t) else None, naming)
@@ -80,7 +89,7 @@ def predict_shot(
     with replace_file(folder / "prediction.csv") as path:
         write_prediction(prediction, number, path)
     write_json(document, folder / "prediction.json")
-    write_image(_draw_prediction(prediction, tracks, naming), folder / "prediction.png")
+    write_image(_draw_prediction(prediction, tracks, view_shot(shots[0]).trajectory, naming), folder / "prediction.png")
     compared = [
         (naming.name_ball(row["id"]), format_moment(row["t"]),
          *(f"{one} cm" for one in format_measured(row["error_mm"] / 10, row["sigma_mm"] / 10, 1)),
@@ -125,14 +134,18 @@ def _list_prediction_times(tracks: Tracks, t: float, seconds: float) -> np.ndarr
     return np.unique(np.concatenate([np.where(np.isfinite(exact), exact, even), apart]))
 
 
-def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, naming: Naming) -> np.ndarray:
+def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, motion: Trajectory, naming: Naming) -> np.ndarray:
+    """Draw where the balls may go, over the fitted motion until then."""
     state = prediction.state
-    fans = []
-    for k, name in enumerate(state.ids):
-        observed, past = tracks.xy[:, tracks.ids.index(name)], tracks.t <= state.t + 1e-9
-        courses = prediction.members[:, :, k]
-        later = observed[~past & (tracks.t <= prediction.t[-1])]
-        fans.append(PredictionFan(name, observed[past], courses, later))
+    past = motion.at(motion.sample_times(PATH_HZ)).xy
+    is_later = (tracks.t > state.t + 1e-9) & (tracks.t <= prediction.t[-1])
+    fans = [
+        PredictionFan(
+            name, past[:, motion.ids.index(name)], prediction.members[:, :, k],
+            tracks.xy[is_later, tracks.ids.index(name)],
+        )
+        for k, name in enumerate(state.ids)
+    ]  # fmt: skip
     dots = " Dots: what was seen." if any(len(fan.later_path) for fan in fans) else ""
     title = (
         f"From {format_moment(state.t)} to {format_moment(prediction.t[-1])}. The stronger the shade, the more of"

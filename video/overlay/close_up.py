@@ -59,13 +59,8 @@ class CloseUpFrame:
     """The same balls at the moment in question."""
     line: FloatArray | None = None
     """(n, 2) px, a line on the table that the question refers to, at the height of the ball centres."""
-    pocket: NamedOutline | None = None
-    """The pocket that the question refers to."""
-
-    @property
-    def subjects(self) -> tuple[NamedOutline, ...]:
-        """Balls and pocket that the question refers to."""
-        return self.outlines if self.pocket is None else (*self.outlines, self.pocket)
+    shows_line: bool = False
+    """Whether the view contains the whole line."""
 
 
 def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> ImageArray:
@@ -81,7 +76,8 @@ def draw_close_up(frame: CloseUpFrame, caption: str, lines: Sequence[str]) -> Im
     """
     view, scale, corner = _draw_named_balls(frame, CLOSE_UP_SIZE, _enclose_balls([frame]))
     _draw_gap(view, frame, scale, corner)
-    lines = [*lines, f"frame {frame.frame} at {frame.t:.4f} s", "dashed: the moment of the call"]
+    lines = [*lines, f"frame {frame.frame} at {frame.t:.4f} s"]
+    lines += ["dashed: the moment of the call"] if frame.moment_outlines else []
     return append_footer(view, "\n".join([caption, *lines]))
 
 
@@ -150,7 +146,7 @@ def _free_corner(frames: Sequence[CloseUpFrame], window: Window) -> tuple[int, i
 
     def hidden(place: tuple[int, int]) -> int:
         count = 0
-        for outline in (outline for scene in frames for outline in scene.subjects):
+        for outline in (outline for scene in frames for outline in scene.outlines):
             centre, reach = scale * (outline.centre - corner), scale * outline.radius
             nearest = np.clip(centre, place, np.add(place, CAPTION_SIZE))
             count += bool(np.hypot(*(centre - nearest)) < reach)
@@ -174,12 +170,15 @@ def find_window(places: FloatArray, reach: FloatArray | float) -> Window:
 
 
 def _enclose_balls(frames: Sequence[CloseUpFrame]) -> Window:
-    """Return a window with all balls; the whole frame without balls."""
-    outlines = [outline for scene in frames for outline in scene.subjects]
-    if not outlines:
+    """Return a window with all balls, and the line where it is to be shown; the whole frame without any."""
+    spots = [(one.centre, MARGIN_RADII * one.radius) for scene in frames for one in scene.outlines]
+    lines = [scene.line for scene in frames if scene.shows_line and scene.line is not None]
+    spots += [(place, np.ptp(line, axis=0).max() / 2) for line in lines for place in line]
+    if not spots:
         height, width = frames[0].image.shape[:2]
         return np.array([[width / 2, height / 2], [width, height]])
-    return find_window(np.stack([o.centre for o in outlines]), MARGIN_RADII * np.array([[o.radius] for o in outlines]))
+    places, reach = zip(*spots, strict=True)
+    return find_window(np.stack(places), np.array(reach)[:, None])
 
 
 def _view_transform(size: tuple[int, int], window: Window) -> tuple[float, FloatArray]:
@@ -223,8 +222,8 @@ def draw_polyline(view: ImageArray, points: FloatArray, width: int) -> None:
 
 
 def _draw_balls(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: float) -> None:
-    """Draw the outlines and centres of the balls, and of the pocket."""
-    for k, outline in enumerate(frame.subjects):
+    """Draw the outlines and centres of the balls."""
+    for k, outline in enumerate(frame.outlines):
         centre = scale * (outline.centre - corner)
         draw_ring(view, centre, scale * outline.radius, width, RING_COLOURS[k % 2], 0.95)
         draw_ring(view, centre, 2.0, width, RING_COLOURS[k % 2], 0.95)
@@ -249,10 +248,10 @@ def _draw_gap(view: ImageArray, frame: CloseUpFrame, scale: float, corner: Float
 
 def _draw_ball_names(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray) -> None:
     """Draw names above the balls, below the lower ball, so that they do not hide the gap."""
-    lowest = max((outline.centre[1] for outline in frame.subjects), default=0.0)
-    for k, outline in enumerate(frame.subjects):
+    lowest = max((outline.centre[1] for outline in frame.outlines), default=0.0)
+    for k, outline in enumerate(frame.outlines):
         width = text_mask(outline.name, 17, True).shape[1]
-        below = len(frame.subjects) > 1 and outline.centre[1] == lowest
+        below = len(frame.outlines) > 1 and outline.centre[1] == lowest
         away = scale * outline.radius + 8 if below else -scale * outline.radius - 34
         x, y = scale * (outline.centre - corner) + [-width / 2, away]
         blend_mask(view, round_corner_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)

@@ -27,6 +27,7 @@ from models.estimation.contact_test.candidate_contacts import (
 )
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.shot_hypotheses.event_probability import read_event_model
+from models.physics.billiards.cushion_geometry import find_mouth_line
 
 # Name of an answer for a contact with an unknown body.
 UNKNOWN = "unknown"
@@ -38,9 +39,6 @@ UNOBSERVED_PROBABILITY = 0.5
 DOUBT_TIME = 0.15
 # Ball radii from a pocket's mouth, besides the way of three frames, within which a ball that vanishes may have fallen.
 VANISH_RADII = 6.0
-# Ball radii from the point of a pocket on the nose rectangle: a centre that comes so near drops.
-POCKET_MOUTH_RADII = 1.6
-
 
 # Doubts about a moment, or that balls move when they are first detected, or that nothing explains their motion.
 CallDoubt = Doubt | Literal["moving_at_start", "unexplained"]
@@ -291,12 +289,11 @@ def answer_pocket(record: ShotRecord, a: str, name: str) -> CallAnswer:
         raise ValueError("this table has no pockets")
     if name not in POCKETS:
         raise ValueError(f"pockets are {', '.join(POCKETS)}; got {name!r}")
-    centre = record.table.pocket_centres[POCKETS.index(name)]
-    distance = np.linalg.norm(record.path[:, one] - centre, axis=1)
-    if not np.isfinite(distance).any():
+    gap = find_mouth_line(record.table, name).measure_gap(record.path[:, one])
+    if not np.isfinite(gap).any():
         raise ValueError(f"{a} has too few detections for an answer")
-    k = int(np.nanargmin(distance))
-    margin, sigma = float(distance[k]) - POCKET_MOUTH_RADII * record.table.ball_radius, record.place_sigma(one, k)
+    k = int(np.nanargmin(gap))
+    margin, sigma = float(gap[k]), record.place_sigma(one, k)
     falls = [
         (moment, hypothesis)
         for moment in record.explanation.moments
@@ -450,12 +447,19 @@ def classify_pair(record: ShotRecord, one: int, two: int) -> PairClass:
 
     Returns:
         `clear` where the motion of both is explained, `unclear_near` where they were near each other when that of one
-        was not, else `unclear_far`.
+        was not, else `unclear_far`. A ball that lies still before and after a moment was not touched then.
     """
-    times = list_unclear_times(record, one) + list_unclear_times(record, two)
+    unclear = list_unclear_times(record, one) + list_unclear_times(record, two)
+    times = [t for t in unclear if not any(_lies_still(record, ball, t) for ball in (one, two))]
     if not times:
         return "clear"
     return "unclear_near" if any(is_pair_near(record, one, two, t) for t in times) else "unclear_far"
+
+
+def _lies_still(record: ShotRecord, ball: int, t: float) -> bool:
+    """Return whether a ball is at rest before and after a moment."""
+    speeds = (record.speed_at(ball, t - DOUBT_TIME), record.speed_at(ball, t + DOUBT_TIME))
+    return all(speed < REST_SPEED for speed in speeds)
 
 
 def is_pair_near(record: ShotRecord, one: int, two: int, t: float) -> bool:

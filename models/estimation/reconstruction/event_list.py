@@ -260,14 +260,13 @@ def _list_stopped_balls(
 def _find_rests(solution: JointSolution, layout: ParameterLayout, tracks: Tracks, radius: float) -> list[EventRow]:
     """Find balls that rolled out and were observed at rest."""
     graph, events = solution.graph, []
-    interval = float(np.median(np.diff(tracks.t))) if len(tracks.t) > 1 else 0.0
     for k, segment in enumerate(graph.segments):
         if segment.static:
             continue
         length, stop = _rollout_times(solution, k, REST_DISTANCE_RADII * radius)
         t = graph.start_time(k) + length
         times = tracks.t[tracks.is_observed[:, segment.ball]]
-        if graph.start_time(k) + stop > graph.end_time(k) or t > float(times[-1]) + interval:
+        if graph.start_time(k) + stop > graph.end_time(k) or t > times[-1]:
             continue
         place = evaluate_kinematics(segment.state[None], np.array([length]), solution.friction)[0, :2]
         sigma = _rest_time_sigma(solution, layout, k)

@@ -79,6 +79,23 @@ class MouthLine:
     """(2,) m, its middle."""
     outward: FloatArray
     """(2,) unit vector from the table into the pocket: the centre line of the pocket."""
+    ends: FloatArray
+    """(2, 2) m, the two noses."""
+
+    def measure_gap(self, places: FloatArray) -> FloatArray:
+        """Measure how far places (n, 2) m are from the line, m: negative where they are between the noses and beyond.
+
+        Args:
+            places: NaN for none.
+
+        Returns:
+            The distances (n,).
+        """
+        along = np.diff(self.ends, axis=0)[0]
+        depth = (places - self.middle) @ self.outward
+        beside = np.abs((places - self.middle) @ along) / np.hypot(*along) - np.hypot(*along) / 2
+        gap: FloatArray = np.where(beside > 0, np.hypot(beside, depth), -depth)
+        return gap
 
 
 def find_mouth_line(table: Table, pocket: str) -> MouthLine:
@@ -95,9 +112,12 @@ def find_mouth_line(table: Table, pocket: str) -> MouthLine:
     place = table.pocket_centres[POCKETS.index(pocket)]
     inward = np.sign(np.array([table.length, table.width]) / 2 - place)
     inward = inward / np.linalg.norm(inward)
-    if "-" in pocket:
-        place = place + table.ball_radius / kind.ball_radius * kind.corner.width / 2 * inward
-    return MouthLine(place, -inward)
+    is_corner = "-" in pocket
+    half = table.ball_radius / kind.ball_radius * (kind.corner if is_corner else kind.middle).width / 2
+    if is_corner:
+        place = place + half * inward
+    to_nose = half * np.array([-inward[1], inward[0]])
+    return MouthLine(place, -inward, np.stack([place - to_nose, place + to_nose]))
 
 
 def build_rails(table: Table, offsets: FloatArray | None = None) -> Rails:

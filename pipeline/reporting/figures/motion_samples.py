@@ -1,4 +1,4 @@
-"""Fitted motion sampled at evenly spaced times, for plots and paths."""
+"""Sampled motion for plots and paths: energies, which balls move, and lines of few points."""
 
 from __future__ import annotations
 
@@ -6,28 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.scene import Table
-from models.core.trajectory import State, Trajectory
+from models.core.trajectory import State
 from models.core.typing import FloatArray
 from video.overlay.motion_paths import MIN_TRAVEL_RADII
 
 # Rotational energy of a rolling solid ball, relative to its translational energy.
 ROLLING_ENERGY_RATIO = 2 / 5
-
-
-def sample_times(motion: Trajectory, hz: float) -> FloatArray:
-    """Compute evenly spaced times of a motion.
-
-    Args:
-        motion: Fitted motion.
-        hz: Samples per second.
-
-    Returns:
-        Times (K,) s from the first segment to the last; empty if there are none.
-    """
-    if not len(motion.start):
-        return np.empty(0)
-    first, last = float(motion.start.min()), float(motion.end.max())
-    return np.linspace(first, last, max(2, round((last - first) * hz) + 1))
 
 
 def kinetic_energy(state: State, table: Table) -> FloatArray:
@@ -56,13 +40,11 @@ def find_moving_balls(xy: FloatArray, ball_radius: float) -> NDArray[np.bool_]:
     Returns:
         (N,) whether each ball moves.
     """
-    moves = np.zeros(xy.shape[1], dtype=bool)
-    for ball in range(xy.shape[1]):
-        positions = xy[np.isfinite(xy[:, ball, 0]), ball]
-        moves[ball] = (
-            len(positions) and np.linalg.norm(positions - positions[0], axis=1).max() > MIN_TRAVEL_RADII * ball_radius
-        )
-    return moves
+    if not len(xy):
+        return np.zeros(xy.shape[1], dtype=bool)
+    first = xy[np.isfinite(xy[..., 0]).argmax(axis=0), np.arange(xy.shape[1])]
+    travel = np.nanmax(np.linalg.norm(xy - first, axis=-1), axis=0, initial=0.0)
+    return np.asarray(travel > MIN_TRAVEL_RADII * ball_radius)
 
 
 def simplify_line(line: FloatArray, tolerance: float) -> NDArray[np.intp]:

@@ -15,7 +15,7 @@ from models.core.number_format import format_with_sigma
 from models.core.scene import CUSHIONS, Scene
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
-from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy, sample_times
+from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy
 from pipeline.reporting.text.text_formatting import (
     TEXTBOOK_RANGES,
     format_event,
@@ -60,7 +60,7 @@ def build_plan_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.F
     for x, y in view.turn_points(table.pocket_centres, table):
         r = 1.6 * table.ball_radius
         figure.add_shape(type="circle", x0=x - r, y0=y - r, x1=x + r, y1=y + r, fillcolor="#30343a", line_width=0)
-    t = sample_times(fit.trajectory, PLOT_HZ)
+    t = fit.trajectory.sample_times(PLOT_HZ)
     state = fit.trajectory.at(t)
     times = np.broadcast_to(t[:, None], state.xy.shape[:2])
     places = view.turn_points(state.xy, table)
@@ -120,7 +120,7 @@ def build_speed_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.
     Returns:
         The figure, in m/s.
     """
-    t = sample_times(fit.trajectory, PLOT_HZ)
+    t = fit.trajectory.sample_times(PLOT_HZ)
     state = fit.trajectory.at(t)
     figure = _build_time_figure(scene, fit, looks, t, np.linalg.norm(state.v, axis=-1), state.xy)
     return figure.update_yaxes(title="speed (m/s)", rangemode="tozero", hoverformat=".2f")
@@ -137,7 +137,7 @@ def build_energy_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go
     Returns:
         The figure, in mJ.
     """
-    t = sample_times(fit.trajectory, PLOT_HZ)
+    t = fit.trajectory.sample_times(PLOT_HZ)
     state = fit.trajectory.at(t)
     energy = 1000 * kinetic_energy(state, scene.table)
     figure = _build_time_figure(scene, fit, looks, t, energy, state.xy)

@@ -17,7 +17,7 @@ from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import ByteArray, FloatArray
-from pipeline.reporting.figures.motion_samples import find_moving_balls, sample_times, simplify_line
+from pipeline.reporting.figures.motion_samples import find_moving_balls, simplify_line
 from video.drawing.palette import INK, adapt_to_any_background, ensure_contrast
 from video.io.clip import Clip
 
@@ -82,7 +82,7 @@ class RecordedShot:
     tracks: Tracks
     fit: Fit
     t: FloatArray
-    """(K,) s, evenly spaced over the motion."""
+    """(K,) s, over the motion."""
     state: State
     """State of all balls at t."""
     is_moving: NDArray[np.bool_]
@@ -117,7 +117,7 @@ def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> R
     colours = [look.colour for look in tracks.looks]
     lines = np.array([ensure_contrast(colour, INK) for colour in colours], dtype=np.uint8).reshape(-1, 3)
     plotted = np.array([adapt_to_any_background(colour) for colour in colours], dtype=np.uint8).reshape(-1, 3)
-    t = sample_times(fit.trajectory, PATH_HZ)
+    t = fit.trajectory.sample_times(PATH_HZ)
     state = fit.trajectory.at(t)
     return RecordedShot(
         clip, scene, tracks, fit, t, state, find_moving_balls(state.xy, scene.table.ball_radius), lines, plotted

@@ -150,7 +150,7 @@ def _format_statement(call: CallAnswer, naming: Naming, margin: str, moment: str
     """Format what most probably happened, and when; of what did not happen, when it was closest."""
     text = _format_fact(call, naming) + _format_others(call, naming)
     is_timeless = call.kind in ("cushions", "foul") or (
-        call.kind in ("pocket", "scratch", *NO_CONTACT) and not margin and not _happens(call)
+        call.kind in ("pocket", "scratch", "frozen", *NO_CONTACT) and not margin and not _happens(call)
     )
     when = f" at {moment}" if moment and not is_timeless else ""
     if not margin or _happens(call):

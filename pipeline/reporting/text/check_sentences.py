@@ -24,8 +24,8 @@ MAX_FURTHER_REASONS = 2
 NOTHING_WORDS = {"rest": "still moving", "strike": "not struck", "pocket": "not potted"}
 # Why a pot is not certain, by what it is concluded from.
 FALL_REASONS = {
-    "fall": ": its path leads there, but its fall is not seen",
-    "vanish": ": it is not seen any more near there, but its fall is not seen either",
+    "fall": ": it is last detected where its path leads there",
+    "vanish": ": it is last detected near there",
 }  # fmt: skip
 # Doubts that the probabilities show, or that have their own clause with a number of frames.
 SELF_EVIDENT_DOUBTS = ("rival", "no_cause", "hidden")
@@ -84,8 +84,8 @@ def format_least_sure(events: Events, rows: Iterable[int], explanation: ShotExpl
         naming: What balls, rails and pockets are called.
 
     Returns:
-        Such as `yellow 9 falls into the far-left pocket (92 %, or not potted 8 %: its
-        path leads there, but its fall is not seen)`; empty where all are as good as certain.
+        Such as `yellow 9 falls into the far-left pocket (92 %, or not potted 8 %: it is
+        last detected where its path leads there)`; empty where all are as good as certain.
     """
     contacts = (row for row in rows if events.kind[row] != "rest")  # the time of a rest is unsure, not the rest
     k = min(contacts, key=lambda row: events.probability[row], default=None)

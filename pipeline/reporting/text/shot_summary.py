@@ -37,8 +37,8 @@ MIN_PROBABILITY = 0.5
 LOST_FRAMES = 2.0
 STROKE_NOT_VISIBLE = "The clip shows no stroke; the motion before it is unknown."
 MOVING = "still moving"
-# Later contacts of the ball that are listed one by one; balls take precedence over cushions.
-MAX_LATER_CONTACTS = 6
+# Later contacts of the ball that are listed one by one.
+MAX_LATER_CONTACTS = 8
 # Text of an answer that does not exist.
 NO_ANSWER = "-"
 
@@ -226,15 +226,16 @@ class _Stroke:
             state, k = self.fit.trajectory.at(float(t)), ids.index(ball) if ball in ids else None
             is_known = k is not None and not (name == "contact_speed" and state.measured[k])
             speed = float(np.linalg.norm(state.v[k])) if is_known else float("nan")
+            fitted = ShotNumber(
+                name, speed, 0.0 if k is None else float(state.sigma_v[k]), "m/s", bool(np.isfinite(speed))
+            )
             stated = None if numbers is None else numbers.find_number(name)
-            fitted = ShotNumber(name, speed, 0.0 if k is None else float(state.sigma_v[k]), "m/s", True)
-            shown = format_number(stated if stated is not None and stated.observable else fitted)
-            texts.append(shown if np.isfinite(speed) else "")
-        came, went = texts
+            texts.append(format_number(stated if stated is not None and fitted.observable else fitted))
+        came, went = ("" if text == NOT_OBSERVABLE else text for text in texts)
         if not (came or went):
-            return "unknown"
+            return start_sentence(f"{NOT_OBSERVABLE}.")
         name, after = self.fit.naming.say(self.ball), f"; {self.fit.naming.say(other)} left at {went}" if went else ""
-        before = f"{name} arrived at {came}" if came else f"the speed of {name} before the contact was not observed"
+        before = f"{name} arrived at {came}" if came else f"the speed of {name} before the contact is {NOT_OBSERVABLE}"
         return start_sentence(f"{before}{after}.")
 
     def _format_direction_after(self, touch: int) -> str:
@@ -258,16 +259,15 @@ class _Stroke:
         return f"{self.name} {slow}{_format_turn(velocities[0], velocities[2])}, {speed}."
 
     def _format_later_contacts(self, t: float) -> str:
-        """Format the contacts of the ball after t (s), balls before cushions if there are many."""
+        """Format the first contacts of the ball after t (s), in order of time."""
         events = self.fit.events
         later = [k for k in self.own if events.t[k] > t]
         contacts = [k for k in later if events.kind[k] in ("ball", "cushion")]
-        first = sorted(contacts, key=lambda k: (events.kind[k] != "ball", events.t[k]))[:MAX_LATER_CONTACTS]
-        more = f" and {len(contacts) - len(first)} more" if len(contacts) > len(first) else ""
+        more = f", then {len(contacts) - MAX_LATER_CONTACTS} more" if len(contacts) > MAX_LATER_CONTACTS else ""
         words = [
             f"{self.fit.naming.say(self._find_partner(k))}{' again' * is_repeated(events, k)}"
             f" at {format_event_time(events, k)}"
-            for k in sorted(first, key=lambda k: float(events.t[k]))
+            for k in contacts[:MAX_LATER_CONTACTS]
         ]
         none = "It had no further contact." if t > self.start else NO_ANSWER
         return f"Then it touched {join_names(words)}{more}." if words else none
@@ -315,7 +315,9 @@ class _Stroke:
             return "its end is unknown"
         speed = float(np.linalg.norm(state.v[row]))
         motion = MOVING if is_seen else f"last seen at {format_moment(t)}, moving"
-        words = "at rest" if speed < REST_SPEED else f"{motion} at {format_speed(speed)}"
+        words = f"{motion} at {format_speed(speed)}"
+        if speed < REST_SPEED:  # measured places of a resting ball scatter
+            words = "at rest" if speed == 0 or state.measured[row] else "almost at rest"
         if last_event is not None and events.kind[last_event] == "rest":
             words = f"at rest since {format_event_time(events, last_event)}"
         return f"{words}, {format_place(state.xy[row], np.nan, self.table, naming)}{way}"

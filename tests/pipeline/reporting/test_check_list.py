@@ -206,9 +206,9 @@ def test_a_clip_without_frames_has_no_places() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "other", "category", "words"),
-    [("pocket", "top-right", "fall", "not potted 8 %: its path leads there, but its fall is not seen"),
+    [("pocket", "top-right", "fall", "not potted 8 %: it is last detected where its path leads there"),
      ("pocket", "top-right", "vanish",
-      "not potted 8 %: it is not seen any more near there, but its fall is not seen either"),
+      "not potted 8 %: it is last detected near there"),
      ("strike", "", "strike", "not struck 8 %")],
 )  # fmt: skip
 def test_the_least_sure_event_names_its_alternative(kind: Cause, other: str, category: str, words: str) -> None:

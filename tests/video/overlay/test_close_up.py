@@ -11,7 +11,6 @@ from video.drawing.palette import FLASH
 from video.overlay.close_up import (
     CAPTION_SIZE,
     CLOSE_UP_SIZE,
-    RING_COLOURS,
     TILE_SIZE,
     CloseUpFrame,
     NamedOutline,
@@ -60,13 +59,17 @@ def test_the_caption_of_a_strip_is_where_no_ball_is(way: tuple[int, int]) -> Non
     assert corner[0] * way[0] != corner[1] * way[1]
 
 
-def test_a_pocket_in_question_is_in_the_picture_with_its_name() -> None:
-    plain = close_up_frame((150.0, 20.0))
-    pocket = NamedOutline("far-left pocket", np.array([20.0, 20.0]), 13.0)
-    view = draw_close_up(replace(plain, pocket=pocket), "yes", [])[: CLOSE_UP_SIZE[1]]
-    marked = np.argwhere(np.abs(view.astype(int) - RING_COLOURS[1]).max(axis=2) < 30)
-    assert len(marked) > 500
-    assert (marked.max(axis=0) < np.array(view.shape[:2]) - 1).all()
+@pytest.mark.parametrize("balls", [((150.0, 20.0),), ()], ids=["far ball", "fallen ball"])
+def test_the_whole_mouth_of_a_pocket_in_question_is_in_the_picture(balls: tuple[tuple[float, float], ...]) -> None:
+    mouth = replace(close_up_frame(*balls, line=np.array([[10.0, 30.0], [30.0, 10.0]])), shows_line=True)
+    marked = flashes(draw_close_up(mouth, "yes", [])[: CLOSE_UP_SIZE[1]])
+    assert (marked.max(axis=0) < np.array(CLOSE_UP_SIZE)[::-1] - 1).all()
     assert marked.min() > 0
-    named = draw_close_up(replace(plain, pocket=replace(pocket, name="")), "yes", [])[: CLOSE_UP_SIZE[1]]
-    assert (named != view).any()
+    assert np.ptp(marked, axis=0).min() > 50
+
+
+def test_only_a_picture_with_dashed_outlines_explains_them() -> None:
+    """A ball that fell has no outline at the moment of its fall."""
+    plain = close_up_frame((100.0, 75.0))
+    dashed = replace(plain, moment_outlines=plain.outlines)
+    assert len(draw_close_up(plain, "yes", [])) < len(draw_close_up(dashed, "yes", []))

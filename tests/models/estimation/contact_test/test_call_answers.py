@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,20 @@ def test_an_unknown_cause_beside_a_probable_cushion_was_no_ball(tmp_path: Path) 
     record = make_record(tmp_path, ShotExplanation((Moment("white", 0.3, 1e-3, np.array([0.9, 0.5]), causes),)))
     assert call_answers.answer_first_contact(record, "white").alternatives[0][0] == "none"
     assert call_answers.answer_cushion_first(record, "white").probability > 0.99
+
+
+@pytest.mark.parametrize(("speed", "verdict"), [(0.0, "no"), (0.3, "inconclusive")])
+def test_a_ball_that_lies_still_was_not_touched_by_one_that_turns_for_no_known_cause(
+    tmp_path: Path, speed: float, verdict: str
+) -> None:
+    causes = CauseHypothesis("cushion", "top", 0.88), CauseHypothesis("unexplained", "", 0.12)
+    record = make_record(tmp_path, ShotExplanation((Moment("white", 0.5, 1e-3, np.array([1.3, 0.5]), causes),)))
+    velocity = record.velocity.copy()
+    velocity[:, 1] = [speed, 0.0]
+    path = record.path.copy()
+    path[:, 1] = path[:, 0] + 4 * record.table.ball_radius  # near, all the time
+    record = replace(record, velocity=velocity, path=path)
+    assert call_answers.answer_contact(record, "white", "red").verdict == verdict
 
 
 @pytest.mark.parametrize(("premise", "verdict"), [(1.0, "no"), (0.2, "inconclusive")])

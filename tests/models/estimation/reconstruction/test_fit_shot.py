@@ -231,6 +231,9 @@ def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
     row = fit.events.kind.index("rest")
     to_go = np.linalg.norm(shot.xy[:, 0] - shot.xy[-1, 0], axis=1)
     assert fit.events.t[row] == pytest.approx(shot.tracks.t[np.argmax(to_go < 0.05 * RADIUS)], abs=0.06)
+    until = shot.tracks.truncate_after(float(fit.events.t[row]))
+    events = view_shot(explain(until, shot.scene)).events
+    assert all(t <= until.t[-1] for t, kind in zip(events.t, events.kind, strict=True) if kind == "rest")
 
 
 def test_the_coefficients_of_the_cloth_come_out() -> None:

@@ -98,6 +98,10 @@ def test_the_mouth_of_a_pocket_is_square_to_its_centre_line() -> None:
     np.testing.assert_allclose(corner.middle, [2.54 - 0.1159 / np.sqrt(8), 1.27 - 0.1159 / np.sqrt(8)])
     np.testing.assert_allclose(middle.outward, [0.0, -1.0], atol=1e-12)
     np.testing.assert_allclose(middle.middle, [1.27, 0.0])
+    along = 0.1159 / np.sqrt(2)  # from the corner to each nose
+    np.testing.assert_allclose(sorted(corner.ends.tolist()), [[2.54 - along, 1.27], [2.54, 1.27 - along]])
+    beside_nose, inside, before = [1.27 + 0.1286 / 2 + 0.03, 0.04], [1.28, -0.02], [1.3, 0.1]
+    np.testing.assert_allclose(middle.measure_gap(np.array([beside_nose, inside, before])), [0.05, -0.02, 0.1])
 
 
 @pytest.fixture(scope="module")
