@@ -39,7 +39,7 @@ from pipeline.io.run_views import view_run
 from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
-from video.drawing.prediction_fan import PredictionFan, draw_changed_shot
+from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 # Probability from which an event of the real shot counts.
 MIN_PROBABILITY = 0.5
@@ -195,7 +195,7 @@ def _draw_plays(ensemble: StruckEnsemble, changed: ChangedShot, tracks: Tracks, 
         f" stronger the shade, the more of {len(changed.members)} plays pass there.\n"
         "Thin lines: the real shot, until the clip ends."
     )
-    return draw_changed_shot(ensemble.table, naming, fans, title)
+    return draw_prediction_fans(ensemble.table, naming, fans, title, is_played_otherwise=True)
 
 
 SCHEMA = "trueroll.what-if/1"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError
@@ -19,7 +20,6 @@ from models.core.typing import FloatArray
 from models.estimation.contact_test.shot_record import NOSE_SIGMA
 from models.estimation.forecast.ensemble_prediction import (
     QUANTILES,
-    PredictedEvent,
     ShotPrediction,
     compute_quantiles,
     forecast_shot,
@@ -71,14 +71,16 @@ def predict_shot(
     """
     tracks, scene, number = read_observed_shot(source, number)
     require_writable_folder(folder)
-    t = _choose_start_time(tracks, at)
+    first, last = float(tracks.t[0]), float(tracks.t[-1])
+    t = last if at is None else at
+    if not first <= t <= last:
+        raise OptionError(f"--at lies within what was seen, {first:.3f} to {last:.3f} s; got {t:g}")
     times = _list_prediction_times(tracks, t, seconds)
     naming = build_naming(scene.table, scene.camera, tracks.ids, tracks.looks)
-    is_whole = t >= tracks.t[-1]
     shots: list[Shot] = []
 
     def explain_past(past: Tracks, place: Scene) -> Shot:
-        shots.append(load_shot(source, number, cache) if is_whole else explain_tracks(past, place, cache))
+        shots.append(load_shot(source, number, cache) if t == last else explain_tracks(past, place, cache))
         return shots[0]
 
     state = estimate_state(tracks, scene, t, learned, explain_past)
@@ -115,23 +117,12 @@ def predict_shot(
     )  # fmt: skip
 
 
-def _choose_start_time(tracks: Tracks, at: float | None) -> float:
-    first, last = float(tracks.t[0]), float(tracks.t[-1])
-    if at is None:
-        return last
-    if not first <= at <= last:
-        raise OptionError(f"--at lies within what was seen, {first:.3f} to {last:.3f} s; got {at:g}")
-    return at
-
-
 def _list_prediction_times(tracks: Tracks, t: float, seconds: float) -> np.ndarray:
     """List evenly spaced times and the times of later observations, s."""
     even = t + np.append(np.arange(0.0, seconds - 1e-9, STEP_S), seconds)
     later = tracks.t[(tracks.t > t + 1e-9) & (tracks.t <= t + seconds)]
-    apart = later[np.abs(later[:, None] - even).min(axis=1) > 1e-9] if len(later) else later
-    near = even[:, None] - later
-    exact = np.where(np.abs(near) <= 1e-9, later, -np.inf).max(axis=1, initial=-np.inf)
-    return np.unique(np.concatenate([np.where(np.isfinite(exact), exact, even), apart]))
+    is_apart = np.abs(even[:, None] - later).min(axis=1, initial=np.inf) > 1e-9
+    return np.unique(np.concatenate([even[is_apart], later]))
 
 
 def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, motion: Trajectory, naming: Naming) -> np.ndarray:
@@ -152,10 +143,6 @@ def _draw_prediction(prediction: ShotPrediction, tracks: Tracks, motion: Traject
         f" {len(prediction.members)} possible courses pass there. Line: the most typical one.{dots}"
     )
     return draw_prediction_fans(state.table, naming, fans, title)
-
-
-# The same quantiles of the standard normal distribution.
-NORMAL_QUANTILES = {"05": -1.6448536, "25": -0.6744898, "50": 0.0, "75": 0.6744898, "95": 1.6448536}
 
 
 def write_prediction(prediction: ShotPrediction, shot: int, path: Path) -> None:
@@ -188,10 +175,8 @@ def _compute_quantiles(prediction: ShotPrediction, axis: int) -> dict[str, Float
     middle, spread = prediction.path[..., axis], np.sqrt(prediction.covariance[..., axis, axis])
     shares = compute_quantiles(prediction.members[..., axis])
     chosen = prediction.is_ensemble[:, None]
-    return {
-        name: np.where(chosen, share, middle + NORMAL_QUANTILES[name] * spread)
-        for name, share in zip(QUANTILES, shares, strict=True)
-    }
+    pairs = zip(QUANTILES.items(), shares, strict=True)
+    return {name: np.where(chosen, share, middle + ndtri(p) * spread) for (name, p), share in pairs}
 
 
 def summarize_prediction(
@@ -209,13 +194,16 @@ def summarize_prediction(
         A tree of JSON values with the schema `trueroll.prediction/1`.
     """
     state = prediction.state
-    linear = prediction.t[~prediction.is_ensemble]
     return {
         "schema": "trueroll.prediction/1", "shot": shot, "t": state.t, "until": float(prediction.t[-1]),
-        "linear_until": float(linear[-1]) if len(linear) else state.t, "draws": len(prediction.members),
+        "linear_until": float(prediction.t[~prediction.is_ensemble].max(initial=state.t)), "draws": len(prediction.members),
         "trust": summarize_trust(state.trust),
         "balls": [_summarize_ball(prediction, k, naming) for k in range(len(state.ids))],
-        "events": [_summarize_event(one) for one in prediction.events],
+        "events": [
+            {"kind": one.event[0], "a": one.event[1], "b": one.event[2], "probability": one.probability, "t": one.t,
+             "t_sigma": one.t_sigma, "t05": one.t_low, "t95": one.t_high}
+            for one in prediction.events
+        ],
         "compared": None if check is None else _compare_with_observations(prediction, check),
     }  # fmt: skip
 
@@ -232,12 +220,6 @@ def _summarize_ball(prediction: ShotPrediction, k: int, naming: Naming) -> dict[
     return {"id": prediction.state.ids[k], "sentence": sentence, "first": first, "end": end}
 
 
-def _summarize_event(one: PredictedEvent) -> dict[str, Any]:
-    kind, a, b = one.event
-    return {"kind": kind, "a": a, "b": b, "probability": one.probability, "t": one.t, "t_sigma": one.t_sigma,
-            "t05": one.t_low, "t95": one.t_high}  # fmt: skip
-
-
 def _compare_with_observations(prediction: ShotPrediction, check: PredictionCheck) -> list[dict[str, Any]]:
     """Compare errors with predicted standard deviations and regions, for each ball that was observed later."""
     rows = []
@@ -245,12 +227,9 @@ def _compare_with_observations(prediction: ShotPrediction, check: PredictionChec
         own = check.ball == k
         if own.any():
             level = check.level[own & np.isfinite(check.level)]
-            rows.append({
-                "id": name, "t": float(check.t[own][-1]), "error_mm": 1e3 * float(check.error[own][-1]),
-                "sigma_mm": 1e3 * float(check.sigma[own][-1]),
-                "rms_error_mm": 1e3 * float(np.sqrt(np.mean(check.error[own] ** 2))),
-                "rms_sigma_mm": 1e3 * float(np.sqrt(np.mean(check.sigma[own] ** 2))),
-                "within_50": float(np.mean(level <= 0.5)) if len(level) else None,
-                "within_90": float(np.mean(level <= 0.9)) if len(level) else None,
-            })  # fmt: skip
+            row = {"id": name, "t": float(check.t[own][-1])}
+            for key, values in (("error_mm", 1e3 * check.error[own]), ("sigma_mm", 1e3 * check.sigma[own])):
+                row |= {key: float(values[-1]), f"rms_{key}": float(np.sqrt(np.mean(values**2)))}
+            shares = {f"within_{p}": float(np.mean(level <= p / 100)) if len(level) else None for p in (50, 90)}
+            rows.append(row | shares)
     return rows

@@ -60,7 +60,9 @@ class PredictionFan:
         return medoid
 
 
-def draw_prediction_fans(table: Table, naming: Naming, fans: Sequence[PredictionFan], title: str) -> ImageArray:
+def draw_prediction_fans(
+    table: Table, naming: Naming, fans: Sequence[PredictionFan], title: str, is_played_otherwise: bool = False
+) -> ImageArray:
     """Draw the predicted paths of several balls on an empty table.
 
     Args:
@@ -68,47 +70,27 @@ def draw_prediction_fans(table: Table, naming: Naming, fans: Sequence[Prediction
         naming: Names and looks of the balls, and how the table lies in the frame.
         fans: Predicted paths of each ball.
         title: Title below the table.
+        is_played_otherwise: Whether the samples are plays of the observed shot otherwise: the thick line is their
+            medoid, and the thin light one the observed path.
 
     Returns:
         Image (h, w, 3): the ground is shaded by the share of the samples in which the ball passes over it, the medoid
         is a light line, and later observations are dots.
     """
+    thick, thin = [fan.observed_path for fan in fans], [fan.medoid_path for fan in fans]
+    if is_played_otherwise:
+        thick, thin = thin, thick
 
     def draw_fans(inset: TableInset, colours: Sequence[Colour]) -> None:
         for fan, colour in zip(fans, colours, strict=True):
             _shade_samples(inset, table, fan, colour)
-        for fan, colour in zip(fans, colours, strict=True):
-            _draw_path_line(inset, fan.medoid_path, mix_colours(colour, WHITE, 0.6))
+        for fan, path, colour in zip(fans, thin, colours, strict=True):
+            _draw_path_line(inset, path, mix_colours(colour, WHITE, 0.6))
             for place in fan.later_path[np.isfinite(fan.later_path).all(axis=1)]:
                 centre = inset.to_fixed_point(place).tolist()
                 cv2.circle(inset.canvas, centre, 2 * SUPERSAMPLE << SHIFT, INK, -1, cv2.LINE_AA, SHIFT)
 
-    paths = [fan.observed_path for fan in fans]
-    return draw_table_plan(table, naming, [fan.name for fan in fans], paths, np.empty((0, 2)), title, draw_fans)
-
-
-def draw_changed_shot(table: Table, naming: Naming, fans: Sequence[PredictionFan], title: str) -> ImageArray:
-    """Draw a shot that is played otherwise over the real one.
-
-    Args:
-        table: Table to draw.
-        naming: Names and looks of the balls, and how the table lies in the frame.
-        fans: Plays of each ball, over its real path.
-        title: Title below the table.
-
-    Returns:
-        Image (h, w, 3): the ground is shaded by the share of the plays in which the ball passes over it, the medoid is
-        the path of the ball, and the real path is a thin light line.
-    """
-
-    def draw_fans(inset: TableInset, colours: Sequence[Colour]) -> None:
-        for fan, colour in zip(fans, colours, strict=True):
-            _shade_samples(inset, table, fan, colour)
-        for fan, colour in zip(fans, colours, strict=True):
-            _draw_path_line(inset, fan.observed_path, mix_colours(colour, WHITE, 0.6))
-
-    paths = [fan.medoid_path for fan in fans]
-    return draw_table_plan(table, naming, [fan.name for fan in fans], paths, np.empty((0, 2)), title, draw_fans)
+    return draw_table_plan(table, naming, [fan.name for fan in fans], thick, np.empty((0, 2)), title, draw_fans)
 
 
 def _shade_samples(inset: TableInset, table: Table, fan: PredictionFan, colour: Colour) -> None:

@@ -94,8 +94,7 @@ class MouthLine:
         along = np.diff(self.ends, axis=0)[0]
         depth = (places - self.middle) @ self.outward
         beside = np.abs((places - self.middle) @ along) / np.hypot(*along) - np.hypot(*along) / 2
-        gap: FloatArray = np.where(beside > 0, np.hypot(beside, depth), -depth)
-        return gap
+        return np.asarray(np.where(beside > 0, np.hypot(beside, depth), -depth))
 
 
 def find_mouth_line(table: Table, pocket: str) -> MouthLine:
@@ -114,8 +113,7 @@ def find_mouth_line(table: Table, pocket: str) -> MouthLine:
     inward = inward / np.linalg.norm(inward)
     is_corner = "-" in pocket
     half = table.ball_radius / kind.ball_radius * (kind.corner if is_corner else kind.middle).width / 2
-    if is_corner:
-        place = place + half * inward
+    place = place + half * is_corner * inward
     to_nose = half * np.array([-inward[1], inward[0]])
     return MouthLine(place, -inward, np.stack([place - to_nose, place + to_nose]))
 

@@ -24,7 +24,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import ByteArray, FloatArray
 from pipeline.reporting.figures.run_figures import build_plan_figure, style_line
-from video.drawing.prediction_fan import PredictionFan, draw_changed_shot, draw_prediction_fans
+from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 from video.drawing.table_plan import SHIFT, SUPERSAMPLE, build_empty_inset, build_table_inset, draw_table_plan
 from video.io.clip import open_clip, read_frames
 from video.overlay.placement_overlay import CLOTH_COLOUR, draw_placement_plan
@@ -69,18 +69,18 @@ def draw_plan(scene: Scene, tracks: Tracks) -> ByteArray:
     return draw_table_plan(scene.table, name_all(scene, tracks), tracks.ids, paths, np.empty((0, 2)), "")
 
 
-def draw_fans(scene: Scene, tracks: Tracks, draw: Callable[..., ByteArray] = draw_prediction_fans) -> ByteArray:
+def draw_fans(scene: Scene, tracks: Tracks, is_played_otherwise: bool = False) -> ByteArray:
     """The plan of predicted paths."""
     fans = [
         PredictionFan(name, tracks.xy[:, k], np.repeat(tracks.xy[None, :, k], 3, axis=0), np.empty((0, 2)))
         for k, name in enumerate(tracks.ids)
     ]
-    return draw(scene.table, name_all(scene, tracks), fans, "")
+    return draw_prediction_fans(scene.table, name_all(scene, tracks), fans, "", is_played_otherwise)
 
 
 def draw_what_if(scene: Scene, tracks: Tracks) -> ByteArray:
     """The plan of a shot that is played otherwise."""
-    return draw_fans(scene, tracks, draw_changed_shot)
+    return draw_fans(scene, tracks, is_played_otherwise=True)
 
 
 def draw_placement(scene: Scene, tracks: Tracks) -> ByteArray:
