@@ -196,7 +196,8 @@ def summarize_prediction(
     state = prediction.state
     return {
         "schema": "trueroll.prediction/1", "shot": shot, "t": state.t, "until": float(prediction.t[-1]),
-        "linear_until": float(prediction.t[~prediction.is_ensemble].max(initial=state.t)), "draws": len(prediction.members),
+        "linear_until": float(prediction.t[~prediction.is_ensemble].max(initial=state.t)),
+        "draws": len(prediction.members),
         "trust": summarize_trust(state.trust),
         "balls": [_summarize_ball(prediction, k, naming) for k in range(len(state.ids))],
         "events": [
