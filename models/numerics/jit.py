@@ -8,41 +8,23 @@ can be complex.
 Compiled code is cached on disk and shared by processes. Numba's own cache key covers the file of a function only, so a
 change in another file that the function calls would go unnoticed. Here the key covers every module that the module of
 the function imports, directly or indirectly.
-
-Numba copies the code of every function that a function calls into it, so that a function at the bottom of a chain of
-calls is optimized and translated once per function above it. Here that holds for short functions only, which the
-optimizer inlines. The code of a longer one exists once, and its callers refer to it by its symbol; they are loaded
-from disk after it, and only if it still has this symbol.
-
-Notification and timing of compilations: a new installation compiles all kernels, which takes a minute.
-
-Copies of small arrays in compiled functions.
-
-`target[:] = source` takes several times as long to compile: numba checks shapes and overlaps, and formats errors.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from itertools import islice
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numba
 from filelock import FileLock
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
-from numba.core.codegen import ll
-from numba.core.compiler_lock import global_compiler_lock
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
-from numba.core.event import Event, Listener, TimingListener, install_listener, trigger_event
-from numba.core.sigutils import normalize_signature
-from numba.core.types.misc import unliteral
+from numba.core.event import Event, Listener, TimingListener, install_listener
 
 from models.core.module_discovery import find_discovered_packages, find_imports
 
@@ -50,29 +32,10 @@ from models.core.module_discovery import find_discovered_packages, find_imports
 COMPLEX_STEP = 1e-30
 # Packages whose compiled functions are cached on disk.
 CACHED_PACKAGES = ("models.", "video.")
-# Numba event of a process in which a cached function is compiled, or which waits while another one compiles it.
-COMPILATION_EVENT = "trueroll:compilation"
-# Instructions of a function beyond which its callers refer to its code. LLVM inlines about 55 (cost 275 at 5 each),
-# more where arguments are constants. With 100, derivatives of Mathavan's model are 7 % slower; with 250, as fast as
-# copied.
-_MAX_COPIED_INSTRUCTIONS = 250
-
-
-class _KernelReference(NamedTuple):
-    """A compiled function that other compiled code refers to."""
-
-    module: str
-    name: str
-    arguments: tuple[Any, ...]
-    """Types of the arguments."""
-    symbol: str
-
-
+# Numba event of a process in which a function is compiled that the cache does not hold.
+_COMPILATION_EVENT = "numba:compile"
 # Hexadecimal digits that tell closures apart: two of a thousand agree once in 10^9 programs.
 _NAME_DIGITS = 12
-
-# By library of compiled code: the functions that must be loaded before code into which it is linked.
-_references: WeakKeyDictionary[Any, tuple[_KernelReference, ...]] = WeakKeyDictionary()
 
 
 @cache
@@ -120,43 +83,39 @@ def _hash_source_tree(module: str) -> str:
     return digest.hexdigest()
 
 
-class _SharedCodeImpl(CompileResultCacheImpl):  # type: ignore[misc]
-    """Saves and loads compiled functions together with references to the code that they call."""
+class _SourceCache(FunctionCache):  # type: ignore[misc]
+    """The cache of a compiled function, which holds as long as all the source that the function depends on."""
 
-    def reduce(self, cres: Any) -> Any:
-        """Reduce a new compiled function to what is saved; its callers refer to its code from now on if it is long."""
-        library, symbol = cres.library, cres.fndesc.mangled_name
-        called = tuple(dict.fromkeys(ref for one in library._linking_libraries for ref in _find_references(one)))
-        function = cres.fndesc
-        own = _KernelReference(function.modname, function.qualname, tuple(function.argtypes), symbol)
-        instructions = (one for block in library.get_function(symbol).blocks for one in block.instructions)
-        is_long = next(islice(instructions, _MAX_COPIED_INSTRUCTIONS, None), None) is not None
-        is_shared = is_long and isinstance(_find_kernel(own), Dispatcher)
-        if is_shared:
-            library._shared_module = ll.parse_assembly(str(library.codegen._create_empty_module(library.name)))
-        _references[library] = (own,) if is_shared else called
-        return called, own if is_shared else None, function.llvm_cpython_wrapper_name, super().reduce(cres)
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = IndexDataCacheFile(
+            self.cache_path, self._impl.filename_base, _hash_source_tree(function.__module__)
+        )
+        self._lock = FileLock(f"{self.cache_path}/{self._impl.filename_base}.lock")
 
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Rebuild a saved compiled function; None if code that it calls has been compiled again since."""
-        called, own, wrapper, reduced = payload
-        for one in called:
-            kernel = _find_kernel(one)
-            if not isinstance(kernel, Dispatcher):
-                return None
-            kernel.compile(one.arguments)
-            if kernel.overloads[one.arguments].fndesc.mangled_name != one.symbol:
-                return None
-        target_context.codegen()._engine._defined_symbols.add(wrapper)
-        cres = super().rebuild(target_context, reduced)
-        _references[cres.library] = called if own is None else (own,)
-        return cres
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Load compiled code; without any, wait while another process compiles the function.
 
+        A process that waits holds locks of callers only, so no two processes wait for each other.
+        """
+        code = super().load_overload(signature, target_context)
+        if code is None:
+            self._impl.locator.ensure_cache_path()
+            self._lock.acquire()
+            code = super().load_overload(signature, target_context)
+            if code is not None:
+                self._lock.release()
+        return code
 
-class _SharedCodeCache(FunctionCache):  # type: ignore[misc]
-    """The cache of a compiled function whose code can be shared."""
+    def save_overload(self, signature: Any, code: Any) -> None:
+        """Save compiled code, for which other processes may wait."""
+        super().save_overload(signature, code)
+        self._lock.release()
 
-    _impl_class = _SharedCodeImpl
+    @property
+    def is_filled(self) -> bool:
+        """Whether compiled code of the present source is on disk, whatever the types of its arguments."""
+        return bool(self._cache_file._load_index())
 
     def _index_key(self, signature: Any, codegen: Any) -> Any:
         """Return the key of a signature; numba would pickle what a closure encloses, differently in every process."""
@@ -174,24 +133,10 @@ def _describe_enclosed(function: Callable[..., Any]) -> tuple[Any, ...]:
     )
 
 
-def _find_kernel(reference: _KernelReference) -> Any:
-    """Find the compiled function of a reference; something else, or None, where it has another name in its module."""
-    return getattr(sys.modules.get(reference.module), reference.name, None)
-
-
-def _find_references(library: Any) -> tuple[_KernelReference, ...]:
-    """Find the functions that code refers to into which a library is linked."""
-    if library in _references:
-        return _references[library]
-    return tuple(ref for one in library._linking_libraries for ref in _find_references(one))
-
-
 def compile_kernel(function: Callable[..., Any]) -> Any:
     """Compile a numerical function with numba; use as a decorator.
 
-    Division by zero gives inf as in numpy, other threads run during a call, and sums keep their order. A constant as an
-    argument counts as a number: numba would compile the function once more for every constant that it is called with,
-    and for every variable that begins as one.
+    Division by zero gives inf as in numpy, other threads run during a call, and sums keep their order.
 
     Args:
         function: A function of numbers and arrays, which may enclose numbers and compiled functions.
@@ -205,56 +150,22 @@ def compile_kernel(function: Callable[..., Any]) -> Any:
         # third, would be linked as one
         function.__qualname__ += f"_{sha256(repr(enclosed).encode()).hexdigest()[:_NAME_DIGITS]}"
     kernel = numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
-    find_code = kernel.get_call_template
-    kernel.get_call_template = lambda args, names: find_code(
-        [unliteral(one) for one in args], {name: unliteral(one) for name, one in names.items()}
-    )
-    if not function.__module__.startswith(CACHED_PACKAGES):
-        return kernel
-    try:
-        cache_entry = _SharedCodeCache(function)
-    except RuntimeError:  # no writable cache folder: every process compiles again
-        return kernel
-    cache_entry._cache_file = IndexDataCacheFile(
-        cache_entry.cache_path, cache_entry._impl.filename_base, _hash_source_tree(function.__module__)
-    )
-    kernel._cache = cache_entry
-    kernel.compile = _make_single_compilation(kernel, kernel.compile)
+    if function.__module__.startswith(CACHED_PACKAGES):
+        with suppress(RuntimeError):  # no writable cache folder: every process compiles again
+            kernel._cache = _SourceCache(function)
     return kernel
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Find out whether a kernel was compiled before.
+    """Find out whether a kernel was compiled before, for any types of its arguments.
 
     Args:
         kernel: Result of `compile_kernel`.
 
     Returns:
-        Whether compiled code of the present source is on disk, whatever the types of its arguments.
+        Whether compiled code of the present source is on disk.
     """
-    return isinstance(kernel._cache, FunctionCache) and bool(kernel._cache._cache_file._load_index())
-
-
-def _make_single_compilation(kernel: Any, compile_now: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Make the method `compile` of a kernel, which waits while another process compiles the same function.
-
-    A process that waits holds locks of callers only, so no two processes wait for each other.
-    """
-    cache_entry = kernel._cache
-    lock = cache_entry._cache_file._index_path.removesuffix(".nbi") + ".lock"
-
-    def compile_once(signature: Any) -> Any:
-        if tuple(normalize_signature(signature)[0]) in kernel.overloads:
-            return compile_now(signature)
-        with global_compiler_lock:
-            key = cache_entry._index_key(signature, kernel.targetctx.codegen())
-            if key in cache_entry._cache_file._load_index():
-                return compile_now(signature)
-            cache_entry._impl.locator.ensure_cache_path()
-            with trigger_event(COMPILATION_EVENT), FileLock(lock):
-                return compile_now(signature)
-
-    return compile_once
+    return isinstance(kernel._cache, _SourceCache) and kernel._cache.is_filled
 
 
 def compile_inline_closure(function: Callable[..., Any]) -> Any:
@@ -281,7 +192,7 @@ def notify_first_compilation(notify: Callable[[], None]) -> Iterator[None]:
     Yields:
         None; the notification is active inside the `with` block.
     """
-    with install_listener(COMPILATION_EVENT, _CompilationListener(notify)):
+    with install_listener(_COMPILATION_EVENT, _CompilationListener(notify)):
         yield
 
 
@@ -307,7 +218,7 @@ def measure_compilation() -> Iterator[Callable[[], float]]:
     Yields:
         A function that returns the time since the `with` block began, s.
     """
-    with install_listener(COMPILATION_EVENT, TimingListener()) as timer:
+    with install_listener(_COMPILATION_EVENT, TimingListener()) as timer:
         yield lambda: timer.duration if timer.done else 0.0
 
 

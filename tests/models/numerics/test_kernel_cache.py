@@ -1,4 +1,4 @@
-"""Compiled code that is cached on disk is never that of an older source, and long functions are compiled once."""
+"""Compiled code that is cached on disk is never that of an older source, and one process compiles it."""
 
 from __future__ import annotations
 
@@ -52,34 +52,6 @@ for line in sys.stdin:
     if os.wait()[1]:
         sys.exit("a call failed")
 """
-LONG_CALLEE = """
-import numpy as np
-
-from models.numerics.jit import compile_kernel
-
-@compile_kernel
-def inner(x):
-    table = np.empty((6, 6))
-    for i in range(6):
-        for j in range(6):
-            table[i, j] = np.sin(x + i) * np.cos(x - j) / (1.0 + abs(x + i * j))
-    total = 0.0
-    for i in range(6):
-        for j in range(6):
-            if table[i, j] > table[j, i]:
-                total += table[i, j] - np.sqrt(abs(table[j, i]))
-            else:
-                total -= table[i, j] * table[j, i]
-{lines}
-    return x + {number} + int(0.0 * total)
-"""
-LONG_CALLEE = LONG_CALLEE.replace(
-    "{lines}",
-    "\n".join(
-        f"    total += np.sqrt(abs(table[{k % 6}, {k % 5}] - {k})) if total > {k} else 1.0 / (1.0 + total * total)"
-        for k in range(40)
-    ),
-)
 MEASURE = """
 from models.billiards.caller import outer
 from models.numerics.jit import measure_compilation, notify_first_compilation
@@ -105,7 +77,6 @@ from models.billiards.callee import inner
 closures = [build(inner, factor) for factor in (10, 100)]
 print(*(closure(1) for closure in closures), *(sum(closure.stats.cache_hits.values()) for closure in closures))
 """
-PARTS = "caller.outer", "callee.inner"
 COPIED = ("core/module_discovery.py", "numerics/jit.py")
 
 
@@ -164,46 +135,6 @@ def test_only_the_first_process_has_something_to_compile_and_says_so(tmp_path: P
     copy_package(tmp_path, CALLEE.format(number=1))
     assert call_in_new_process(tmp_path, MEASURE) == [1, 0, 1]
     assert call_in_new_process(tmp_path, MEASURE) == [0, 0, 0]
-
-
-def test_callers_refer_to_the_code_of_a_long_function_and_find_it_after_it_was_lost(
-    tmp_path: Path, call_in_new_process: Call
-) -> None:
-    sizes = []
-    for name, source in (("short", CALLEE), ("long", LONG_CALLEE)):
-        folder = tmp_path / name
-        folder.mkdir()
-        copy_package(folder, source.format(number=1))
-        assert call_in_new_process(folder) == [20, 0]
-        size = {part: sum(path.stat().st_size for path in (folder / "cache").rglob(f"{part}-*.nbc")) for part in PARTS}
-        sizes.append(size)
-    caller, callee = (sizes[1][part] - sizes[0][part] for part in PARTS)
-    assert 0 <= caller < callee / 4, "the names of what it calls, not its code"
-    assert call_in_new_process(folder) == [20, 1]
-    lost = list((folder / "cache").rglob("callee.inner-*"))
-    assert lost
-    for path in lost:
-        path.unlink()
-    assert call_in_new_process(folder)[0] == 20
-    assert call_in_new_process(folder) == [20, 1]
-
-
-@compile_kernel
-def shift(x, by):  # type: ignore[no-untyped-def]
-    return x + by
-
-
-@compile_kernel
-def shift_often(x):  # type: ignore[no-untyped-def]
-    total = 0
-    for _ in range(3):
-        total = shift(shift(total, 1), 2)
-    return shift(total, x)
-
-
-def test_a_function_is_compiled_once_whatever_constants_it_is_called_with() -> None:
-    assert shift_often(1) == 10
-    assert len(shift.signatures) == 1
 
 
 def test_closures_that_enclose_different_values_have_names_of_their_own() -> None:
