@@ -213,12 +213,12 @@ def magnify_image(
     return np.ascontiguousarray(view, dtype=np.uint8), scale, corner
 
 
-def draw_polyline(view: ImageArray, points: FloatArray, width: int) -> None:
-    """Draw a line through points (n, 2) px, in place, in the colour of what is in question."""
+def draw_polyline(view: ImageArray, points: FloatArray, width: int, colour: Colour = FLASH) -> None:
+    """Draw a line through points (n, 2) px, in place; by default in the colour of what is in question."""
     mask = np.zeros(view.shape[:2], dtype=np.uint8)
     points = np.clip(points, -1e5, 1e5)  # far points overflow fixed-point numbers
     cv2.polylines(mask, [to_fixed_point(points).reshape(-1, 1, 2)], False, 255, width, cv2.LINE_AA, SHIFT)
-    blend_mask(view, mask, 0, 0, FLASH)
+    blend_mask(view, mask, 0, 0, colour)
 
 
 def _draw_balls(view: ImageArray, frame: CloseUpFrame, scale: float, corner: FloatArray, width: float) -> None:

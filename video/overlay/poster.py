@@ -15,7 +15,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.circles import draw_disc, draw_ring
 from video.drawing.label_layout import Rect, overlap_share, place_label, place_panel
-from video.drawing.palette import FLASH, INK, WHITE
+from video.drawing.palette import FLASH, INK, WHITE, ensure_contrast
 from video.io.video_options import RenderOptions
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import MattedSprite, matte_balls
@@ -23,6 +23,7 @@ from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
 from video.overlay.annotation import COST_CELL_PX, DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.close_up import draw_polyline
 from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
 from video.overlay.motion_paths import EVENT_STRENGTHS
 
@@ -30,6 +31,8 @@ from video.overlay.motion_paths import EVENT_STRENGTHS
 GHOST_SPACING_RADII = 5.0
 # Opacity of the ghosts.
 GHOST_OPACITY = 0.5
+# px at scale 1: radii about a spot beside which its label may be; a line leads to it.
+LABEL_REACHES = (12.0, 40.0)
 # Width of a phone's page, and the least font size on it that people read without zooming, CSS px.
 PHONE_WIDTH, LEAST_LETTERS = 390.0, 9.0
 
@@ -187,22 +190,38 @@ def _draw_labels(
             draw_ring(still, start, path.radius + 2.5 * scale, 1.6 * scale, WHITE, 0.8)
             names.append((Label(annotation.names[ball], "", annotation.colours[ball]), start, 1.0))
     letters = max(scale, bounds[0] * LEAST_LETTERS / PHONE_WIDTH / LABEL_LETTERS)
+    placed = []
     for k, (label, spot, opacity) in enumerate([*times, *names]):
-        size = label.size(letters)
-        corner = spot + place_label(size, spot, 12 * scale, np.zeros(2), obstacles, bounds, None).top_left_corner(
-            size, 12 * scale
-        )
-        rect = (float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
-        is_inside = rect[0] >= 0 and rect[1] >= 0 and rect[0] + rect[2] <= bounds[0] and rect[1] + rect[3] <= bounds[1]
-        if is_inside and not overlap_share(rect, obstacles):
-            label.draw(still, corner, letters, opacity)
+        rect = _find_free_place(label.size(letters), spot, scale, obstacles, bounds)
+        if rect is not None:
+            placed.append((label, spot, np.array(rect), opacity))
             obstacles.append(rect)
             count -= k < len(times)
+    for label, spot, box, _ in placed:
+        leader = np.stack([spot, np.clip(spot, box[:2], box[:2] + box[2:])])
+        draw_polyline(still, leader, round(3 * scale), INK)
+        draw_polyline(still, leader, max(1, round(scale)), ensure_contrast(label.colour, INK))
+    for label, _, box, opacity in placed:
+        label.draw(still, box[:2], letters, opacity)
     if count:
         note = Label(f"{count} more contact{'s' * (count > 1)}", "", FLASH)
         cost = np.zeros((bounds[1] // COST_CELL_PX, bounds[0] // COST_CELL_PX))
         place = place_panel(note.size(letters), bounds, cost, obstacles, 1 / COST_CELL_PX)
         note.draw(still, np.array(place[:2]), letters)
+
+
+def _find_free_place(
+    size: tuple[int, int], spot: FloatArray, scale: float, obstacles: Sequence[Rect], bounds: tuple[int, int]
+) -> Rect | None:
+    """Find the nearest place for a label of a spot (2,) px where it hides nothing; None where there is none."""
+    for radius in (scale * reach for reach in LABEL_REACHES):
+        place = place_label(size, spot, radius, np.zeros(2), obstacles, bounds, None)
+        left, top = (spot + place.top_left_corner(size, radius)).tolist()
+        rect = (left, top, float(size[0]), float(size[1]))
+        is_inside = 0 <= left <= bounds[0] - size[0] and 0 <= top <= bounds[1] - size[1]
+        if is_inside and not overlap_share(rect, obstacles):
+            return rect
+    return None
 
 
 def _shorten_label(label: Label) -> Label:

@@ -71,6 +71,8 @@ def interpolate(
 
         if factor is None:
             raise OptionError("--factor is missing: the number of steps from sample to sample")
+        if out.suffix.lower() in VIDEO_SUFFIXES:
+            raise OptionError(f"-o is a folder where the input is tracks; got {out}. Name the clip to make a video")
         fps = None if options.read.fps is None else float(Fraction(options.read.fps))
         with show_activity(cli.console) as on_activity:
             interpolate_particles(source, factor, out, fps, as_json, on_activity)

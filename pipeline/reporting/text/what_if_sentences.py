@@ -15,7 +15,7 @@ MIN_PROBABILITY = 0.1
 # Least change of a share or an angle that is mentioned.
 MIN_CHANGE = 1e-9
 GOAL_WORDS = {
-    "pot": "a ball is potted",
+    "pot": "an object ball is potted and the cue ball is not",
     "carom": "the carom is made",
     "three-cushion": "the three-cushion carom is made",
 }
@@ -95,7 +95,7 @@ def _format_goal(goal: dict[str, str], naming: Naming) -> str:
     """Format what must happen."""
     if goal["game"] != "pot" or not (goal.get("ball") or goal.get("pocket")):
         return GOAL_WORDS[goal["game"]]
-    ball = naming.say(goal["ball"]) if goal["ball"] else "a ball"
+    ball = naming.say(goal["ball"]) if goal["ball"] else "an object ball"
     return f"{ball} is potted" if not goal["pocket"] else f"{ball} falls into the {naming.name_pocket(goal['pocket'])}"
 
 

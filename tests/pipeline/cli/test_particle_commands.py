@@ -35,6 +35,13 @@ def rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
+def test_a_video_is_not_made_of_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    video = tmp_path / "fine.mp4"
+    assert execute_command_line(["interpolate", str(falling(tmp_path)), "--factor", "4", "-o", str(video)]) == 2
+    assert "Name the clip to make a video" in capsys.readouterr().err
+    assert not video.exists()
+
+
 def test_between_two_samples_come_the_places_of_the_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = falling(tmp_path)
     assert (

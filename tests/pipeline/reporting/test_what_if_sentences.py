@@ -102,3 +102,12 @@ def test_a_spin_whose_side_is_not_known_may_be_zero() -> None:
     assert "0.10 right side spin instead of 0.50 left side spin" in format_what_if(more, NAMING)[0]
     more["stroke"]["real"]["side"] = -0.3
     assert "0.10 right side spin instead of one that may be zero" in format_what_if(more, NAMING)[0]
+
+
+def test_a_shot_in_which_the_cue_ball_falls_does_not_score() -> None:
+    """The events list that pot, so that the goal says which ball it is about."""
+    pot = make_document(0.0, 0.004, {}, REAL) | {"goal": {"game": "pot", "ball": "", "pocket": ""}}
+    assert (
+        "an object ball is potted and the cue ball is not with a probability below 1 %"
+        in format_what_if(pot, NAMING)[1]
+    )

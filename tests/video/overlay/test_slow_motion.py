@@ -17,12 +17,13 @@ from models.core.events import Events
 from models.core.fit_result import Fit, Trust
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from models.core.typing import ImageArray
+from models.core.typing import FloatArray, ImageArray
 from video.io.clip import Clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import HiddenBackground, estimate_hidden_background
+from video.overlay import poster
 from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_overlay import LABEL_LETTERS, Label
 from video.overlay.motion_paths import EVENT_STRENGTHS
@@ -43,10 +44,10 @@ def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = No
 
 def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
     """Write the poster of a clip from all of its frames."""
-    poster = Poster.for_background(HiddenBackground(appearance.timeline, appearance.plate))
+    still = Poster.for_background(HiddenBackground(appearance.timeline, appearance.plate))
     for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
-        poster.add_frame(row, image)
-    poster.write(tracks, fit, path)
+        still.add_frame(row, image)
+    still.write(tracks, fit, path)
 
 
 def render_and_decode(
@@ -174,7 +175,7 @@ def test_the_poster_shows_the_ball_along_its_path(tmp_path: Path) -> None:
     y = round(0.45 * shot.SCALE + shot.MARGIN)
     above = np.abs(still[y - 6].astype(int) - last[y - 6]).max(axis=1) > 30
     start, end = (round(x * shot.SCALE + shot.MARGIN) for x in (0.3, 0.3 + 0.9 * 0.7))
-    runs = np.flatnonzero(np.diff(above[start:end].astype(int)) == 1)
+    runs = np.flatnonzero(np.diff(above[start - 20 : end].astype(int)) == 1)  # from before the ring around the start
     assert len(runs) >= 2
 
 
@@ -197,6 +198,24 @@ def test_the_poster_labels_every_contact_legibly_on_a_phone_or_counts_the_others
         noted = sum(int(name.split()[0]) for name, *_ in drawn if name.endswith(("more contact", "more contacts")))
         assert timed + noted == sum(kind in EVENT_STRENGTHS for kind in events.kind)
     assert noted > 0
+
+
+def test_a_line_leads_from_the_spot_to_every_label_of_the_poster(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leaders: list[FloatArray] = []
+    boxes: list[FloatArray] = []
+    monkeypatch.setattr(poster, "draw_polyline", lambda view, points, width, colour: leaders.append(points))
+    monkeypatch.setattr(
+        Label, "draw",
+        lambda label, image, corner, scale, opacity=1.0: boxes.append(np.stack([corner, corner + label.size(scale)])),
+    )  # fmt: skip
+    clip = shot.clip_in(tmp_path, 31)
+    tracks, fit = shot.tracks(clip.t), shot.fit(clip.t)
+    render_poster(clip, appearance_of(clip), tracks, fit, tmp_path / "poster.png")
+    assert len(leaders) == 2 * len(boxes) > 0, "a dark outline and a line"
+    for leader, (low, high) in zip(leaders[::2], boxes, strict=True):
+        assert ((low <= leader[1]) & (leader[1] <= high)).all()
 
 
 def test_a_shot_without_a_fit_is_shown_as_it_was_filmed(tmp_path: Path) -> None:
