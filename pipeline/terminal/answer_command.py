@@ -42,9 +42,9 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
 
     def decorate(function: Callable[P, Answer]) -> Callable[P, Answer]:
         whole = signature(function, eval_str=True)
-        own = [one for one in whole.parameters.values() if get_origin(one.annotation) is Annotated]
+        own = [one for one in whole.parameters.values() if one.name not in ("on_activity", "on_answer")]
 
-        def command(*, as_json: bool, debug: bool, **values: Any) -> None:
+        def command(*, as_json: bool, **values: Any) -> None:
             def show_answer(answer: Answer) -> None:
                 cli.print_answer(answer, as_json)
 
@@ -56,21 +56,18 @@ def answer_command(name: str, **settings: Any) -> Callable[[Callable[P, Answer]]
             if answer.refusals:
                 raise typer.Exit(1)
 
-        flags = {"as_json": cli.JsonOption, "debug": cli.DebugOption}
-        command.__signature__ = Signature(  # type: ignore[attr-defined]
-            [_make_terminal_parameter(one) for one in own]
-            + [Parameter(key, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for key, kind in flags.items()]
-        )
-        command.__doc__ = cleandoc(function.__doc__ or "")
-        described = "\n".join(f"    {one.name}: {get_args(one.annotation)[1].help}" for one in own)
-        function.__doc__ = f"{command.__doc__}\n\nArgs:\n{described}"
+        as_json = Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=cli.JsonOption)
+        command.__signature__ = Signature([*map(_reduce_parameter, own), as_json])  # type: ignore[attr-defined]
+        command.__doc__ = function.__doc__
+        cli.command(name, **settings)(command)
+        stated = {one.name: cli.split_annotation(one) for one in own}
+        common = "\n".join(f"    {key}: {option.help}" for key, (_, option) in stated.items() if option.help)
+        function.__doc__ = f"{cleandoc(function.__doc__ or '')}\n{common}"
         function.__signature__ = whole.replace(  # type: ignore[attr-defined]
             parameters=[
-                one.replace(annotation=get_args(one.annotation)[0]) if one in own else one
-                for one in whole.parameters.values()
+                one.replace(annotation=stated.get(key, (one.annotation,))[0]) for key, one in whole.parameters.items()
             ]
         )
-        cli.app.command(name, **settings)(command)
         return function
 
     return decorate
@@ -85,12 +82,12 @@ def _show_activity(is_shown: bool) -> AbstractContextManager[Callable[[str], Non
     return show_activity(cli.console)
 
 
-def _make_terminal_parameter(one: Parameter) -> Parameter:
-    """Make a parameter of the command line from one of Python."""
-    kind, *notes = get_args(one.annotation)
+def _reduce_parameter(one: Parameter) -> Parameter:
+    """Reduce the types of a parameter of Python to the one that typer makes of words."""
+    kind, stated = cli.split_annotation(one)
     plain = _reduce_type(kind)
-    annotation = Annotated[list[plain] if one.kind is Parameter.VAR_POSITIONAL else plain, *notes]  # type: ignore[valid-type]
-    return one.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation)
+    kind = list[plain] if one.kind is Parameter.VAR_POSITIONAL else plain  # type: ignore[valid-type]
+    return one.replace(kind=Parameter.KEYWORD_ONLY, annotation=Annotated[kind, stated])
 
 
 def _reduce_type(kind: Any) -> Any:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from copy import copy
+from functools import partial
+from inspect import Parameter, Signature, cleandoc, signature
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
+from typer.models import OptionInfo
 
 from models.core.answer import Answer
 from pipeline.engine.atomic_write import parse_output_path
@@ -64,43 +70,78 @@ def print_answer(answer: Answer, as_json: bool) -> None:
         print(f"Look at {' and '.join(answer.figures)}", flush=True)
 
 
-ClipArgument = Annotated[Path, typer.Argument(help="A clip of a shot: mp4, mov, mkv, avi, webm.")]
-
-
-def make_output_option(description: str, metavar: str = "PATH") -> Any:
-    """Make the option `-o` of a command.
-
-    Args:
-        description: What it names, for the help.
-        metavar: Kind of its value, for the help.
-
-    Returns:
-        The option.
-    """
-    return typer.Option("-o", "--out", parser=parse_output_path, metavar=metavar, help=description)
-
-
-ShotOption = Annotated[
-    int | None,
-    typer.Option("--shot", help="Number of the shot in a recording. Default: the longest.", min=1),
+# The option -o of a command, with the kind of its value for the help.
+make_output_option = partial(typer.Option, "-o", "--out", parser=parse_output_path)
+OUT = make_output_option(metavar="PATH")
+_BESIDE = "Folder of the results. Default: DIR."
+OutBesideOption = Annotated[
+    AnyPath | None, make_output_option(metavar="PATH", help="Folder of the results. Default: DIR.")
 ]
-ShotTimeOption = Annotated[
-    float | None, typer.Option("--at", help="A time in the shot, in s of the recording, instead of --shot.", min=0.0)
-]
-OutOption = Annotated[Path | None, make_output_option("Folder of the results. Default: out/<clip>.")]
-OutBesideOption = Annotated[AnyPath | None, make_output_option("Folder of the results. Default: DIR.")]
-_CACHE = typer.Option("--cache", help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
+_CACHE = typer.Option(help="Folder of the cache. Default: $TRUEROLL_CACHE, else ~/.cache/trueroll.")
 CacheOption = Annotated[Path | None, _CACHE]
 AnyCacheOption = Annotated[AnyPath | None, _CACHE]
 ProfileOption = Annotated[
-    AnyPath | None,
-    typer.Option("--profile", metavar="FILE", help="What trueroll fit-table or diagnose learned about this table."),
+    AnyPath | None, typer.Option(metavar="FILE", help="What trueroll fit-table or diagnose learned about this table.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DebugOption = Annotated[
-    bool,
-    typer.Option("--debug", help="Print the traceback of an error, and the cost before and after each pass of a fit."),
+    bool, typer.Option(help="Print the traceback of an error, and the cost before and after each pass of a fit.")
 ]
+
+
+def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a command of a function: its docstring describes the command, and the docstring's `Args` the options.
+
+    A parameter with a default becomes an option of the same name, another one an argument. `--debug` is added.
+
+    Args:
+        name: Name of the command.
+        settings: Further settings of the command, as typer takes them.
+
+    Returns:
+        A decorator that returns the function as it is.
+    """
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        text, sentences = split_docstring(function)
+        own = signature(function, eval_str=True).parameters.values()
+        debug = Parameter("debug", Parameter.KEYWORD_ONLY, default=False, annotation=DebugOption)
+
+        def run(*, debug: bool, **values: Any) -> None:
+            function(**values)
+
+        run.__doc__ = text
+        run.__signature__ = Signature(  # type: ignore[attr-defined]
+            [_make_terminal_parameter(one, sentences.get(one.name)) for one in (*own, debug)]
+        )
+        app.command(name, **settings)(run)
+        return function
+
+    return decorate
+
+
+def split_docstring(function: Callable[..., object]) -> tuple[str, dict[str, str]]:
+    """Split the docstring of a command into its text and the sentences on its arguments, by name."""
+    text, _, listed = cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
+    entries = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
+    return text, {name: " ".join(words.split()) for name, words in entries}
+
+
+def split_annotation(one: Parameter) -> tuple[Any, Any]:
+    """Split the annotation of a parameter into its type and what typer is told of it."""
+    if get_origin(one.annotation) is Annotated:
+        kind, stated = get_args(one.annotation)
+        return kind, copy(stated)
+    return one.annotation, typer.Argument() if one.default is Parameter.empty else typer.Option()
+
+
+def _make_terminal_parameter(one: Parameter, sentence: str | None) -> Parameter:
+    """Make a parameter of the command line from one of Python."""
+    kind, stated = split_annotation(one)
+    stated.help = sentence or stated.help
+    if isinstance(stated, OptionInfo) and stated.default is ...:
+        stated.default = f"--{one.name.replace('_', '-')}"
+    return one.replace(kind=Parameter.KEYWORD_ONLY, annotation=Annotated[kind, stated])
 
 
 def _print_version(is_requested: bool) -> None:

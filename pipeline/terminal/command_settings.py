@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Collection, Iterable
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -60,7 +60,6 @@ def append_settings(
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + extra
     )
-    command.__annotations__ = {p.name: p.annotation for p in [*own, *extra]}
     command.__doc__ = function.__doc__
     return command
 
@@ -68,5 +67,5 @@ def append_settings(
 def _build_parameter(setting: Setting) -> inspect.Parameter:
     """Build the parameter of a setting as typer expects it."""
     panel = "For researchers" if setting.stages[0] in EXPERT_STAGES and len(setting.stages) == 1 else None
-    option = typer.Option(setting.default, setting.flag, help=setting.help, rich_help_panel=panel)
-    return inspect.Parameter(setting.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=setting.type)
+    kind = Annotated[setting.type, typer.Option(help=setting.help, rich_help_panel=panel)]  # type: ignore[name-defined]
+    return inspect.Parameter(setting.name, inspect.Parameter.KEYWORD_ONLY, default=setting.default, annotation=kind)

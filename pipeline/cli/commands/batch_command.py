@@ -41,39 +41,35 @@ MAX_NAMES = 5
 MAX_TABLE_ROWS = 100
 
 
-@cli.app.command("batch")
+@cli.command("batch")
 @add_settings()
 def batch(
-    folder: Annotated[Path, typer.Argument(help="Folder with clips, at any depth; or one recording with many shots.")],
+    folder: Path,
     options: RunOptions,
-    out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out"),
-    jobs: Annotated[
-        int, typer.Option("--jobs", help="Number of clips that run at a time; 0: one per core.", min=0)
-    ] = 1,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            "--cluster", metavar="tcp://HOST:PORT", help="Address of a Dask scheduler whose workers run the clips."
-        ),
-    ] = None,
-    time_limit: Annotated[
-        float, typer.Option("--time-limit", help="Longest time for a clip, or for each shot of a long recording, in s.")
-    ] = 3600.0,
-    memory_limit: Annotated[float, typer.Option("--memory-limit", help="Most memory for a clip, in MB.")] = 4096.0,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Keep running, and run new clips when they appear; Ctrl-C ends it.")
-    ] = False,
-    idle: Annotated[
-        float | None, typer.Option("--idle", help="With --watch: time without a new clip after which to end, in s.")
-    ] = None,
-    gaps: Annotated[
-        bool, typer.Option("--diagnose", help="Finally diagnose all shots of each table together.")
-    ] = False,
+    out: Annotated[Path, cli.OUT] = Path("out"),
+    jobs: Annotated[int, typer.Option(min=0)] = 1,
+    cluster: Annotated[str | None, typer.Option(metavar="tcp://HOST:PORT")] = None,
+    time_limit: float = 3600.0,
+    memory_limit: float = 4096.0,
+    watch: bool = False,
+    idle: float | None = None,
+    gaps: Annotated[bool, typer.Option("--diagnose")] = False,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes."""
+    """Run every clip below a folder; a bad clip does not stop the others, and a second call resumes.
+
+    Args:
+        folder: Folder with clips, at any depth; or one recording with many shots.
+        out: Folder of the results.
+        jobs: Number of clips that run at a time; 0: one per core.
+        cluster: Address of a Dask scheduler whose workers run the clips.
+        time_limit: Longest time for a clip, or for each shot of a long recording, in s.
+        memory_limit: Most memory for a clip, in MB.
+        watch: Keep running, and run new clips when they appear; Ctrl-C ends it.
+        idle: With --watch: time without a new clip after which to end, in s.
+        gaps: Finally diagnose all shots of each table together.
+    """
     from pipeline.batch.clip_discovery import FolderContent, order_largest_first, survey_folder, watch_folder
     from pipeline.batch.clip_job import ClipLimits
     from pipeline.batch.run_batch import Batch, run_batch

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Annotated
 
-import typer
 from rich.table import Table as Grid
 
 from models.core.errors import OptionError
@@ -14,21 +12,21 @@ from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
 
 
-@cli.app.command("cache")
+@cli.command("cache")
 def show_cache(
-    prune: Annotated[bool, typer.Option("--prune", help="Remove entries by age, or until the rest fits.")] = False,
-    older_than: Annotated[
-        float | None, typer.Option("--older-than", help="Remove entries whose last use is longer ago, in days.")
-    ] = None,
-    max_size: Annotated[
-        float | None,
-        typer.Option("--max-size", help="Remove the least recently used entries until this size is left, in MB."),
-    ] = None,
+    prune: bool = False,
+    older_than: float | None = None,
+    max_size: float | None = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """List the entries of the cache by stage, measure it, or prune it."""
+    """List the entries of the cache by stage, measure it, or prune it.
+
+    Args:
+        prune: Remove entries by age, or until the rest fits.
+        older_than: Remove entries whose last use is longer ago, in days.
+        max_size: Remove the least recently used entries until this size is left, in MB.
+    """
     store = open_cache(cache)
     if prune:
         if older_than is None and max_size is None:

@@ -19,43 +19,27 @@ from pipeline.terminal.answer_command import answer_command, ignore
 
 @answer_command("call")
 def call(
-    folder: Annotated[cli.AnyPath, typer.Argument(metavar="DIR", help="The folder of a run.")],
-    *question: Annotated[
-        str,
-        typer.Argument(
-            metavar="QUESTION",
-            help="contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A | score | foul",
-        ),
-    ],
-    edge: Annotated[
-        bool, typer.Option("--edge", help="For line: whether the edge of the ball crosses, instead of its centre.")
-    ] = False,
-    on: Annotated[
-        str, typer.Option("--on", help="For foul: what must be hit first: solids, stripes, eight, red, colour, a ball.")
-    ] = "",
-    clip: Annotated[
-        cli.AnyPath | None, typer.Option("--clip", help="Clip of the shot. Default: the path that the run noted.")
-    ] = None,
+    folder: Annotated[cli.AnyPath, typer.Argument(metavar="DIR")],
+    *question: Annotated[str, typer.Argument(metavar="QUESTION")],
+    edge: bool = False,
+    on: str = "",
+    clip: cli.AnyPath | None = None,
     out: cli.OutBesideOption = None,
-    share: Annotated[
-        cli.AnyPath | None,
-        typer.Option(
-            "--share",
-            metavar="FILE.mp4",
-            help="Write a clip of ten seconds for phones too: the moment in slow motion, and its answer.",
-        ),
-    ] = None,
-    profile: Annotated[
-        cli.AnyPath | None,
-        typer.Option(
-            "--profile",
-            metavar="FILE",
-            help="Table profile of trueroll fit-table or diagnose: its friction decides close passes of two balls.",
-        ),
-    ] = None,
+    share: Annotated[cli.AnyPath | None, typer.Option(metavar="FILE.mp4")] = None,
+    profile: Annotated[cli.AnyPath | None, typer.Option(metavar="FILE")] = None,
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
-    """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment."""
+    """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment.
+
+    Args:
+        folder: The folder of a run.
+        question: contact A B | first A | cushion-first A | pocket A top-left | line x=0.635 A | score | foul
+        edge: For line: whether the edge of the ball crosses, instead of its centre.
+        on: For foul: what must be hit first: solids, stripes, eight, red, colour, a ball.
+        clip: Clip of the shot. Default: the path that the run noted.
+        share: Write a clip of ten seconds for phones too: the moment in slow motion, and its answer.
+        profile: Table profile of trueroll fit-table or diagnose: its friction decides close passes of two balls.
+    """
     target = parse_output_path(folder if out is None else out)
     cloth = None if profile is None else parse_cloth_priors(read_profile_text(Path(profile)))
     record = read_shot_record(Path(folder), cloth)

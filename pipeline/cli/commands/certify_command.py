@@ -21,21 +21,20 @@ from pipeline.terminal.answer_command import answer_command, ignore
 
 @answer_command("certify")
 def certify(
-    *inputs: Annotated[
-        cli.AnyPath,
-        typer.Argument(metavar="DIR...", help="Run folders, track folders or a batch's folder, all of one table."),
-    ],
-    out: Annotated[cli.AnyPath, cli.make_output_option("Folder of the certificate.")] = "certificate",
-    compare: Annotated[
-        cli.AnyPath | None,
-        typer.Option("--compare", metavar="OTHER.json", help="An earlier certificate: which numbers differ from it."),
-    ] = None,
+    *inputs: Annotated[cli.AnyPath, typer.Argument(metavar="DIR...")],
+    out: Annotated[cli.AnyPath, cli.OUT] = "certificate",
+    compare: Annotated[cli.AnyPath | None, typer.Option(metavar="OTHER.json")] = None,
     cache: cli.AnyCacheOption = None,
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Certify a table: slope, restitution, speed of the cloth, size and squareness, each with its error.
 
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
+
+    Args:
+        inputs: Run folders, track folders or a batch's folder, all of one table.
+        out: Folder of the certificate.
+        compare: An earlier certificate: which numbers differ from it.
     """
     other = None if compare is None else (Path(compare), read_certificate(Path(compare)))
     sources = list_folders_with("tracks.csv", [Path(one) for one in inputs])

@@ -42,19 +42,21 @@ LEVEL_COLOURS = {
 VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
-@cli.app.command("check")
+@cli.command("check")
 @add_door_settings()
 def check(
-    clip: cli.ClipArgument,
-    out: Annotated[
-        Path | None, cli.make_output_option("Write a still with the table, the balls and what is wrong.", "FILE.png")
-    ] = None,
+    clip: Path,
+    out: Annotated[Path | None, cli.make_output_option(metavar="FILE.png")] = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
     *,
     options: DoorOptions,
 ) -> None:
-    """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1)."""
+    """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1).
+
+    Args:
+        clip: A clip of a shot: mp4, mov, mkv, avi, webm.
+        out: Write a still with the table, the balls and what is wrong.
+    """
     if out is not None:
         if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
             raise OptionError(f"-o is an image, .png or .jpg; got {out.name}")

@@ -17,20 +17,18 @@ from pipeline.terminal.answer_command import answer_command
 
 @answer_command("compare")
 def compare(
-    *folders: Annotated[
-        cli.AnyPath, typer.Argument(metavar="DIR...", help="Run folders, or folders of run folders, such as a batch.")
-    ],
-    out: Annotated[cli.AnyPath, cli.make_output_option("Folder of the results, which is none of DIR.")] = "out/session",
-    group: Annotated[
-        Grouping,
-        typer.Option(
-            "--group",
-            help="What the shots of a group share: folder (of the command line), spin (at the first ball), ball"
-            " (that is hit first), pocket, side (of the cut).",
-        ),
-    ] = "folder",
+    *folders: Annotated[cli.AnyPath, typer.Argument(metavar="DIR...")],
+    out: Annotated[cli.AnyPath, cli.OUT] = "out/session",
+    group: Grouping = "folder",
 ) -> Answer:
-    """Compare the shots of a session: level, spread and trend of every number, as a page, CSV and Parquet."""
+    """Compare the shots of a session: level, spread and trend of every number, as a page, CSV and Parquet.
+
+    Args:
+        folders: Run folders, or folders of run folders, such as a batch.
+        out: Folder of the results, which is none of DIR.
+        group: What the shots of a group share: folder (of the command line), spin (at the first ball), ball (that is
+            hit first), pocket, side (of the cut).
+    """
     if group not in GROUPINGS:
         raise OptionError(f"--group is one of {', '.join(GROUPINGS)}; got {group}")
     folder = parse_output_path(out)

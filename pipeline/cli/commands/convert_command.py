@@ -16,38 +16,29 @@ from pipeline.terminal.answer_command import answer_command
 
 @answer_command("convert")
 def convert(
-    source: Annotated[
-        cli.AnyPath, typer.Argument(metavar="INPUT", help="A file of tracks, a track folder, or the folder of a run.")
-    ],
+    source: Annotated[cli.AnyPath, typer.Argument(metavar="INPUT")],
     *,
-    out: Annotated[
-        cli.AnyPath,
-        cli.make_output_option(
-            "The file to write, whose ending names the format, such as .trk, .coco.json or .parquet; a folder for a"
-            " track folder."
-        ),
-    ],
-    read_as: Annotated[
-        str | None, typer.Option("--from", help="Format of INPUT. Default: recognised by its content.")
-    ] = None,
-    write_as: Annotated[
-        str | None, typer.Option("--to", help="Format of the output. Default: that of its ending.")
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option("--fps", help="Frame rate of tracks without times, in frames per second.")
-    ] = None,
-    px_per_m: Annotated[
-        float | None, typer.Option("--px-per-m", help="Scale of the image, for formats in px or in m, in px per m.")
-    ] = None,
-    size: Annotated[
-        float | None, typer.Option("--size", help="Diameter of bodies whose boxes are not known, in px.")
-    ] = None,
-    scene: Annotated[
-        str | None,
-        typer.Option("--scene", help="Scene of the track folder: billiards, flight, pendulum, slide or particles."),
-    ] = None,
+    out: Annotated[cli.AnyPath, cli.OUT],
+    read_as: Annotated[str | None, typer.Option("--from")] = None,
+    write_as: Annotated[str | None, typer.Option("--to")] = None,
+    fps: float | None = None,
+    px_per_m: float | None = None,
+    size: float | None = None,
+    scene: str | None = None,
 ) -> Answer:
-    """Convert tracks: Tracker, MOT, COCO, Label Studio, DeepLabCut, SLEAP, pooltool, Parquet, MCAP, track folders."""
+    """Convert tracks: Tracker, MOT, COCO, Label Studio, DeepLabCut, SLEAP, pooltool, Parquet, MCAP, track folders.
+
+    Args:
+        source: A file of tracks, a track folder, or the folder of a run.
+        out: The file to write, whose ending names the format, such as .trk, .coco.json or .parquet; a folder for a
+            track folder.
+        read_as: Format of INPUT. Default: recognised by its content.
+        write_as: Format of the output. Default: that of its ending.
+        fps: Frame rate of tracks without times, in frames per second.
+        px_per_m: Scale of the image, for formats in px or in m, in px per m.
+        size: Diameter of bodies whose boxes are not known, in px.
+        scene: Scene of the track folder: billiards, flight, pendulum, slide or particles.
+    """
     from pipeline.actions.convert_tracks import ConvertOptions, convert_tracks  # slow to import
 
     for name, value in (("--fps", fps), ("--px-per-m", px_per_m), ("--size", size)):

@@ -37,17 +37,21 @@ class DetectedBallRow:
 COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
-@cli.app.command("detect")
+@cli.command("detect")
 @add_door_settings(("fps",))
 def detect_balls_in_stills(
-    images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER", help="A still image, or a folder of images.")],
-    out: Annotated[Path, cli.make_output_option("File of the table of balls.", "FILE.csv")],
+    images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER")],
+    out: Annotated[Path, cli.make_output_option(metavar="FILE.csv")],
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
     *,
     options: DoorOptions,
 ) -> None:
-    """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each."""
+    """Find the balls in still images: centre, radius, standard deviation (px), kind and score of each.
+
+    Args:
+        images: A still image, or a folder of images.
+        out: File of the table of balls.
+    """
     detect, model = options.detect, options.detect.model
     if model is not None and detect.detector == "hough":
         raise OptionError("--detector hough runs no network, but one was named with --model; leave out one of them")

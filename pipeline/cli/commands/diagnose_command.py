@@ -31,28 +31,24 @@ from pipeline.terminal import command_line as cli
 _MAX_CAUSES = 5
 
 
-@cli.app.command("diagnose")
+@cli.command("diagnose")
 def diagnose_folders(
-    inputs: Annotated[
-        list[Path],
-        typer.Argument(metavar="INPUT...", help="Run folders, track folders or files of tracks, of one scene."),
-    ],
-    out: Annotated[
-        Path | None, cli.make_output_option("Folder of the results. Default: INPUT/gap, beside a file NAME-gap.")
-    ] = None,
-    scene: Annotated[
-        str | None, typer.Option("--scene", help="Scene of files: billiards, flight, pendulum or slide.")
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option("--fps", min=1e-9, help="Frame rate of files without times, in frames per second.")
-    ] = None,
-    px_per_m: Annotated[
-        float | None, typer.Option("--px-per-m", min=1e-9, help="Scale of files with positions in px, in px per m.")
-    ] = None,
+    inputs: Annotated[list[Path], typer.Argument(metavar="INPUT...")],
+    out: Annotated[Path | None, cli.OUT] = None,
+    scene: str | None = None,
+    fps: Annotated[float | None, typer.Option(min=1e-9)] = None,
+    px_per_m: Annotated[float | None, typer.Option(min=1e-9)] = None,
     as_json_: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap."""
+    """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap.
+
+    Args:
+        inputs: Run folders, track folders or files of tracks, of one scene.
+        out: Folder of the results. Default: INPUT/gap, beside a file NAME-gap.
+        scene: Scene of files: billiards, flight, pendulum or slide.
+        fps: Frame rate of files without times, in frames per second.
+        px_per_m: Scale of files with positions in px, in px per m.
+    """
     first = inputs[0]
     beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"
     folder, options = out or beside, ConvertOptions(fps, px_per_m, None, scene)

@@ -15,20 +15,25 @@ from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 
-@cli.app.command("edit")
+@cli.command("edit")
 @add_settings()
 def edit(
-    target: Annotated[Path, typer.Argument(metavar="DIR|CLIP", help="Folder of a run, or a clip to run first.")],
+    target: Annotated[Path, typer.Argument(metavar="DIR|CLIP")],
     options: RunOptions,
-    out: cli.OutOption = None,
-    port: Annotated[int, typer.Option("--port", help="Port of the page; 0 takes a free one.", min=0, max=65535)] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    out: Annotated[Path | None, cli.OUT] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser")] = True,
     cache: cli.CacheOption = None,
-    debug: cli.DebugOption = False,
 ) -> None:
     """Correct a run by hand on a page in the browser, without code; later runs of the clip honour the corrections.
 
     The options of the run need not be given again; corrections beat the options that are given.
+
+    Args:
+        target: Folder of a run, or a clip to run first.
+        out: Folder of the results. Default: out/<clip>.
+        port: Port of the page; 0 takes a free one.
+        browser: Open the page in the browser.
     """
     from pipeline.editing.edit_server import EditServer  # slow to import
     from pipeline.editing.edit_session import EditSession

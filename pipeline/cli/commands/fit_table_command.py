@@ -19,17 +19,18 @@ from pipeline.terminal.answer_command import answer_command, ignore
 
 @answer_command("fit-table")
 def fit_table(
-    *inputs: Annotated[
-        cli.AnyPath,
-        typer.Argument(metavar="DIR|tracks.csv...", help="Run folders or track folders of one table, all their shots."),
-    ],
-    out: Annotated[cli.AnyPath, cli.make_output_option("The profile to write.", "FILE")] = "profile.json",
+    *inputs: Annotated[cli.AnyPath, typer.Argument(metavar="DIR|tracks.csv...")],
+    out: Annotated[cli.AnyPath, cli.make_output_option(metavar="FILE")] = "profile.json",
     cache: cli.AnyCacheOption = None,
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
     """Learn one table from many shots, for `--profile` of `run`, `call`, `predict` and `simulate`.
 
     The fit of every shot is cached, so that a second call resumes, and a larger one continues.
+
+    Args:
+        inputs: Run folders or track folders of one table, all their shots.
+        out: The profile to write.
     """
     store = open_cache(cache)
     with open_executor() as executor:

@@ -26,32 +26,17 @@ if TYPE_CHECKING:
     from pipeline.experiments.gapcheck.real_sets import OpenedSet
 
 
-@cli.app.command("gapcheck")
+@cli.command("gapcheck")
 def gapcheck(
-    only: Annotated[
-        str, typer.Option("--only", help="Check only kinds of case, or sets of --real, whose name contains this word.")
-    ] = "",
-    every: Annotated[
-        bool, typer.Option("--all", help="Check all kinds of cases, also bodies between walls and with known inputs.")
-    ] = False,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Number of cases of each kind.")] = 1,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the first case of each kind.")] = 0,
-    shots: Annotated[int, typer.Option("--shots", min=5, help="Number of shots of a case.")] = 12,
-    fps: Annotated[float, typer.Option("--fps", min=5, help="Frame rate of the cases, in frames per second.")] = 60.0,
-    real: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--real",
-            metavar="DIR",
-            help="Check sets of real shots instead of simulated cases: a folder with answers.json and one track folder"
-            " per set, or with the public measurements that docs/explanation/diagnosis.md names. May be repeated.",
-        ),
-    ] = None,
-    keep: Annotated[
-        Path | None, typer.Option("--keep", help="Folder in which to keep the track folders and their reports.")
-    ] = None,
+    only: str = "",
+    every: Annotated[bool, typer.Option("--all")] = False,
+    seeds: Annotated[int, typer.Option(min=1)] = 1,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    shots: Annotated[int, typer.Option(min=5)] = 12,
+    fps: Annotated[float, typer.Option(min=5)] = 60.0,
+    real: Annotated[list[Path] | None, typer.Option(metavar="DIR")] = None,
+    keep: Path | None = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
     """Check `diagnose` blindly on simulators that withhold an effect, or on real shots with a sealed answer.
 
@@ -65,6 +50,17 @@ def gapcheck(
 
     With `--real`, no case is simulated. The answer to a set is opened once its report is written. The command prints
     one row per set; a set that cannot be read is one row with the reason, and makes the exit status 1.
+
+    Args:
+        only: Check only kinds of case, or sets of --real, whose name contains this word.
+        every: Check all kinds of cases, also bodies between walls and with known inputs.
+        seeds: Number of cases of each kind.
+        seed: Random seed of the first case of each kind.
+        shots: Number of shots of a case.
+        fps: Frame rate of the cases, in frames per second.
+        real: Check sets of real shots instead of simulated cases: a folder with answers.json and one track folder per
+            set, or with the public measurements that docs/explanation/diagnosis.md names. May be repeated.
+        keep: Folder in which to keep the track folders and their reports.
     """
     if real:
         with TemporaryDirectory() as scratch:

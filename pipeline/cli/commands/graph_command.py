@@ -17,17 +17,21 @@ from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 
-@cli.app.command("graph")
+@cli.command("graph")
 @add_settings()
 def graph(
     options: RunOptions,
-    clip: Annotated[Path | None, typer.Argument(help="The clip whose stages are listed.")] = None,
-    out: Annotated[Path | None, cli.make_output_option("Draw the graph into an .svg or .png file.")] = None,
+    clip: Annotated[Path | None, typer.Argument()] = None,
+    out: Annotated[Path | None, cli.OUT] = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """List the stages in order: which are cached, and why others are stale."""
+    """List the stages in order: which are cached, and why others are stale.
+
+    Args:
+        clip: The clip whose stages are listed.
+        out: Draw the graph into an .svg or .png file.
+    """
     from pipeline.engine.graph_drawing import write_graph_image
     from pipeline.engine.stage_graph import StageGraph, StageStatus
 

@@ -24,46 +24,34 @@ VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov")
 OVERLAY_SETTINGS = ("slow", "trim_still", "style", "quick", "no_video", "laws")
 
 
-@cli.app.command("interpolate")
+@cli.command("interpolate")
 @add_settings(OVERLAY_SETTINGS)
 def interpolate(
-    source: Annotated[
-        Path, typer.Argument(metavar="CLIP|tracks.csv", help="A clip of a shot, or particles: columns id, x, y (z), t.")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="CLIP|tracks.csv")],
     options: RunOptions,
-    out: Annotated[Path, cli.make_output_option("The video or .csv file, or a folder for it.")],
-    factor: Annotated[
-        int | None, typer.Option("--factor", min=1, max=MAX_FACTOR, help="Number of steps from frame to frame.")
-    ] = None,
-    rate: Annotated[
-        str | None,
-        typer.Option(
-            "--rate",
-            help="Frame rate of the video instead of --factor, 24 to 240 frames per second, such as 60 or 60000/1001.",
-        ),
-    ] = None,
-    slow: Annotated[
-        float,
-        typer.Option("--slow", min=1, max=MAX_FACTOR, help="Slow-down factor relative to the clip; 1: original speed."),
-    ] = 1.0,
-    shutter: Annotated[
-        float | None,
-        typer.Option(
-            "--shutter",
-            help="Shutter angle of the motion blur, 0 to 360 degrees of the time between frames. Default: as filmed.",
-        ),
-    ] = None,
-    upright: Annotated[bool, typer.Option("--upright", help="Write a 9:16 window that follows the action.")] = False,
-    frames: Annotated[
-        Path | None, typer.Option("--frames", help="New folder for all frames as 000000.png and so on.")
-    ] = None,
+    out: Annotated[Path, cli.OUT],
+    factor: Annotated[int | None, typer.Option(min=1, max=MAX_FACTOR)] = None,
+    rate: str | None = None,
+    slow: Annotated[float, typer.Option(min=1, max=MAX_FACTOR)] = 1.0,
+    shutter: float | None = None,
+    upright: bool = False,
+    frames: Path | None = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
     """Compute in-between frames, with balls where the fitted motion puts them; original frames are unchanged.
 
     For a tracks.csv of any particles, compute positions between the samples.
+
+    Args:
+        source: A clip of a shot, or particles: columns id, x, y (z), t.
+        out: The video or .csv file, or a folder for it.
+        factor: Number of steps from frame to frame.
+        rate: Frame rate of the video instead of --factor, 24 to 240 frames per second, such as 60 or 60000/1001.
+        slow: Slow-down factor relative to the clip; 1: original speed.
+        shutter: Shutter angle of the motion blur, 0 to 360 degrees of the time between frames. Default: as filmed.
+        upright: Write a 9:16 window that follows the action.
+        frames: New folder for all frames as 000000.png and so on.
     """
     if source.suffix.lower() == ".csv" or (source / "tracks.csv").is_file():
         from pipeline.actions.interpolate_particles import interpolate_particles

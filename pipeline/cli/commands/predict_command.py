@@ -19,35 +19,30 @@ from pipeline.terminal.answer_command import answer_command, read_learned_table
 
 @answer_command("predict")
 def predict(
-    source: Annotated[
-        cli.AnyPath, typer.Argument(metavar="DIR|tracks.csv", help="Folder of a run, a track folder, or a tracks.csv.")
-    ],
+    source: Annotated[cli.AnyPath, typer.Argument(metavar="DIR|tracks.csv")],
     *,
-    seconds: Annotated[float, typer.Option("--seconds", help="How far to predict, in s.")] = 3.0,
-    at: Annotated[
-        float | None,
-        typer.Option("--at", metavar="T", help="Time to predict from, in s. Default: the last observation."),
-    ] = None,
+    seconds: float = 3.0,
+    at: Annotated[float | None, typer.Option(metavar="T")] = None,
     out: cli.OutBesideOption = None,
-    shot: Annotated[
-        int | None, typer.Option("--shot", help="Number of the shot in the folder. Default: the first.")
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option(
-            "--fps", metavar="F", help="Frame rate of a tracks.csv of particles without t, in frames per second."
-        ),
-    ] = None,
-    draws: Annotated[
-        int, typer.Option("--draws", min=ENSEMBLE_SIZE, help="Number of ensemble members.")
-    ] = ENSEMBLE_SIZE,
+    shot: int | None = None,
+    fps: Annotated[float | None, typer.Option(metavar="F")] = None,
+    draws: Annotated[int, typer.Option(min=ENSEMBLE_SIZE)] = ENSEMBLE_SIZE,
     profile: cli.ProfileOption = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the ensemble.")] = 0,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     cache: cli.AnyCacheOption = None,
 ) -> Answer:
     """Predict the rest of a shot from any moment, with its uncertainty; later observations are not used.
 
     A tracks.csv without a scene holds any particles: springs, colliding rigid bodies, or bodies in flight.
+
+    Args:
+        source: Folder of a run, a track folder, or a tracks.csv.
+        seconds: How far to predict, in s.
+        at: Time to predict from, in s. Default: the last observation.
+        shot: Number of the shot in the folder. Default: the first.
+        fps: Frame rate of a tracks.csv of particles without t, in frames per second.
+        draws: Number of ensemble members.
+        seed: Random seed of the ensemble.
     """
     if not 0 < seconds <= 60:
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")

@@ -25,33 +25,26 @@ from pipeline.terminal.answer_command import answer_command, ignore
 
 @answer_command("put-back")
 def put_back(
-    folder: Annotated[cli.AnyPath, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    folder: Annotated[cli.AnyPath, typer.Argument(metavar="DIR")],
     *,
-    at: Annotated[
-        float | None,
-        typer.Option("--at", metavar="T", help="Time of the places, in s. Default: just before the strike."),
-    ] = None,
+    at: Annotated[float | None, typer.Option(metavar="T")] = None,
     out: cli.OutBesideOption = None,
-    live: Annotated[
-        cli.AnyPath | int | None,
-        typer.Option(
-            "--live",
-            metavar="CAMERA|IMAGE",
-            help="Number of a camera (0 is the first), or a present image of the same view: the moves still missing.",
-        ),
-    ] = None,
-    updates: Annotated[
-        int | None, typer.Option("--updates", min=1, help="Number of images of a camera. Default: until interrupted.")
-    ] = None,
-    clip: Annotated[
-        cli.AnyPath | None, typer.Option("--clip", help="Video of the shot. Default: the one that the run noted.")
-    ] = None,
+    live: Annotated[cli.AnyPath | int | None, typer.Option(metavar="CAMERA|IMAGE")] = None,
+    updates: Annotated[int | None, typer.Option(min=1)] = None,
+    clip: cli.AnyPath | None = None,
     on_answer: Callable[[Answer], None] = ignore,
 ) -> Answer:
     """Show where every ball lay at a time, with its distances to the cushions, to lay the balls there again.
 
     With `--live` the balls of a present image are matched with these places: rings mark them, with the millimetres and
     the direction that are missing; within 2 mm a ring is green.
+
+    Args:
+        folder: Folder of a run.
+        at: Time of the places, in s. Default: just before the strike.
+        live: Number of a camera (0 is the first), or a present image of the same view: the moves still missing.
+        updates: Number of images of a camera. Default: until interrupted.
+        clip: Video of the shot. Default: the one that the run noted.
     """
     place = Path(folder)
     target = place if out is None else parse_output_path(out)

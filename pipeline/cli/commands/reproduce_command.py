@@ -43,40 +43,34 @@ class ThesisScene(StrEnum):
     POOL = "pool"
 
 
-@cli.app.command("reproduce")
+@cli.command("reproduce")
 def reproduce(
-    scene: Annotated[ThesisScene | None, typer.Argument(help="One scene. Default: all of them.")] = None,
-    out: Annotated[Path, cli.make_output_option("Folder of the results.")] = Path("out/reproduce"),
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick",
-            help="Run the settings of the thesis only, with and without noise, with one seed and few networks. "
-            "Networks that are not trained to the end within 120 CPU s are marked and not compared.",
-        ),
-    ] = False,
-    whole: Annotated[
-        bool, typer.Option("--whole", help="Run all settings with all methods, trained to the end; this takes hours.")
-    ] = False,
-    seeds: Annotated[
-        int | None, typer.Option("--seeds", min=1, help="Number of seeds. Default: 3, or 1 with --quick.")
-    ] = None,
-    first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="First seed.")] = 0,
-    data: Annotated[
-        Path | None,
-        typer.Option("--data", metavar="DIR", help="Folder that holds the recorded pendulum, at any depth."),
-    ] = None,
-    run: Annotated[
-        Path | None, typer.Option("--run", metavar="DIR", help="Folder of a run, for the pool scene.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", min=1, help="Number of processes. Default: one per core.")
-    ] = None,
+    scene: Annotated[ThesisScene | None, typer.Argument()] = None,
+    out: Annotated[Path, cli.OUT] = Path("out/reproduce"),
+    quick: bool = False,
+    whole: bool = False,
+    seeds: Annotated[int | None, typer.Option(min=1)] = None,
+    first_seed: Annotated[int, typer.Option(min=0)] = 0,
+    data: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
+    run: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1)] = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Repeat the experiments of the thesis with all methods: a table, plots, a page; a second call resumes."""
+    """Repeat the experiments of the thesis with all methods: a table, plots, a page; a second call resumes.
+
+    Args:
+        scene: One scene. Default: all of them.
+        out: Folder of the results.
+        quick: Run the settings of the thesis only, with and without noise, with one seed and few networks. Networks
+            that are not trained to the end within 120 CPU s are marked and not compared.
+        whole: Run all settings with all methods, trained to the end; this takes hours.
+        seeds: Number of seeds. Default: 3, or 1 with --quick.
+        first_seed: First seed.
+        data: Folder that holds the recorded pendulum, at any depth.
+        run: Folder of a run, for the pool scene.
+        jobs: Number of processes. Default: one per core.
+    """
     from pipeline.experiments.thesis.experiment_plan import SCENES, Depth, ExperimentPlan
     from pipeline.experiments.thesis.scenes.double_pendulum_scene import find_recording
 

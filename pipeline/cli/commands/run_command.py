@@ -35,27 +35,28 @@ from pipeline.terminal.progress_display import StageDisplay
 from pipeline.terminal.setting_options import add_settings
 
 
-@cli.app.command("run")
+@cli.command("run")
 @add_settings()
 def run(
-    clip: cli.ClipArgument,
+    clip: Path,
     options: RunOptions,
-    out: cli.OutOption = None,
-    update_profile: Annotated[
-        Path | None,
-        typer.Option(
-            "--update-profile",
-            metavar="FILE",
-            help="Table profile that this run starts from, as with --profile, and improves; a missing file is started.",
-        ),
-    ] = None,
-    shot: cli.ShotOption = None,
-    at: cli.ShotTimeOption = None,
+    out: Annotated[Path | None, cli.OUT] = None,
+    update_profile: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
+    shot: Annotated[int | None, typer.Option(min=1)] = None,
+    at: Annotated[float | None, typer.Option(min=0.0)] = None,
     cache: cli.CacheOption = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Turn a clip into annotated slow motion, tracks, contacts and a fitted model."""
+    """Turn a clip into annotated slow motion, tracks, contacts and a fitted model.
+
+    Args:
+        clip: A clip of a shot: mp4, mov, mkv, avi, webm.
+        out: Folder of the results. Default: out/<clip>.
+        update_profile: Table profile that this run starts from, as with --profile, and improves; a missing file is
+            started.
+        shot: Number of the shot in a recording. Default: the longest.
+        at: A time in the shot, in s of the recording, instead of --shot.
+    """
     folder = out if out is not None else default_run_folder(clip)
     store = open_cache(cache)
     if update_profile is not None:

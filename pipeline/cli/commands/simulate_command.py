@@ -23,23 +23,21 @@ from pipeline.terminal import command_line as cli
 from video.drawing.table_plan import draw_table_plan
 
 
-@cli.app.command("simulate")
+@cli.command("simulate")
 def simulate_shot(
-    shot: Annotated[Path, typer.Argument(metavar="SHOT.json", help="Table, balls, effects and laws of the shot.")],
-    out: Annotated[Path | None, cli.make_output_option("Folder of the results. Default: out/<shot>.")] = None,
-    profile: Annotated[
-        Path | None,
-        typer.Option(
-            "--profile",
-            metavar="FILE",
-            help="Table profile of trueroll fit-table or diagnose: its cloth, cushions and noses replace effects"
-            " and laws of the shot.",
-        ),
-    ] = None,
+    shot: Annotated[Path, typer.Argument(metavar="SHOT.json")],
+    out: Annotated[Path | None, cli.OUT] = None,
+    profile: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table."""
+    """Simulate a shot from its initial state: trajectory.csv (m, m/s, rad/s), events.csv and a plan of the table.
+
+    Args:
+        shot: Table, balls, effects and laws of the shot.
+        out: Folder of the results. Default: out/<shot>.
+        profile: Table profile of trueroll fit-table or diagnose: its cloth, cushions and noses replace effects and laws
+            of the shot.
+    """
     wanted = read_shot_setup(shot)
     if profile is not None:
         wanted = place_on_learned_table(wanted, read_profile_text(profile))

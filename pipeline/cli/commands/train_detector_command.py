@@ -35,60 +35,36 @@ class NetworkPart(StrEnum):
 DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DISCS: 128}
 
 
-@cli.app.command("train-detector")
+@cli.command("train-detector")
 def train_detector(
-    part: Annotated[
-        NetworkPart,
-        typer.Option(
-            "--part",
-            help="Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest.",
-        ),
-    ] = NetworkPart.BALLS,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            parser=cli.parse_output_path,
-            metavar="FILE.onnx",
-            help="File of the trained network.",
-            show_default="PART.onnx",
-        ),
-    ] = None,
-    work: Annotated[
-        Path,
-        typer.Option("--work", help="Folder of training images and checkpoints; a second call continues the training."),
-    ] = Path("training"),
-    hours: Annotated[float, typer.Option(min=0.001, help="Longest training time without interruptions, in h.")] = 3.0,
-    steps: Annotated[int, typer.Option(min=1, help="Largest number of training steps.")] = 12000,
-    batch: Annotated[
-        int | None,
-        typer.Option(min=1, help="Training samples per step.", show_default="16, or 128 for streaks and discs"),
-    ] = None,
-    files: Annotated[int, typer.Option(min=1, help="Number of files of 240 training images each.")] = 100,
-    threads: Annotated[int, typer.Option(min=1, help="Number of processor threads.")] = 2,
-    start: Annotated[
-        Path | None,
-        typer.Option(
-            "--from", parser=cli.parse_output_path, metavar="FILE.onnx", help="Ball network of trueroll to start from."
-        ),
-    ] = None,
-    seer: Annotated[
-        Path | None,
-        typer.Option(
-            "--seen-by",
-            parser=cli.parse_output_path,
-            metavar="FILE.onnx",
-            help="For --part streaks: ball network that detects the streaks. Default: the shipped one.",
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Random seed of the initial weights and of the order of samples.")
-    ] = 0,
+    part: NetworkPart = NetworkPart.BALLS,
+    out: Annotated[Path | None, cli.make_output_option(metavar="FILE.onnx", show_default="PART.onnx")] = None,
+    work: Path = Path("training"),
+    hours: Annotated[float, typer.Option(min=0.001)] = 3.0,
+    steps: Annotated[int, typer.Option(min=1)] = 12000,
+    batch: Annotated[int | None, typer.Option(min=1, show_default="16, or 128 for streaks and discs")] = None,
+    files: Annotated[int, typer.Option(min=1)] = 100,
+    threads: Annotated[int, typer.Option(min=1)] = 2,
+    start: Annotated[Path | None, typer.Option("--from", parser=cli.parse_output_path, metavar="FILE.onnx")] = None,
+    seer: Annotated[Path | None, typer.Option("--seen-by", parser=cli.parse_output_path, metavar="FILE.onnx")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     as_json: cli.JsonOption = False,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX."""
+    """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX.
+
+    Args:
+        part: Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest.
+        out: File of the trained network.
+        work: Folder of training images and checkpoints; a second call continues the training.
+        hours: Longest training time without interruptions, in h.
+        steps: Largest number of training steps.
+        batch: Training samples per step.
+        files: Number of files of 240 training images each.
+        threads: Number of processor threads.
+        start: Ball network of trueroll to start from.
+        seer: For --part streaks: ball network that detects the streaks. Default: the shipped one.
+        seed: Random seed of the initial weights and of the order of samples.
+    """
     missing = [name for name in REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
         raise OptionError(f"Writing ONNX needs {' and '.join(missing)}; {name_remedy('train')}")

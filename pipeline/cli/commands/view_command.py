@@ -14,17 +14,18 @@ from pipeline.terminal import command_line as cli
 from pipeline.terminal.progress_display import StageDisplay
 
 
-@cli.app.command("view")
+@cli.command("view")
 def view(
-    target: Annotated[
-        Path,
-        typer.Argument(metavar="CLIP|DIR", help="Folder of a run or of a batch, an .rrd file, or a clip to run first."),
-    ],
-    web: Annotated[bool, typer.Option("--web", help="Use the browser instead of the native viewer.")] = False,
+    target: Annotated[Path, typer.Argument(metavar="CLIP|DIR")],
+    web: bool = False,
     cache: cli.CacheOption = None,
-    debug: cli.DebugOption = False,
 ) -> None:
-    """Show the recording of a run, or of every run of a batch, in the rerun viewer."""
+    """Show the recording of a run, or of every run of a batch, in the rerun viewer.
+
+    Args:
+        target: Folder of a run or of a batch, an .rrd file, or a clip to run first.
+        web: Use the browser instead of the native viewer.
+    """
     from pipeline.reporting.recording.rerun_viewer import find_recordings, show_recordings
 
     shown = target

@@ -28,61 +28,42 @@ _AMOUNT = re.compile(r"(?P<number>[+-]?(\d+(\.\d*)?|\.\d+))(?P<unit>%|deg|m/s)?"
 
 @answer_command("what-if", context_settings={"ignore_unknown_options": True})
 def what_if(
-    source: Annotated[
-        cli.AnyPath, typer.Argument(metavar="DIR", help="Folder of a run, a track folder, or a tracks.csv.")
-    ],
+    source: Annotated[cli.AnyPath, typer.Argument(metavar="DIR")],
     *,
-    speed: Annotated[
-        str | float | None,
-        typer.Option("--speed", metavar="±P%|V", help="Change of the speed in %, such as -5%, or the speed in m/s."),
-    ] = None,
-    angle: Annotated[
-        str | float | None,
-        typer.Option(
-            "--angle", metavar="±Adeg", help="Turn of the direction in degrees, > 0 to the right of the player."
-        ),
-    ] = None,
-    side: Annotated[
-        str | float | None,
-        typer.Option(
-            "--side",
-            metavar="±P%|S",
-            help="Side spin R ω / v: points to add, such as +10% (> 0 to the right), or the whole, such as 0.3.",
-        ),
-    ] = None,
-    top: Annotated[
-        str | float | None,
-        typer.Option(
-            "--top",
-            metavar="±P%|S",
-            help="Top spin over rolling spin: points to add, such as -20%, or the whole: 1 rolls, 0 stun, -0.5 draws.",
-        ),
-    ] = None,
-    spread: Annotated[
-        str | None,
-        typer.Option(
-            "--spread", metavar="P%,A", help="The player's own spread: of the speed in %, of the direction in degrees."
-        ),
-    ] = None,
-    session: Annotated[
-        Sequence[cli.AnyPath] | None,
-        typer.Option("--session", metavar="DIR", help="Take the spread from runs that repeat one shot; repeatable."),
-    ] = None,
-    game: Annotated[
-        Game | None,
-        typer.Option("--game", help="What scores: pot, carom or three-cushion. Default: pot with pockets, else carom."),
-    ] = None,
-    ball: Annotated[str, typer.Option("--ball", help="The only ball that counts when potted. Default: any.")] = "",
-    pocket: Annotated[str, typer.Option("--pocket", help="The only pocket that counts. Default: any.")] = "",
-    stroke: Annotated[int, typer.Option("--stroke", min=1, help="Number of the stroke in the clip.")] = 1,
+    speed: Annotated[str | float | None, typer.Option(metavar="±P%|V")] = None,
+    angle: Annotated[str | float | None, typer.Option(metavar="±Adeg")] = None,
+    side: Annotated[str | float | None, typer.Option(metavar="±P%|S")] = None,
+    top: Annotated[str | float | None, typer.Option(metavar="±P%|S")] = None,
+    spread: Annotated[str | None, typer.Option(metavar="P%,A")] = None,
+    session: Annotated[Sequence[cli.AnyPath] | None, typer.Option(metavar="DIR")] = None,
+    game: Game | None = None,
+    ball: str = "",
+    pocket: str = "",
+    stroke: Annotated[int, typer.Option(min=1)] = 1,
     profile: cli.ProfileOption = None,
-    draws: Annotated[int, typer.Option("--draws", min=50, max=20_000, help="Number of plays.")] = 400,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the plays.")] = 0,
+    draws: Annotated[int, typer.Option(min=50, max=20_000)] = 400,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     out: cli.OutBesideOption = None,
     cache: cli.AnyCacheOption = None,
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
-    """Play a shot otherwise: where the balls would go, and how probably it scores."""
+    """Play a shot otherwise: where the balls would go, and how probably it scores.
+
+    Args:
+        source: Folder of a run, a track folder, or a tracks.csv.
+        speed: Change of the speed in %, such as -5%, or the speed in m/s.
+        angle: Turn of the direction in degrees, > 0 to the right of the player.
+        side: Side spin R ω / v: points to add, such as +10% (> 0 to the right), or the whole, such as 0.3.
+        top: Top spin over rolling spin: points to add, such as -20%, or the whole: 1 rolls, 0 stun, -0.5 draws.
+        spread: The player's own spread: of the speed in %, of the direction in degrees.
+        session: Take the spread from runs that repeat one shot; repeatable.
+        game: What scores: pot, carom or three-cushion. Default: pot with pockets, else carom.
+        ball: The only ball that counts when potted. Default: any.
+        pocket: The only pocket that counts. Default: any.
+        stroke: Number of the stroke in the clip.
+        draws: Number of plays.
+        seed: Random seed of the plays.
+    """
     change = _parse_change(speed, angle, side, top)
     if game not in (None, *GAMES):
         raise OptionError(f"--game is one of {', '.join(GAMES)}; got {game}")
