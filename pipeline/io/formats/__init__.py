@@ -1,1 +1,1 @@
-"""Formats of tracks that other programs read and write, one file each; `track_format` finds them."""
+"""Formats of tracks that other programs read and write, by family; `track_format` finds them."""

@@ -155,4 +155,4 @@ def _build_table(table: Table) -> dict[str, Any]:
     return {"cushion_segments": {"linear": linear, "circular": {}}, "pockets": {}, "table_type": "billiard"}
 
 
-FORMAT = TrackFormat("pooltool", "pooltool system", (".pooltool.json", ".msgpack"), recognises, read, write, True)
+POOLTOOL = TrackFormat("pooltool", "pooltool system", (".pooltool.json", ".msgpack"), recognises, read, write, True)

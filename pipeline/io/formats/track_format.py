@@ -1,4 +1,4 @@
-"""Tracks as files of any program hold them, and the registry of formats: every module here with a `FORMAT`."""
+"""Tracks as files of any program hold them, and the registry of formats: every `TrackFormat` of a module here."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,6 @@ class PointTracks:
     def ids(self) -> list[str]:
         """Names of the bodies, in the order of their first rows."""
         return list(dict.fromkeys(self.columns["id"].tolist()))
-
-    def select(self, rows: NDArray[Any]) -> Columns:
-        """Select rows of all columns."""
-        return {name: values[rows] for name, values in self.columns.items()}
 
     def locate_px(self) -> FloatArray:
         """Return the positions (K, 2) in the image.
@@ -127,9 +123,9 @@ class TrackFormat:
 
 def list_formats() -> dict[str, TrackFormat]:
     """List the formats by name."""
-    modules = discover_modules("pipeline.io.formats")
-    formats = [cast(TrackFormat, module.FORMAT) for module in modules if hasattr(module, "FORMAT")]
-    return {one.name: one for one in formats}
+    values = (value for module in discover_modules("pipeline.io.formats") for value in vars(module).values())
+    formats = {one.name: one for one in values if isinstance(one, TrackFormat)}
+    return dict(sorted(formats.items()))
 
 
 def boxes_to_columns(boxes: FloatArray) -> Columns:

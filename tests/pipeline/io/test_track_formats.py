@@ -54,7 +54,7 @@ def write_source(folder: Path) -> Path:
 
 def sort_rows(tracks: PointTracks) -> PointTracks:
     order = np.lexsort((tracks.columns["y_px" if "y_px" in tracks.columns else "y"], tracks.columns["frame"]))
-    return PointTracks(tracks.select(order), tracks.unit)
+    return PointTracks({name: values[order] for name, values in tracks.columns.items()}, tracks.unit)
 
 
 def export(tmp_path: Path, ending: str) -> Path:
