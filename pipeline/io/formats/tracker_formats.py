@@ -153,9 +153,7 @@ def _add_object(parent: ElementTree.Element, kind: str) -> ElementTree.Element:
     return ElementTree.SubElement(parent, "object", {"class": kind})
 
 
-TRACKER_PROJECT = TrackFormat(
-    "tracker", "Tracker project", (".trk",), _recognises_project, _read_project, _write_project, True
-)
+PROJECT = TrackFormat("tracker", "Tracker project", (".trk",), _recognises_project, _read_project, _write_project, True)
 
 
 # Text that Tracker exports: a line of track names, a line of columns beginning with t, and a row per frame.
