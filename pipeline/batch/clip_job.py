@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
@@ -111,3 +111,11 @@ def build_failed_result(name: str, sentence: str, **facts: Any) -> ClipResult:
 def format_duration(seconds: float) -> str:
     """Format a duration in seconds or minutes."""
     return f"{seconds:.3g} s" if seconds < 120 or math.isinf(seconds) else f"{seconds / 60:.3g} min"
+
+
+# Clips to run. None means that there is none now, but more may come.
+JobStream = Iterator[ClipJob | None]
+# Called with the name of a clip and a progress message; see `clip_runner`.
+ProgressListener = Callable[[str, dict[str, Any]], None]
+# Runs clips and yields each result when its clip is done.
+ClipRunner = Callable[[JobStream, ProgressListener], Iterator[ClipResult]]

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from models.numerics.jit import measure_compilation
+from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
-from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
-from pipeline.batch.long_clip import run_shots
-from pipeline.chain import FinishedRun, run_clip
-from pipeline.engine.atomic_write import remove_leftovers
+from pipeline.chain import FinishedRun, run_clip, write_source
+from pipeline.engine.atomic_write import remove_leftovers, replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher
@@ -88,7 +88,7 @@ def _run_clip_or_shots(job: ClipJob, watcher: ShotWatcher) -> ClipResult:
                 )
             return _summarize_runs(job, [run], "", counted.cached)
     watcher.write_note(f"{job.name}: {_plan_shots(shots, folder, cache, options)}")
-    ran = run_shots(clip, shots, folder, options, cache, counted, SNAPSHOT, watcher.start_shot)
+    ran = _run_shots(job, shots, cache, counted, watcher)
     good = [one.run for one in ran if one.run is not None]
     bad = [one for one in ran if one.run is None]
     if not good:
@@ -117,3 +117,65 @@ def _summarize_runs(
         job.name, "done", light, contacts, round(last, 3), job.folder, sentence, shots=len(runs), cached=cached,
         in_shots=in_shots,
     )  # fmt: skip
+
+
+MERGED_TABLES = ("tracks.csv", "events.csv", "trajectory.csv")
+
+
+@dataclass(frozen=True, slots=True)
+class ShotOutcome:
+    """A shot and its run."""
+
+    shot: ClipShot
+    run: FinishedRun | None
+    sentence: str
+    """Why the shot failed; empty if it did not."""
+
+
+def _run_shots(
+    job: ClipJob, shots: Sequence[ClipShot], cache: ResultCache, counted: RunWatcher, watcher: ShotWatcher
+) -> list[ShotOutcome]:
+    """Run every shot into a folder of its own, then merge their tables; one that fails does not stop the others."""
+    clip, folder, options = Path(job.clip), Path(job.folder), job.options
+    require_writable_folder(folder)
+    ran, done, frames = [], 0, sum(shot.frame_count for shot in shots)
+    for shot in shots:
+        watcher.start_shot(shot.number + 1, len(shots), done / frames)
+        done += shot.frame_count
+        try:
+            run = run_clip(clip, folder / shot.name, options, cache, counted, snapshot=SNAPSHOT, shot=shot)
+            ran.append(ShotOutcome(shot, run, ""))
+        except Exception as error:  # no error of one shot may stop the others
+            ran.append(ShotOutcome(shot, None, format_error(error)))
+    good = [one for one in ran if one.run is not None]
+    if good:
+        _merge_tables(clip, good, folder, options)
+    return ran
+
+
+def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path, options: RunOptions) -> None:
+    """Write the merged tables, and a scene.json that lists the shots."""
+    for name in MERGED_TABLES:
+        with replace_file(folder / name) as path, path.open("w", encoding="utf-8", newline="") as file:
+            file.writelines(_read_lines_of_shots(ran, folder, name))
+    scene = json.loads((folder / ran[0].shot.name / "scene.json").read_text(encoding="utf-8"))
+    scene["shots"] = [
+        {
+            "shot": one.shot.number, "folder": one.shot.name, "first": one.shot.first, "stop": one.shot.stop,
+            "begins": float(one.shot.clip.t[0]), "trust": one.run.fit.trust.level if one.run else "",
+        }
+        for one in ran
+    ]  # fmt: skip
+    write_text(folder / "scene.json", json.dumps(scene, indent=1, allow_nan=False))
+    write_source(clip, folder, options)
+
+
+def _read_lines_of_shots(ran: Sequence[ShotOutcome], folder: Path, name: str) -> Iterator[str]:
+    """Yield one header and the lines of one table of all shots, with the number of the shot in the first column."""
+    for k, one in enumerate(ran):
+        with (folder / one.shot.name / name).open(encoding="utf-8", newline="") as file:
+            head = next(file)
+            if k == 0:
+                yield head
+            for line in file:
+                yield f"{one.shot.number},{line.partition(',')[2]}"

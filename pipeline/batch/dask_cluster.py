@@ -1,4 +1,7 @@
-"""Dask clusters: starts one on this machine, or connects to one whose workers must share the folders of the batch."""
+"""Dask clusters: starts one on this machine, or connects to one that shares the folders of the batch; runs clips there.
+
+Clips need time limits, memory limits and retries, which the executors of `models.numerics.executor` do not have.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,12 @@ from typing import Any
 from uuid import uuid4
 
 import dask
-from distributed import Client, Scheduler, SpecCluster, Worker, get_worker
+from distributed import Client, Future, Scheduler, SpecCluster, Worker, get_worker, wait
 
-from models.core.errors import OptionError
+from models.core.errors import OptionError, TruerollError
 from pipeline.batch import supervision
-from pipeline.batch.clip_job import ClipJob
-from pipeline.batch.supervision import thread_process
+from pipeline.batch.clip_job import ClipJob, ClipResult, JobStream, ProgressListener, build_failed_result
+from pipeline.batch.supervision import IDLE_S, thread_process
 from pipeline.engine.atomic_write import part_suffix, remove_leftovers
 from pipeline.engine.result_cache import MARK, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
@@ -244,3 +247,88 @@ def hash_code() -> str:
     """Return one hash of all code that runs a clip and of the versions of the libraries."""
     facts = sorted(hash_sources("pipeline.batch.clip_run").items()), sorted(library_versions().items())
     return hashlib.sha256(repr(facts).encode()).hexdigest()
+
+
+# Clips that are submitted per worker thread: the next one waits when one is done.
+CLIPS_PER_WORKER = 2
+
+
+class SchedulerLost(TruerollError):
+    """The scheduler is gone, and with it the submitted clips."""
+
+
+def run_on_workers(client: Client, jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
+    """Run clips on the workers of a cluster, each as one task.
+
+    If a worker dies, the scheduler gives its clip to another worker, up to the scheduler's own number of retries.
+
+    Args:
+        client: Client of the cluster.
+        jobs: Clips to run.
+        listener: Called with progress messages.
+
+    Yields:
+        The result of each clip when it is done.
+
+    Raises:
+        SchedulerLost: The scheduler is gone.
+    """
+    topic = f"trueroll-{uuid4().hex}"
+    client.subscribe_topic(topic, lambda event: _forward_message(listener, event))
+    running: dict[Future, ClipJob] = {}
+    number, more = 0, True
+    try:
+        while more or running:
+            more = more and _submit_jobs(client, jobs, running, topic, number)
+            number += 1
+            for future in _wait_for_finished(client, running):
+                yield _read_result(future, running.pop(future))
+            if more and not running:
+                time.sleep(IDLE_S)
+    except OSError as error:  # of a connection: no file is touched here
+        raise SchedulerLost("The Dask scheduler is gone; run again once it is back: what is done is kept") from error
+    finally:
+        if client.status == "running":
+            client.cancel(list(running))
+            client.unsubscribe_topic(topic)
+
+
+def _submit_jobs(client: Client, jobs: JobStream, running: dict[Future, ClipJob], topic: str, number: int) -> bool:
+    """Submit as many clips as the workers can start soon; return False when there are no more."""
+    room = CLIPS_PER_WORKER * max(sum(client.nthreads().values()), 1) - len(running)
+    for k in range(room):
+        try:
+            job = next(jobs)
+        except StopIteration:
+            return False
+        if job is None:
+            return True
+        key = f"{topic}-{number}-{k}"
+        running[client.submit(run_job_on_worker, job.to_json(), topic, key=key, pure=False)] = job
+    return True
+
+
+def _wait_for_finished(client: Client, running: dict[Future, ClipJob]) -> list[Future]:
+    """Wait briefly and return the finished futures."""
+    if running:
+        with suppress(TimeoutError), client.as_current():
+            wait(list(running), timeout=IDLE_S, return_when="FIRST_COMPLETED")
+        if client.status != "running":
+            raise SchedulerLost("The Dask scheduler is gone; run again once it is back: what is done is kept")
+    return [future for future in running if future.done()]
+
+
+def _read_result(future: Future, job: ClipJob) -> ClipResult:
+    """Read the result of a finished future; a failed one becomes a failed result."""
+    if future.status == "finished":
+        return ClipResult.from_json(future.result())
+    if future.status in ("cancelled", "lost"):
+        raise SchedulerLost("The Dask scheduler lost its clips; run again once it is back: what is done is kept")
+    error = future.exception()
+    return build_failed_result(job.name, f"{job.name}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
+
+
+def _forward_message(listener: ProgressListener, event: tuple[float, dict[str, Any]]) -> None:
+    """Pass a progress message of a worker on to the listener."""
+    message = event[1]
+    listener(message["name"], message)

@@ -13,9 +13,10 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -24,7 +25,16 @@ import psutil
 
 from models.core.errors import TruerollError
 from pipeline.batch import clip_runner
-from pipeline.batch.clip_job import MAX_TRIES, ClipJob, ClipLimits, ClipResult, build_failed_result, format_duration
+from pipeline.batch.clip_job import (
+    MAX_TRIES,
+    ClipJob,
+    ClipLimits,
+    ClipResult,
+    JobStream,
+    ProgressListener,
+    build_failed_result,
+    format_duration,
+)
 from pipeline.engine.atomic_write import remove_leftovers
 from pipeline.engine.result_cache import ResultCache
 
@@ -275,3 +285,25 @@ def end_processes() -> None:
         process.request_exit()
     while _PROCESSES:
         _PROCESSES.pop().close()
+
+
+# Waiting time while there is no clip to run, s.
+IDLE_S = 0.5
+
+
+def run_serially(jobs: JobStream, listener: ProgressListener) -> Iterator[ClipResult]:
+    """Run clips one after another in one process.
+
+    Args:
+        jobs: Clips to run.
+        listener: Called with progress messages.
+
+    Yields:
+        The result of each clip.
+    """
+    with SupervisedProcess() as process:
+        for job in jobs:
+            if job is None:
+                time.sleep(IDLE_S)
+            else:
+                yield process.run(job, partial(listener, job.name))

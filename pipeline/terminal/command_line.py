@@ -122,8 +122,8 @@ def command(name: str, **settings: Any) -> Callable[[Callable[..., None]], Calla
 
 def split_docstring(function: Callable[..., object]) -> tuple[str, dict[str, str]]:
     """Split the docstring of a command into its text and the sentences on its arguments, by name."""
-    text, _, listed = cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
-    entries = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
+    text, _, arguments = cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
+    entries = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)
     return text, {name: " ".join(words.split()) for name, words in entries}
 
 

@@ -29,9 +29,8 @@ from pipeline.terminal import command_line as cli
 from pipeline.terminal.setting_options import add_settings
 
 if TYPE_CHECKING:
-    from pipeline.batch.batch_workers import ClipRunner
     from pipeline.batch.clip_discovery import FolderContent
-    from pipeline.batch.clip_job import ClipResult
+    from pipeline.batch.clip_job import ClipResult, ClipRunner
     from pipeline.batch.run_batch import Batch
 
 
@@ -119,25 +118,23 @@ def batch(
 @contextmanager
 def _open_runner(work: Batch, jobs: int, cluster: str | None, clips: list[Path]) -> Iterator[ClipRunner]:
     """Open what runs the clips: one process, a cluster on this machine, or an existing cluster."""
-    from pipeline.batch.batch_workers import run_on_workers, run_serially
+    from pipeline.batch import supervision
 
     if cluster is None and jobs == 1:
-        yield run_serially
+        yield supervision.run_serially
         return
     if cluster is None:
-        from pipeline.batch import supervision
-
         count = jobs or available_cores()
         try:
             supervision.start_processes(min(count, len(clips)))  # before Dask, which is slow to import
-            from pipeline.batch.dask_cluster import start_local_client
+            from pipeline.batch.dask_cluster import run_on_workers, start_local_client
 
             with start_local_client(count) as client:
                 yield partial(run_on_workers, client)
         finally:
             supervision.end_processes()
         return
-    from pipeline.batch.dask_cluster import connect_client, require_usable_workers
+    from pipeline.batch.dask_cluster import connect_client, require_usable_workers, run_on_workers
 
     with connect_client(cluster) as client:
         require_usable_workers(client, work.cache, work.out, clips[0] if clips else work.root)
@@ -161,8 +158,7 @@ def _print_left_out(content: FolderContent, folder: Path) -> None:
 
 def _print_disk_use(work: Batch, options: RunOptions) -> None:
     """Print what the batch will write, before it does; of long recordings it is known once their shots are found."""
-    from pipeline.batch.clip_discovery import measure_film
-    from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
+    from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes, measure_film
     from video.calibration.shot_segmentation import LONG_RECORDING_S
 
     facts = {folder: measure_film(clip) for clip, folder in work.folders.items()}

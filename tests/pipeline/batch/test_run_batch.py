@@ -31,12 +31,17 @@ from support.pseudo_terminal import Terminal, make_terminal
 
 from models.core.errors import ClipError, OptionError
 from pipeline.batch import clip_discovery, clip_runner, supervision
-from pipeline.batch.clip_discovery import assign_folders, order_largest_first, survey_folder
+from pipeline.batch.clip_discovery import (
+    FilmLength,
+    assign_folders,
+    describe_room,
+    estimate_bytes,
+    order_largest_first,
+    survey_folder,
+)
 from pipeline.batch.clip_job import ClipJob, ClipLimits, ClipResult
 from pipeline.batch.dask_cluster import hash_code, require_usable_answer, start_local_client
-from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
-from pipeline.batch.index_page import render_index_page
-from pipeline.batch.run_batch import format_csv, write_summary
+from pipeline.batch.run_batch import format_csv, render_index_page, write_summary
 from pipeline.batch.supervision import SupervisedProcess
 from pipeline.chain import default_run_folder, make_change_check
 from pipeline.cli.commands.batch_command import BatchDisplay, RemainingTime
@@ -314,7 +319,7 @@ def test_what_a_dead_process_of_this_machine_left_goes_at_once(tmp_path: Path) -
 DYING_CALLER = """
 import os, sys
 from pathlib import Path
-from pipeline.batch.disk_room import FilmLength, describe_room, estimate_bytes
+from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.dask_cluster import require_usable_workers
 from pipeline.engine.result_cache import ResultCache
 
@@ -524,7 +529,7 @@ def test_a_watched_batch_runs_what_comes_and_lists_the_results(
     monkeypatch.setattr(clip_runner, "build_command", lambda: [sys.executable, "-c", program])
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(clip_discovery, "time", FakeClock(interrupt))
-    monkeypatch.setattr("pipeline.batch.batch_workers.IDLE_S", 0.0)
+    monkeypatch.setattr("pipeline.batch.supervision.IDLE_S", 0.0)
     write_video(tmp_path / "in" / "a.mp4")
     idle = ["--idle", 6] * (ends == "when nothing comes")
     done = trueroll("batch", "in", "-o", "out", "--cache", "cache", "--watch", *idle, "--json")

@@ -31,7 +31,7 @@ from diagnosis.verdicts.verdict import (
 )
 from models.core.recording import Recording
 from pipeline.batch.clip_job import ClipResult
-from pipeline.batch.index_page import render_index_page
+from pipeline.batch.run_batch import render_index_page
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
 from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase
 from pipeline.experiments.thesis.thesis_page import write_results
