@@ -27,9 +27,10 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.corrections_file import corrections_path, read_corrections
+from pipeline.io.kept_values import keep_laws
 from pipeline.io.run_folder import SOURCE_FILE
+from pipeline.io.run_views import view_inputs
 from pipeline.io.shot_folder import publish_shot
-from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import (
@@ -50,7 +51,6 @@ from pipeline.stages.read_stage import open_frame_memory, read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import background_stage, poster_stage, render_stage
 from pipeline.stages.report_stage import ReportOptions, report_stage
-from pipeline.stages.shot_inputs import view_inputs
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
 from video.calibration.view_prior import MOTION_NOTE, PROFILE_NOTE

@@ -106,3 +106,17 @@ def replace_setting(options: Options, setting: Setting, value: Any) -> Options:
     """Replace the value of a setting in all its stages."""
     stages = {stage: replace(getattr(options, stage), **{setting.name: value}) for stage in setting.stages}
     return replace(options, **stages)  # type: ignore[type-var]
+
+
+def list_door_settings() -> dict[str, Setting]:
+    """List the settings of `DoorOptions` without profiles, which are learned from runs and left to these."""
+    settings = collect_settings(DoorOptions(), DoorOptions.__slots__)
+    return {name: setting for name, setting in settings.items() if name != "profile"}
+
+
+def build_door_options(values: dict[str, Any]) -> DoorOptions:
+    """Build options of the door from the values of its settings by name; raises OptionError as `set_value`."""
+    options = DoorOptions()
+    for name, value in values.items():
+        options = set_value(options, list_door_settings()[name], value)
+    return options

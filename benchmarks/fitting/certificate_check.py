@@ -27,7 +27,7 @@ from models.estimation.table_learning.table_measurements import compute_roll_out
 from pipeline.actions.fit_table import prepare_shot
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.certificate_files import compare_certificates, describe_certificate
-from pipeline.io.explained_shot import explain_tracks
+from pipeline.io.kept_values import explain_tracks
 
 # mm/m, and factor, of the other table.
 MORE_SLOPE, LESS_RESTITUTION = 1.0, 0.98

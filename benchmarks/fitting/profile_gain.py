@@ -26,7 +26,7 @@ from models.estimation.forecast.forecast_check import estimate_states
 from models.estimation.table_learning.learn_table import learn_table
 from pipeline.actions.fit_table import prepare_shot, write_learned_profile
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.explained_shot import explain_tracks
+from pipeline.io.kept_values import explain_tracks
 from pipeline.io.table_profile import parse_learned_table, read_profile_text
 
 # s from the strike to the prediction, and from the strike to its end.

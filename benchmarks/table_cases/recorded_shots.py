@@ -18,7 +18,7 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.actions.fit_table import prepare_shot
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.explained_shot import explain_tracks
+from pipeline.io.kept_values import explain_tracks
 from pipeline.io.observed_shot import read_observed_shot
 
 SOURCE = ROOT.parent / "shared" / "data" / "physics" / "recorded_carom" / "shots.csv"

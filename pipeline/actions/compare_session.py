@@ -18,8 +18,13 @@ from models.core.naming import Naming
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.run_folder import find_repeated_clips, list_folders_with, parse_naming, read_scene_document
-from pipeline.io.shot_numbers_json import parse_shot_numbers
+from pipeline.io.run_folder import (
+    find_repeated_clips,
+    list_folders_with,
+    parse_naming,
+    parse_shot_numbers,
+    read_scene_document,
+)
 from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
 from pipeline.reporting.text.number_sentences import name_heading, name_states

@@ -1,10 +1,16 @@
-"""Diagnosis of a batch: all shots of a table are diagnosed together, as they share its cloth, cushions and slope."""
+"""Diagnosis of a session or a batch: all shots of a table are diagnosed together, as they share its cloth and slope.
+
+On a terminal, the time left is that of the steps so far, times the number of steps that usually follow: right within a
+factor of two.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +19,8 @@ import numpy as np
 from rich.console import Console
 
 from diagnosis.diagnose import diagnose
+from diagnosis.fitting.display_names import format_cause
+from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import FloatArray
 from models.numerics.executor import Executor
@@ -27,7 +35,7 @@ from pipeline.io.view_profile import collect_views
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.terminal.search_display import show_search_progress
+from pipeline.terminal.progress_display import show_activity
 
 # CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
 # cloth, and more than changes of the light cause.
@@ -158,3 +166,35 @@ def _read_table_key(folder: Path) -> tuple[TableSize, FloatArray]:
 def _read_scene_json(folder: Path) -> dict[str, Any]:
     scene: dict[str, Any] = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
     return scene
+
+
+@contextmanager
+def show_search_progress(console: Console, title: str = "") -> Iterator[ProgressCallback]:
+    """Show what the diagnosis does and for how long it has run.
+
+    Args:
+        console: Console of the display.
+        title: Name of the table, if there are several.
+
+    Yields:
+        A function that is called with the activity, the effects that are tried, and the outlook of the search.
+    """
+    begun = time.monotonic()
+    with show_activity(console, title, prints=False) as show:
+
+        def update(activity: str, names: tuple[str, ...], outlook: SearchOutlook) -> None:
+            effects = f": {' and '.join(map(format_cause, names))}" if names else ""
+            show(f"{activity}{effects}{_format_outlook(outlook, time.monotonic() - begun)}")
+
+        show("looking at the tracks")
+        yield update
+
+
+def _format_outlook(outlook: SearchOutlook, seconds: float) -> str:
+    """Format the best hypothesis so far and the estimated time left after `seconds` as the rest of a line."""
+    parts = []
+    if outlook.best is not None:
+        parts.append(f"best so far: {' and '.join(map(format_cause, outlook.best or ('none',)))}")
+    if outlook.steps_done:
+        parts.append(f"about {seconds / outlook.steps_done * outlook.steps_left:.0f} s left")
+    return f" ({'; '.join(parts)})" if parts else ""

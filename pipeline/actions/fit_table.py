@@ -30,13 +30,12 @@ from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.effects.catalogue import find_prior
 from models.tracking.track_noise import apply_noise, estimate_noise
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.explained_shot import load_shot
+from pipeline.io.kept_values import load_shot
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
-from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
-from pipeline.io.table_profile import SIZE_TOLERANCE
+from pipeline.io.table_profile import SIZE_TOLERANCE, build_pooltool_parameters, describe_physics
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 

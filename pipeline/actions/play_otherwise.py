@@ -33,10 +33,9 @@ from models.estimation.what_if.shot_outcome import Game, ShotGoal, group_by_ball
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.explained_shot import load_shot
 from pipeline.io.image_file import write_image
+from pipeline.io.kept_values import load_laws, load_shot
 from pipeline.io.run_views import view_run
-from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans

@@ -30,8 +30,8 @@ from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
-from pipeline.io.explained_shot import explain_tracks, load_shot
 from pipeline.io.image_file import write_image
+from pipeline.io.kept_values import explain_tracks, load_shot
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json

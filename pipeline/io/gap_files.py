@@ -16,8 +16,8 @@ from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Ga
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from pipeline.engine.atomic_write import replace_file
-from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.strict_json import replace_nonfinite, write_json
+from pipeline.io.table_profile import build_pooltool_parameters, describe_physics
 
 SCHEMA = "trueroll.gap/1"
 PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"

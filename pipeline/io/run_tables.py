@@ -12,15 +12,14 @@ import numpy as np
 
 from models.core.ball_look import format_colour
 from models.core.corrections import NO_CORRECTIONS, Corrections
-from models.core.fit_result import Fit, Parameter, ShotExplanation, WholeShotFit
+from models.core.fit_result import SPIN_STATES, Fit, Parameter, ShotExplanation, ShotNumbers, WholeShotFit
 from models.core.scene import Camera, Scene
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
 from pipeline.io.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
-from pipeline.io.shot_numbers_json import describe_shot_numbers
-from pipeline.io.strict_json import format_strict_json
+from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.reporting.text.text_formatting import summarize_trust
@@ -265,3 +264,23 @@ def _describe_explanation(explanation: ShotExplanation) -> dict[str, Any]:
             for moment in explanation.moments
         ],
     }  # fmt: skip
+
+
+def describe_shot_numbers(shots: Sequence[ShotNumbers]) -> list[dict[str, Any]]:
+    """Describe the numbers of shots for scene.json.
+
+    Args:
+        shots: Numbers per shot.
+
+    Returns:
+        One object of strict JSON per shot.
+    """
+    return [
+        {
+            "t": shot.t, "cue": shot.cue, "first": shot.first, "spin_state": shot.spin_state,
+            "spin_state_probabilities": dict(zip(SPIN_STATES, shot.spin_state_probabilities, strict=False)),
+            "potted": [{"ball": a, "pocket": b} for a, b in zip(shot.potted, shot.pockets, strict=True)],
+            "numbers": [replace_nonfinite(asdict(one)) for one in shot.numbers],
+        }
+        for shot in shots
+    ]  # fmt: skip

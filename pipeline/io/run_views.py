@@ -12,6 +12,7 @@ from models.core.errors import OptionError
 from models.core.fit_result import CauseHypothesis, Fit, Moment, ShotExplanation, Trust, WholeShotFit, is_undecided
 from models.core.naming import Naming
 from models.core.number_format import format_probability, format_time
+from models.core.options import FitOptions
 from models.core.shot import Note, Shot
 from models.estimation.contact_test.contact_moment import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
@@ -20,6 +21,7 @@ from models.estimation.reconstruction.explain_shot import list_close_passes
 from models.estimation.reconstruction.plausibility import DECELERATION_RANGE, USUAL_DECELERATION
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import add_shot_numbers
+from pipeline.engine.stage import Inputs
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.correction_sentences import format_outcomes
@@ -136,3 +138,28 @@ def read_shot_record(folder: Path, cloth: ClothPriors | None = None) -> ShotReco
         raise OptionError(f"{folder} holds no motion of a ball; run a clip in which balls move")
     scene = shot.scene
     return make_shot_record(shot.tracks, fit.events, fit.trajectory, scene.table, scene.camera, fit.explanation)
+
+
+def list_view_inputs(options: FitOptions) -> tuple[str, ...]:
+    """List the stages that `view_inputs` needs.
+
+    Args:
+        options: Options of the explanation.
+
+    Returns:
+        Names of stages.
+    """
+    return ("explain", "laws") if options.laws else ("explain",)
+
+
+def view_inputs(inputs: Inputs, options: FitOptions) -> Fit:
+    """Evaluate the views of a shot.
+
+    Args:
+        inputs: Inputs of a stage, with those of `list_view_inputs`.
+        options: Options of the explanation.
+
+    Returns:
+        The views.
+    """
+    return view_run(inputs["explain"], inputs.get("laws"), options.profile)

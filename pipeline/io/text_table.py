@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from models.core.errors import OptionError
+from models.core.typing import FloatArray
 from pipeline.reporting.text.text_formatting import escape_text
 
 Columns = dict[str, NDArray[Any]]
@@ -334,3 +335,41 @@ def _to_values(name: str, column: Any, place: str) -> NDArray[Any]:
 # Further columns in which a text is an error.
 NUMERIC_COLUMNS = ("sigma", "observed", "x_px", "y_px", "radius_px", "force_x", "force_y", "torque", "platform_x",
                    "platform_y", "pivot_x", "pivot_y", "axis_x", "axis_y", "axis_z")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class RowGrid:
+    """The places of K rows in a grid of T times and N bodies; of several rows in one place, the first counts."""
+
+    first: NDArray[np.intp]
+    """(T,) first row of each time, ascending in time."""
+    bodies: tuple[str, ...]
+    place: NDArray[np.intp]
+    """(M,) filled places, counted along the bodies of one time, then in time."""
+    row: NDArray[np.intp]
+    """(M,) the row of each."""
+
+    def scatter(self, values: FloatArray) -> FloatArray:
+        """Arrange values (K, ...) of rows as (T, N, ...), NaN where there is no row."""
+        grid = np.full((len(self.first) * len(self.bodies), *values.shape[1:]), np.nan)
+        grid[self.place] = values[self.row]
+        return grid.reshape(len(self.first), len(self.bodies), *values.shape[1:])
+
+
+def build_row_grid(times: NDArray[np.generic], names: NDArray[np.str_], bodies: Sequence[str] = ()) -> RowGrid:
+    """Build the grid of rows.
+
+    Args:
+        times: (K,) frame or time of each row.
+        names: (K,) body of each row.
+        bodies: All names in the order of the grid; empty for that of their first rows.
+
+    Returns:
+        The grid.
+    """
+    _, first, time = np.unique(times, return_index=True, return_inverse=True)
+    words = names.tolist()
+    order = tuple(bodies or dict.fromkeys(words))
+    number = {name: k for k, name in enumerate(order)}
+    place, row = np.unique(time * len(order) + [number[name] for name in words], return_index=True)
+    return RowGrid(first, order, place, row)

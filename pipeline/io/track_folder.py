@@ -14,12 +14,11 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
-from pipeline.io.known_inputs import build_inputs, find_input_columns
-from pipeline.io.row_grid import build_row_grid
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
-from pipeline.io.text_table import TextTable, read_text_table
+from pipeline.io.surroundings import WallsEntry, build_inputs, find_input_columns
+from pipeline.io.text_table import TextTable, build_row_grid, read_text_table
 from pipeline.io.track_conventions import (
     LENGTH_UNITS,
     MAX_NUMBER,
@@ -32,7 +31,6 @@ from pipeline.io.track_conventions import (
     find_off_table,
     interpret_tracks,
 )
-from pipeline.io.wall_entry import WallsEntry
 from pipeline.reporting.text.text_formatting import escape_text
 
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]

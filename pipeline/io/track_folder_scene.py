@@ -22,8 +22,8 @@ from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
+from pipeline.io.surroundings import WALL_SPELLINGS, find_centre_limits
 from pipeline.io.track_folder import SceneEntry, TrackFolder
-from pipeline.io.wall_entry import WALL_SPELLINGS, find_centre_limits
 
 
 def build_gap_scene(folder: TrackFolder) -> GapScene:

@@ -11,7 +11,7 @@ from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.shot import Shot
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
+from pipeline.io.run_views import list_view_inputs, view_inputs
 
 
 @dataclass(frozen=True, slots=True)

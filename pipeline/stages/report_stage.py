@@ -14,9 +14,9 @@ from models.core.progress import Progress
 from models.core.shot import Shot
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.engine.stage import Inputs, Stage
+from pipeline.io.run_views import list_view_inputs, view_inputs
 from pipeline.reporting.text.correction_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
-from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
 
 
 @dataclass(frozen=True, slots=True)

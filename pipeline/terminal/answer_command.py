@@ -77,7 +77,7 @@ def _show_activity(is_shown: bool) -> AbstractContextManager[Callable[[str], Non
     """Show activities on the console if the command has any."""
     if not is_shown:
         return nullcontext(ignore)
-    from pipeline.terminal.activity_display import show_activity  # numba is slow to import
+    from pipeline.terminal.progress_display import show_activity  # numba is slow to import
 
     return show_activity(cli.console)
 

@@ -1,16 +1,17 @@
-"""Shows the progress of a run on a terminal, one line per stage; it shows nothing elsewhere."""
+"""Shows on a terminal how far a run is, one bar per stage, and what a command does."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
 from models.core.progress import Progress
+from models.numerics.jit import notify_first_compilation
 
 
 class StageDisplay:
@@ -62,3 +63,34 @@ class StageDisplay:
         note = "cached" if cached else f"{seconds:.1f} s"
         self._bars.update(self._tasks[stage], completed=1.0, note=note)
         self._bars.stop_task(self._tasks[stage])
+
+
+COMPILING_NOTE = "compiling numerical code for this machine: once, it takes one to two minutes"
+
+
+@contextmanager
+def show_activity(console: Console, title: str = "", *, prints: bool = True) -> Iterator[Callable[[str], None]]:
+    """Show what a command does and for how long it has run.
+
+    Args:
+        console: Console of the display, on standard error.
+        title: Words before each activity.
+        prints: Whether activities are printed where the console is no terminal.
+
+    Yields:
+        A function that is called with each activity.
+    """
+    lead = f"{title}: " if title else ""
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    with (
+        Bars(*columns, console=console, disable=not console.is_terminal, transient=True) as bars,
+        notify_first_compilation(lambda: console.print(f"{lead}{COMPILING_NOTE}", markup=False)),
+    ):
+        task = bars.add_task("")
+
+        def update(activity: str) -> None:
+            bars.update(task, description=f"{lead}{activity}")
+            if prints and not console.is_terminal:
+                console.print(activity, markup=False, soft_wrap=True)
+
+        yield update

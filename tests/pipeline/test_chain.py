@@ -22,7 +22,7 @@ from support.carom_start import SAMPLE, SECONDS, SLOW, Home
 from pipeline.chain import STAGE_FILES, find_report_tables, hash_tables, publish_files, write_source
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.run_options import RunOptions
-from pipeline.terminal.activity_display import COMPILING_NOTE
+from pipeline.terminal.progress_display import COMPILING_NOTE
 from video.io.video_writer import VideoWriter
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -18,7 +18,7 @@ from support.pseudo_terminal import ProgramOutput
 from support.sample_clips import SAMPLES
 
 from pipeline.cli.main import main
-from pipeline.terminal.activity_display import COMPILING_NOTE
+from pipeline.terminal.progress_display import COMPILING_NOTE
 
 SAMPLE = SAMPLES / "carom_match.mp4"
 SECONDS = 1.5

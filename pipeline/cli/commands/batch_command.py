@@ -24,9 +24,9 @@ from pipeline.engine.atomic_write import remove_leftovers, require_writable_fold
 from pipeline.engine.process_setup import available_cores
 from pipeline.engine.result_cache import open_cache
 from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.run_options import RunOptions, list_setting_values
+from pipeline.run_options import RunOptions, build_options, list_setting_values, list_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings
+from pipeline.terminal.command_settings import add_settings
 
 if TYPE_CHECKING:
     from pipeline.batch.clip_discovery import FolderContent
@@ -41,7 +41,7 @@ MAX_TABLE_ROWS = 100
 
 
 @cli.command("batch")
-@add_settings()
+@add_settings(list_settings(), build_options)
 def batch(
     folder: Path,
     options: RunOptions,

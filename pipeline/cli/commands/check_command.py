@@ -26,9 +26,9 @@ from pipeline.reporting.text.filming_sentences import (
     format_value,
     rank_faults,
 )
-from pipeline.settings import DoorOptions
+from pipeline.settings import DoorOptions, build_door_options, list_door_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.command_settings import add_door_settings
+from pipeline.terminal.command_settings import add_settings
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
 from video.filming_check.filming_limits import FilmingLimits
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
@@ -43,7 +43,7 @@ VERDICT_LEVELS = {"go": "good", "doubts": "doubt", "no-go": "bad"}
 
 
 @cli.command("check")
-@add_door_settings()
+@add_settings(list_door_settings(), build_door_options)
 def check(
     clip: Path,
     out: Annotated[Path | None, cli.make_output_option(metavar="FILE.png")] = None,

@@ -15,9 +15,9 @@ from detectors.still_images import StillDetections, detect_in_still
 from models.core.errors import OptionError, TableNotFound
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.image_file import IMAGE_SUFFIXES, UnreadableImage, read_image
-from pipeline.settings import DoorOptions
+from pipeline.settings import DoorOptions, build_door_options, list_door_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.command_settings import add_door_settings
+from pipeline.terminal.command_settings import add_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @cli.command("detect")
-@add_door_settings(("fps",))
+@add_settings(list_door_settings(), build_door_options, ("fps",))
 def detect_balls_in_stills(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER")],
     out: Annotated[Path, cli.make_output_option(metavar="FILE.csv")],

@@ -10,13 +10,13 @@ from typing import Annotated
 import typer
 
 from pipeline.engine.result_cache import open_cache
-from pipeline.run_options import RunOptions, list_overridden_flags
+from pipeline.run_options import RunOptions, build_options, list_overridden_flags, list_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings
+from pipeline.terminal.command_settings import add_settings
 
 
 @cli.command("edit")
-@add_settings()
+@add_settings(list_settings(), build_options)
 def edit(
     target: Annotated[Path, typer.Argument(metavar="DIR|CLIP")],
     options: RunOptions,

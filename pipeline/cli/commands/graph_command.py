@@ -12,13 +12,13 @@ from rich.table import Table as Grid
 
 from pipeline.chain import build_run_graph
 from pipeline.engine.result_cache import open_cache
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, build_options, list_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings
+from pipeline.terminal.command_settings import add_settings
 
 
 @cli.command("graph")
-@add_settings()
+@add_settings(list_settings(), build_options)
 def graph(
     options: RunOptions,
     clip: Annotated[Path | None, typer.Argument()] = None,

@@ -11,9 +11,9 @@ import typer
 
 from models.core.errors import OptionError
 from pipeline.engine.result_cache import open_cache
-from pipeline.run_options import RunOptions
+from pipeline.run_options import RunOptions, build_options, list_settings
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.setting_options import add_settings
+from pipeline.terminal.command_settings import add_settings
 
 if TYPE_CHECKING:
     from pipeline.actions.interpolate_clip import InterpolateOptions
@@ -25,7 +25,7 @@ OVERLAY_SETTINGS = ("slow", "trim_still", "style", "quick", "no_video", "laws")
 
 
 @cli.command("interpolate")
-@add_settings(OVERLAY_SETTINGS)
+@add_settings(list_settings(), build_options, OVERLAY_SETTINGS)
 def interpolate(
     source: Annotated[Path, typer.Argument(metavar="CLIP|tracks.csv")],
     options: RunOptions,
@@ -54,8 +54,8 @@ def interpolate(
         frames: New folder for all frames as 000000.png and so on.
     """
     if source.suffix.lower() == ".csv" or (source / "tracks.csv").is_file():
-        from pipeline.actions.interpolate_particles import interpolate_particles
-        from pipeline.terminal.activity_display import show_activity  # numba is slow to import
+        from pipeline.actions.particle_motion import interpolate_particles
+        from pipeline.terminal.progress_display import show_activity  # numba is slow to import
 
         if factor is None:
             raise OptionError("--factor is missing: the number of steps from sample to sample")
@@ -63,7 +63,8 @@ def interpolate(
             raise OptionError(f"-o is a folder where the input is tracks; got {out}. Name the clip to make a video")
         fps = None if options.read.fps is None else float(Fraction(options.read.fps))
         with show_activity(cli.console) as on_activity:
-            interpolate_particles(source, factor, out, fps, as_json, on_activity)
+            answer = interpolate_particles(source, factor, out, fps, on_activity)
+        cli.print_answer(answer, as_json)
         return
     from pipeline.actions.interpolate_clip import InterpolateOptions
 

@@ -49,7 +49,7 @@ def predict(
     place = Path(source)
     folder = parse_output_path(out) if out is not None else place if place.is_dir() else place.parent
     if is_particle_source(place):
-        from pipeline.actions.predict_particles import predict_particles  # slow to import
+        from pipeline.actions.particle_motion import predict_particles  # slow to import
 
         return predict_particles(place, seconds, at, folder, shot, fps)
     from pipeline.actions.predict_shot import predict_shot  # slow to import

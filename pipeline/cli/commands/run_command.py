@@ -14,7 +14,7 @@ from models.numerics.jit import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache
-from pipeline.io.shot_numbers_json import describe_shot_numbers
+from pipeline.io.run_tables import describe_shot_numbers
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.number_sentences import format_shot_line
@@ -26,17 +26,16 @@ from pipeline.reporting.text.text_formatting import (
     summarize_trust,
 )
 from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
-from pipeline.run_options import RunOptions, use_growing_profile
+from pipeline.run_options import RunOptions, build_options, list_settings, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation
 from pipeline.terminal import command_line as cli
-from pipeline.terminal.activity_display import COMPILING_NOTE
-from pipeline.terminal.progress_display import StageDisplay
-from pipeline.terminal.setting_options import add_settings
+from pipeline.terminal.command_settings import add_settings
+from pipeline.terminal.progress_display import COMPILING_NOTE, StageDisplay
 
 
 @cli.command("run")
-@add_settings()
+@add_settings(list_settings(), build_options)
 def run(
     clip: Path,
     options: RunOptions,

@@ -10,8 +10,7 @@ import numpy as np
 
 from models.core.errors import OptionError
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat, number_unnamed
-from pipeline.io.row_grid import build_row_grid
-from pipeline.io.text_table import read_text
+from pipeline.io.text_table import build_row_grid, read_text
 
 # DeepLabCut tables (Mathis et al. 2018): header rows scorer, (individuals,) bodyparts, coords; a row per frame.
 _HEADINGS = ("scorer", "individuals", "bodyparts", "coords")

@@ -12,8 +12,7 @@ import numpy as np
 
 from models.core.typing import FloatArray
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
-from pipeline.io.row_grid import build_row_grid
-from pipeline.io.text_table import read_text
+from pipeline.io.text_table import build_row_grid, read_text
 from pipeline.io.track_conventions import LENGTH_UNITS
 
 # Projects of Tracker (Open Source Physics): XML with point masses in px, clip and axes; a .trz holds one.

@@ -22,7 +22,7 @@ from models.core.fit_result import ShotNumber, ShotNumbers
 from models.estimation.shot_numbers.session_statistics import SeriesSummary, summarize_series
 from pipeline.actions.compare_session import read_shots
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.shot_numbers_json import describe_shot_numbers
+from pipeline.io.run_tables import describe_shot_numbers
 from pipeline.reporting.text.number_sentences import format_number
 from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
 

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from support import synthetic_run
 
-from pipeline.actions import interpolate_particles
+from pipeline.actions import particle_motion
 from pipeline.cli.execute import execute_command_line
 from pipeline.engine.atomic_write import create_folder, machine_id, replace_file
 
@@ -138,9 +138,9 @@ def test_the_tracks_of_a_run_are_interpolated_by_its_own_motion(
     ]
     (tmp_path / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *rows]), encoding="utf-8")
     (tmp_path / "shot").mkdir()
-    monkeypatch.setattr(interpolate_particles, "read_shot", lambda folder: None)
-    monkeypatch.setattr(interpolate_particles, "view_run", lambda shot: fit)
-    monkeypatch.setattr(interpolate_particles, "fit_particles", lambda shot: pytest.fail("the run knows the motion"))
+    monkeypatch.setattr(particle_motion, "read_shot", lambda folder: None)
+    monkeypatch.setattr(particle_motion, "view_run", lambda shot: fit)
+    monkeypatch.setattr(particle_motion, "fit_particles", lambda shot: pytest.fail("the run knows the motion"))
     command = ["interpolate", str(tmp_path / "tracks.csv"), "--factor", "2", "-o", str(tmp_path / "fine.csv")]
     assert execute_command_line(command) == 0
     assert "the fitted motion of the run" in capsys.readouterr().out

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from models.estimation.particles.particle_fit import ParticleMotion
+from pipeline.actions.particle_motion import format_physics_lines, summarize_physics
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.particle_files import format_physics_lines, summarize_physics
 
 RATE, SAMPLES = 20.0, 31
 

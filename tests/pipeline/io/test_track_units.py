@@ -12,7 +12,7 @@ import pytest
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
 from models.estimation.track_evidence import fit_even_times
-from pipeline.io.row_grid import build_row_grid
+from pipeline.io.text_table import build_row_grid
 from pipeline.io.track_conventions import LENGTH_UNITS
 from pipeline.io.track_folder import TrackFolder, read_track_folders
 

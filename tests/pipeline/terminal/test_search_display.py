@@ -11,8 +11,8 @@ from rich.console import Console
 
 from diagnosis.selection.hypotheses import SearchOutlook
 from models.numerics.jit import compile_kernel
-from pipeline.terminal.activity_display import COMPILING_NOTE
-from pipeline.terminal.search_display import show_search_progress
+from pipeline.actions.diagnose_batch import show_search_progress
+from pipeline.terminal.progress_display import COMPILING_NOTE
 
 NOTHING_YET = SearchOutlook()
 
