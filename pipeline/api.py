@@ -33,9 +33,9 @@ from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import ResultCache, default_cache_root
-from pipeline.io.kept_values import find_laws
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
+from pipeline.io.shot_laws import find_laws
 from pipeline.io.text_table import TEXT_COLUMNS
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer

@@ -27,10 +27,10 @@ from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
 from pipeline.io.corrections_file import corrections_path, read_corrections
-from pipeline.io.kept_values import keep_laws
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import view_inputs
 from pipeline.io.shot_folder import publish_shot
+from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.correction_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import (

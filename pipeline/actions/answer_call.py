@@ -234,7 +234,6 @@ def write_call_images(
     if not np.isfinite(call.t) or record.camera is None:
         return [], "the answer has no time." if record.camera else "the folder has no calibration."
     shown = record.frame[np.argsort(np.abs(record.shown - call.t), kind="stable")[: 2 * STRIP_NEIGHBOURS + 1]]
-    target.mkdir(parents=True, exist_ok=True)
     name = re.sub(r"[^A-Za-z0-9.=-]+", "_", "call " + " ".join(words))
     scenery = [
         _build_close_up_frame(record, record.camera, call, int(frame), image)

@@ -75,7 +75,6 @@ def certify_table(
         rows = compare_certificates(other[1], document)
         name = other[0].stem if other[0].suffix == ".json" else other[0].name
         document["compared_with"] = {"certificate": str(other[0]), "numbers": describe_comparison(rows)}
-    folder.mkdir(parents=True, exist_ok=True)
     write_json(document, folder / CERTIFICATE_FILE)
     write_certificate_page(certified, name_folders(certified.sources), folder / PAGE_FILE, rows, name)
     numbers = document["numbers"].items()

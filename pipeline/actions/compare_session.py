@@ -143,9 +143,9 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
             "repeated": list(repetitions),
         }
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / "session.csv") as table, replace_file(folder / "session.parquet") as parquet:
-        write_session_tables(columns, table, parquet)
+    write_columns(columns, folder / "session.csv", "needed")
+    with replace_file(folder / "session.parquet") as path:
+        pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), path)
     write_text(folder / "session.json", format_strict_json(document))
     with replace_file(folder / "session.html") as path:
         write_session_page(columns, summaries, (*repetitions, *refusals), title, path)
@@ -230,15 +230,3 @@ def tabulate_session(shots: Sequence[SessionShot], grouping: Grouping = "folder"
 
 def _join_pots(balls: Iterable[str], pockets: Iterable[str]) -> str:
     return "; ".join(f"{ball} {pocket}" for ball, pocket in zip(balls, pockets, strict=True))
-
-
-def write_session_tables(columns: Columns, table: Path, parquet: Path) -> None:
-    """Write the columns of a session.
-
-    Args:
-        columns: Columns of `tabulate_session`.
-        table: CSV file to write.
-        parquet: Parquet file to write.
-    """
-    write_columns(columns, table, "needed")
-    pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), parquet)

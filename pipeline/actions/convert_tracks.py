@@ -195,7 +195,6 @@ def convert_tracks(
     provenance: Provenance = {"program": "trueroll", "version": version("trueroll"), "source": source.name,
                               "source_format": origin.name, "options": stated, "names": tracks.ids}  # fmt: skip
     require_writable_folder(target.parent)
-    target.parent.mkdir(parents=True, exist_ok=True)
     if "" in output.endings:
         output.write(tracks, target, provenance)
     else:

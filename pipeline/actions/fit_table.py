@@ -32,10 +32,11 @@ from models.tracking.track_noise import apply_noise, estimate_noise
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.kept_values import load_shot
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
+from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
-from pipeline.io.table_profile import SIZE_TOLERANCE, build_pooltool_parameters, describe_physics
+from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.figures.cushion_figures import write_cushion_page
 
@@ -118,7 +119,6 @@ def learn_table_profile(
         OptionError: No source can be read, or the tables differ.
         TrackError: The shots are too few.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     fitted = fit_table_of_shots(sources, cache, executor, on_activity)
     lesson, page = fitted.lesson, path.with_suffix(".html")
     left_out = write_learned_profile(lesson, fitted.table, fitted.shot_count, path, collect_views(sources))

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
 from models.core.shot import Shot
-from models.core.typing import FloatArray, ImageArray
+from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
 from video.io.audio import add_audio
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
-from video.matting.ball_timeline import BallTimeline, build_ball_timeline
+from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.plain_interpolation import (
     regular_frame_rate,
@@ -123,16 +122,17 @@ def interpolate_clip(
     times, rate, even = _schedule_frames(source, wanted)
     background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), source)
     scenery = estimate_clip_appearance(background, source)
-    exposure = _exposure_time(wanted, times)
-    window = _CropWindow.follow_action(scenery.timeline, times, source, wanted.upright)
-    video.parent.mkdir(parents=True, exist_ok=True)
+    exposure = wanted.shutter and float(wanted.shutter / MAX_SHUTTER * np.median(np.diff(times)))
+    width, lefts = source.width, np.zeros(len(times), np.int64)
+    if wanted.upright:
+        width, lefts = window_width(source.width, source.height), window_left_borders(scenery.timeline, times)
     base = None if even else TIME_BASE
-    with replace_file(video) as place, _open_frame_folder(frames) as folder:
+    with replace_file(video) as place, create_folder(frames) if frames else nullcontext() as folder:
         silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
-            with VideoWriter(silent, window.width, source.height, rate, crf=18, time_base=base, direct=True) as writer:
+            with VideoWriter(silent, width, source.height, rate, crf=18, time_base=base, direct=True) as writer:
                 for k, image in enumerate(synthesize_frames(source, scenery, times, exposure)):
-                    shown = window.crop_frame(image, k)
+                    shown = np.ascontiguousarray(image[:, lefts[k] : lefts[k] + width])
                     writer.write(shown, None if even else float(wanted.slow * (times[k] - times[0])))
                     if folder is not None:
                         Image.fromarray(shown).save(folder / f"{k:06d}.png", compress_level=1)
@@ -158,42 +158,3 @@ def _schedule_frames(clip: Clip, wanted: InterpolateOptions) -> tuple[FloatArray
     times, exact = subdivide_frame_times(clip, wanted.factor), regular_frame_rate(clip, wanted.factor)
     mean = Fraction((len(times) - 1) / float(times[-1] - times[0])).limit_denominator(1001)
     return times, (exact or mean) / slow, exact is not None
-
-
-def _exposure_time(wanted: InterpolateOptions, times: FloatArray) -> float | None:
-    """Compute the exposure time, s of the clip; None for the motion blur of the clip."""
-    if wanted.shutter is None:
-        return None
-    return float(wanted.shutter / MAX_SHUTTER * np.median(np.diff(times)))
-
-
-@dataclass(frozen=True, slots=True)
-class _CropWindow:
-    """Horizontal window of every output frame."""
-
-    width: int
-    lefts: NDArray[np.int64]
-    """(K,) px"""
-
-    @classmethod
-    def follow_action(cls, timeline: BallTimeline, times: FloatArray, clip: Clip, upright: bool) -> _CropWindow:
-        """Build a window that follows the action if `upright`, otherwise one of the whole frame."""
-        if not upright:
-            return cls(clip.width, np.zeros(len(times), np.int64))
-        return cls(window_width(clip.width, clip.height), window_left_borders(timeline, times))
-
-    def crop_frame(self, image: ImageArray, k: int) -> ImageArray:
-        """Crop output frame k to its window."""
-        left = int(self.lefts[k])
-        return np.ascontiguousarray(image[:, left : left + self.width])
-
-
-@contextmanager
-def _open_frame_folder(frames: Path | None) -> Iterator[Path | None]:
-    """Open a temporary folder that becomes `frames` at the end; None without `frames`."""
-    if frames is None:
-        yield None
-        return
-    frames.parent.mkdir(parents=True, exist_ok=True)
-    with create_folder(frames) as folder:
-        yield folder

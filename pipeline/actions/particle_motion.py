@@ -19,10 +19,10 @@ from models.estimation.particles.particle_fit import (
     fit_particles,
     forecast_particles,
 )
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from models.estimation.reconstruction.shot_views import view_shot
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.particle_files import read_particles
-from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import SHOT_FOLDER, read_shot
 from pipeline.io.text_table import Columns, require_tracks_file
 
@@ -47,11 +47,9 @@ def interpolate_particles(
     tracks = require_tracks_file(source)
     shots, notes = read_particles(tracks, fps)
     motions = [_find_motion(shot, tracks.parent, on_activity) for shot in shots]
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(target) as fresh:
-        write_particle_positions(
-            fresh, shots, [refine_positions(shot, one, factor) for shot, one in zip(shots, motions, strict=True)]
-        )
+    write_particle_positions(
+        target, shots, [refine_positions(shot, one, factor) for shot, one in zip(shots, motions, strict=True)]
+    )
     summaries = [_summarize_motion(shot, one) for shot, one in zip(shots, motions, strict=True)]
     sentences: list[str] = []
     for one in summaries:
@@ -69,7 +67,7 @@ def interpolate_particles(
 def _find_motion(shot: Recording, folder: Path, on_activity: Callable[[str], None]) -> ParticleMotion:
     """Return the fitted motion of the run that wrote the tracks, if there is one; otherwise fit particles."""
     if (folder / SHOT_FOLDER).is_dir():
-        fit = view_run(read_shot(folder))
+        fit = view_shot(read_shot(folder))
         trajectory, sigma = fit.trajectory, np.full(len(shot.bodies), fit.noise)
         if set(shot.bodies) <= set(trajectory.ids):
             order = [trajectory.ids.index(ball) for ball in shot.bodies]
@@ -136,10 +134,8 @@ def predict_particles(
     steps = max(round(seconds / ROW_STEP), 1)
     prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
     require_writable_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / "prediction.csv"
-    with replace_file(target) as fresh:
-        write_particle_positions(fresh, [shot], [_build_rows(prediction)])
+    write_particle_positions(target, [shot], [_build_rows(prediction)])
     physics, sigma = summarize_physics(prediction), float(prediction.sigma[-1])
     return Answer(
         f"Where do the particles go from {past.t[-1]:.3f} s on?",

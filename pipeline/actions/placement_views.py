@@ -50,7 +50,6 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
     Returns:
         Where every ball lay.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     places, naming = wanted.places, wanted.naming
     document = describe_places(places, wanted.place_sigma, wanted.table, wanted.frame)
     write_places(document, folder)

@@ -30,12 +30,13 @@ from models.estimation.what_if.changed_shot import (
     play_changed_shot,
 )
 from models.estimation.what_if.shot_outcome import Game, ShotGoal, group_by_ball, is_scored
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.image_file import write_image
-from pipeline.io.kept_values import load_laws, load_shot
+from pipeline.io.kept_values import load_shot
 from pipeline.io.run_views import view_run
+from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
@@ -140,9 +141,7 @@ def play_otherwise(
         (float(tracks.t[-1]), float(t[-1])), fit.shot_numbers[stroke : stroke + 2],
     )  # fmt: skip
     require_writable_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / "what_if.csv") as path:
-        write_changed_paths(ensemble, changed, path)
+    write_changed_paths(ensemble, changed, folder / "what_if.csv")
     write_image(_draw_plays(ensemble, changed, tracks, naming), folder / "what_if.png")
     write_json(document, folder / "what_if.json")
     quantities = tuple(

@@ -27,7 +27,7 @@ from models.estimation.forecast.ensemble_prediction import (
 from models.estimation.forecast.forecast_check import PredictionCheck, check_prediction, estimate_state
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.table_learning.learned_table import LearnedTable
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.image_file import write_image
@@ -87,9 +87,7 @@ def predict_shot(
     prediction = forecast_shot(state, times, seed, draws)
     later = check_prediction(prediction, tracks)
     document = summarize_prediction(prediction, number, later if len(later.t) else None, naming)
-    folder.mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / "prediction.csv") as path:
-        write_prediction(prediction, number, path)
+    write_prediction(prediction, number, folder / "prediction.csv")
     write_json(document, folder / "prediction.json")
     write_image(_draw_prediction(prediction, tracks, view_shot(shots[0]).trajectory, naming), folder / "prediction.png")
     compared = [

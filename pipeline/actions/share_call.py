@@ -54,6 +54,5 @@ def write_share_clip(
     plan = draw_table_plan(
         record.table, naming, record.ids, paths, place[None], "", longest=WIDTH, name_px=PLAN_NAME_PX
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as part:
         render_share_clip(clip, estimate_clip_appearance(background, clip), fit, naming, moment, plan, part)

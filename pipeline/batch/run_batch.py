@@ -126,7 +126,6 @@ def write_summary(rows: Iterable[ClipResult], out: Path, *, whole: bool = True) 
         whole: Whether to write the parquet file and the page too, besides the csv.
     """
     ordered = sorted(rows, key=lambda row: row.clip)
-    out.mkdir(parents=True, exist_ok=True)
     write_text(out / "summary.csv", format_csv(ordered))
     if whole:
         with replace_file(out / "summary.parquet") as fresh:

@@ -25,7 +25,7 @@ def replace_file(target: Path) -> Iterator[Path]:
     """Write a file under a hidden name and rename it at the end; after an exception nothing remains.
 
     Args:
-        target: Final path of the file; an existing file is replaced.
+        target: Final path of the file; an existing file is replaced, and its folder created if it does not exist.
 
     Yields:
         The hidden path beside `target` to write to.
@@ -34,6 +34,7 @@ def replace_file(target: Path) -> Iterator[Path]:
         OSError: The file cannot be written. The error names `target`, the path that the user knows.
     """
     path = target.with_name(f".{target.name}{part_suffix()}")
+    target.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(target.parent, target.name)
     try:
         yield path
@@ -147,14 +148,14 @@ def create_folder(target: Path) -> Iterator[Path]:
     """Fill a hidden folder and rename it to `target` at the end; after an exception nothing remains.
 
     Args:
-        target: Final path, which must not exist or must be an empty folder.
+        target: Final path, which must not exist or must be an empty folder; folders above it are created.
 
     Yields:
         The hidden folder beside `target`.
     """
     path = target.with_name(f".{target.name}{part_suffix()}")
     remove_leftovers(target.parent, target.name)
-    path.mkdir()
+    path.mkdir(parents=True)
     try:
         yield path
         path.rename(target)

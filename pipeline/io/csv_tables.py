@@ -14,6 +14,7 @@ from pyarrow import csv
 from models.core.events import Events
 from models.core.trajectory import State
 from models.core.typing import FloatArray
+from pipeline.engine.atomic_write import replace_file
 
 Columns = dict[str, Sequence[str] | NDArray[Any]]
 
@@ -61,7 +62,7 @@ def write_states(ids: tuple[str, ...], t: FloatArray, state: State, path: Path) 
 def write_columns(
     columns: Mapping[str, Sequence[str] | NDArray[Any]], path: Path, quoting: Literal["none", "needed"] = "none"
 ) -> None:
-    """Write columns (K,) as CSV, with rounded numbers and empty cells for NaN.
+    """Write columns (K,) as CSV in one step, with rounded numbers and empty cells for NaN.
 
     Args:
         columns: Values by name.
@@ -77,4 +78,5 @@ def write_columns(
             arrays[name] = pa.array(values)
         else:
             arrays[name] = pa.array(list(values), type=pa.string())
-    csv.write_csv(pa.table(arrays), path, csv.WriteOptions(quoting_style=quoting, quoting_header="none"))
+    with replace_file(path) as fresh:
+        csv.write_csv(pa.table(arrays), fresh, csv.WriteOptions(quoting_style=quoting, quoting_header="none"))

@@ -16,8 +16,8 @@ from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Gap, Ga
 from models.core.fit_result import Parameter
 from models.core.scene import Table
 from pipeline.engine.atomic_write import replace_file
+from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.strict_json import replace_nonfinite, write_json
-from pipeline.io.table_profile import build_pooltool_parameters, describe_physics
 
 SCHEMA = "trueroll.gap/1"
 PROFILE_FILE, POOLTOOL_FILE = "profile.json", "pooltool.json"
@@ -35,7 +35,6 @@ def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
         report: Result of a diagnosis.
         folder: Folder of the files; created if it does not exist.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "gap_predictions.csv") as path:
         csv.write_csv(tabulate_predictions(report.gap), path, csv.WriteOptions(quoting_style="needed"))
     write_json(build_gap_document(report), folder / "gap.json")

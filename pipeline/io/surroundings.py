@@ -10,7 +10,7 @@ Of the spin of a flight only the axis is an input: how strongly a spin lifts doe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,6 @@ from pydantic_core import PydanticCustomError
 from scipy.interpolate import make_interp_spline
 
 from models.core.errors import OptionError
-from models.core.recording import Recording
 from models.core.typing import FloatArray
 
 # Inputs over mass (m/s^2) or moment of inertia (rad/s^2).
@@ -140,10 +139,6 @@ def _evaluate_spline(t: FloatArray, values: FloatArray, rows: FloatArray, deriva
 
 
 WALL_SPELLINGS = '[x0, y0, x1, y1], {"x": [x0, x1], "y": [y0, y1]} or {"length": ..., "width": ...}, in metres'
-# Tolerated distance beyond a wall, in sides of the rectangle: wrong units give more.
-_MAX_OVERSHOOT = 0.1
-# Largest tolerated share of positions further outside.
-_MAX_SHARE_OUTSIDE = 0.25
 # Lower and upper limit along x and along y, m.
 Limits = tuple[tuple[float, float], tuple[float, float]]
 
@@ -180,36 +175,3 @@ def parse_walls(value: Any) -> Limits | None:
 
 # Field of a scene.json.
 WallsEntry = Annotated[Limits | None, BeforeValidator(parse_walls)]
-
-
-def find_centre_limits(
-    walls: Limits, radius: float, recordings: Sequence[Recording], path: Path
-) -> tuple[tuple[float, float], ...]:
-    """Find the limits of the centre of a body between walls.
-
-    Args:
-        walls: Limits along x and y, m.
-        radius: Radius of the body, m.
-        recordings: Recordings with x and y, m.
-        path: The scene.json, for messages.
-
-    Returns:
-        Lower and upper limit of x and of y, m.
-
-    Raises:
-        OptionError: The body does not fit between the walls, or many positions are outside them.
-    """
-    limits = tuple((low + radius, high - radius) for low, high in walls)
-    if any(low >= high for low, high in limits):
-        raise OptionError(f"{path}: a body of radius {radius:g} m does not fit between the walls; correct one of them")
-    places = np.concatenate([one.positions[one.is_observed] for one in recordings])
-    for axis, (low, high) in enumerate(limits):
-        margin = _MAX_OVERSHOOT * (high - low)
-        outside = (places[:, axis] < low - margin) | (places[:, axis] > high + margin)
-        if outside.mean() > _MAX_SHARE_OUTSIDE:
-            name = "xy"[axis]
-            raise OptionError(
-                f"{path}: {name} goes from {places[:, axis].min():.3g} to {places[:, axis].max():.3g} m, but the walls"
-                f" keep it between {low:.3g} and {high:.3g} m; correct walls, radius or units"
-            )
-    return limits

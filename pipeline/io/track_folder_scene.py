@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
 from models.core.errors import OptionError
+from models.core.recording import Recording
 from models.core.scene import Table
 from models.estimation.gap_scenes.billiards_scene import (
     DEFAULT_EFFECTS,
@@ -22,7 +23,7 @@ from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
-from pipeline.io.surroundings import WALL_SPELLINGS, find_centre_limits
+from pipeline.io.surroundings import WALL_SPELLINGS, Limits
 from pipeline.io.track_folder import SceneEntry, TrackFolder
 
 
@@ -81,7 +82,7 @@ def _build_slide(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
         if needing:
             raise OptionError(f"{needing[0]} needs walls in scene.json; state them as {WALL_SPELLINGS}")
         return build_sliding_scene(assumed)
-    limits = find_centre_limits(entry.walls, entry.radius, folder.recordings, Path("scene.json"))
+    limits = _find_centre_limits(entry, entry.walls, folder.recordings)
     return build_sliding_scene(assumed, limits, folder.recordings)
 
 
@@ -130,3 +131,30 @@ def _image_geometry(entry: SceneEntry) -> ImageGeometry | None:
         return None
     size, origin = np.array([image.width_px, image.height_px]), np.array(image.origin_px)
     return ImageGeometry((size / 2 - origin) / image.px_per_m, image.height_px / image.px_per_m, image.px_per_m)
+
+
+# Tolerated distance beyond a wall, in sides of the rectangle: wrong units give more.
+_MAX_OVERSHOOT = 0.1
+# Largest tolerated share of positions further outside.
+_MAX_SHARE_OUTSIDE = 0.25
+
+
+def _find_centre_limits(entry: SceneEntry, walls: Limits, recordings: Sequence[Recording]) -> Limits:
+    """Find the limits of the centre of a body between walls; it must fit there, and most positions be between them."""
+    (x, y), radius = walls, entry.radius
+    limits = (x[0] + radius, x[1] - radius), (y[0] + radius, y[1] - radius)
+    if any(low >= high for low, high in limits):
+        raise OptionError(
+            f"scene.json: a body of radius {radius:g} m does not fit between the walls; correct one of them"
+        )
+    places = np.concatenate([one.positions[one.is_observed] for one in recordings])
+    for axis, (low, high) in enumerate(limits):
+        margin = _MAX_OVERSHOOT * (high - low)
+        outside = (places[:, axis] < low - margin) | (places[:, axis] > high + margin)
+        if outside.mean() > _MAX_SHARE_OUTSIDE:
+            name = "xy"[axis]
+            raise OptionError(
+                f"scene.json: {name} goes from {places[:, axis].min():.3g} to {places[:, axis].max():.3g} m, but the"
+                f" walls keep it between {low:.3g} and {high:.3g} m; correct walls, radius or units"
+            )
+    return limits

@@ -18,9 +18,10 @@ from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
 from models.numerics.statistics import intersect_estimates
 from models.physics.billiards.parameter_vector import GRAVITY, TABLE_PARAMETERS
+from pipeline.io.profile_export import SCHEMA
 from pipeline.io.run_folder import list_files_beside, parse_camera, parse_table, read_scene_document
 from pipeline.io.strict_json import write_json
-from pipeline.io.table_profile import SCHEMA, SIZE_TOLERANCE, ProfileEntry, read_profile_text
+from pipeline.io.table_profile import SIZE_TOLERANCE, ProfileEntry, read_profile_text
 from video.calibration.view_prior import CLOTH_MISFIT, PROFILE_NOTE, ViewPrior
 
 # Parameters of the cloth that every shot gives.
@@ -191,7 +192,6 @@ def update_profile(path: Path, folder: Path) -> tuple[str, ...]:
     )
     scene = read_scene_document(folder / "scene.json")
     notes = [*add_view(profile, scene), *_add_effects(profile, scene)]
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_json(profile, path)
     return tuple(notes)
 

@@ -26,7 +26,7 @@ def laws_stage(options: FitOptions) -> Stage:
 def _fit_laws(inputs: Inputs, options: FitOptions, folder: Path, progress: Progress) -> WholeShotFit:
     """Fit published contact models to whole shots, on the table of the profile where it suits the clip."""
     from models.estimation.reconstruction.shot_views import view_shot
-    from pipeline.io.kept_values import fit_laws  # slow to import
+    from pipeline.io.shot_laws import fit_laws  # slow to import
     from pipeline.io.table_profile import parse_table_prior
     from pipeline.io.view_profile import list_profile_misfits
 

@@ -67,7 +67,6 @@ def check(
     else:
         _print_report(report)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
         write_image(_draw_still(report), out)
     if report.verdict == "no-go":
         raise typer.Exit(1)

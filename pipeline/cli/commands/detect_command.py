@@ -73,7 +73,6 @@ def detect_balls_in_stills(
             cli.console.print(f"Note: {balls.note}", markup=False, soft_wrap=True)
         rows.extend(_build_rows(name, balls))
         makers.add(balls.detector)
-    out.parent.mkdir(parents=True, exist_ok=True)
     if len(failed) < len(paths):
         with replace_file(out) as target:
             _write_rows(rows, target)

@@ -13,7 +13,7 @@ from models.core.ball_look import describe_unseen_balls
 from models.core.events import Events
 from models.core.naming import Naming, join_names
 from models.core.trajectory import State
-from pipeline.engine.atomic_write import replace_file, require_writable_folder
+from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.image_file import write_image
 from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
@@ -47,11 +47,8 @@ def simulate_shot(
     events, state = simulation.list_events(wanted.hz), simulation.to_state(wanted.times)
     ids = wanted.balls.ids
     naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
-    folder.mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / "trajectory.csv") as path:
-        write_states(ids, wanted.times, state, path)
-    with replace_file(folder / "events.csv") as path:
-        write_events(events, path)
+    write_states(ids, wanted.times, state, folder / "trajectory.csv")
+    write_events(events, folder / "events.csv")
     write_image(_draw_shot(wanted, naming, state, events), folder / "plan.png")
     rows = [(f"{events.t[k]:.6f} s", name_event(events, k, naming)) for k in range(len(events))]
     event_values = [

@@ -12,7 +12,6 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from models.core.errors import OptionError
-from pipeline.engine.atomic_write import replace_file
 from pipeline.extras import name_remedy
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
@@ -116,9 +115,7 @@ def _write_folder(tracks: PointTracks, path: Path, provenance: Provenance) -> No
     beside = path / SCENE_FILE
     if path.is_dir() and any(path.iterdir()) and not (beside.is_file() and '"converted"' in beside.read_text()):
         raise OptionError(f"{path} holds other files; name a new folder")
-    path.mkdir(parents=True, exist_ok=True)
-    with replace_file(path / TRACKS_FILE) as fresh:
-        write_columns(list_columns(tracks), fresh, "needed")
+    write_columns(list_columns(tracks), path / TRACKS_FILE, "needed")
     write_json(describe_scene(tracks, provenance), beside)
 
 

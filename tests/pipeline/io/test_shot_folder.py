@@ -23,10 +23,11 @@ from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.actions import predict_shot
 from pipeline.engine.result_cache import ResultCache
-from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, find_laws, keep_laws, keep_value, load_shot
+from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value, load_shot
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import read_shot_record, view_run
 from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
+from pipeline.io.shot_laws import find_laws, keep_laws
 
 
 @pytest.fixture(scope="module")
