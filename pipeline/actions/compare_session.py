@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TrackError
-from models.core.fit_result import ShotNumbers
+from models.core.fit_result import ShotNumber, ShotNumbers
 from models.core.naming import Naming
 from models.estimation.shot_numbers.session_statistics import collect_session_numbers, summarize_series
 from pipeline.engine.atomic_write import replace_file, write_text
@@ -22,7 +22,6 @@ from pipeline.io.run_folder import (
     find_repeated_clips,
     list_folders_with,
     parse_naming,
-    parse_shot_numbers,
     read_scene_document,
 )
 from pipeline.io.strict_json import format_strict_json, replace_nonfinite
@@ -67,6 +66,44 @@ def read_shots(folder: Path, source: str = "") -> list[SessionShot]:
         return [SessionShot(source, folder, shot, naming) for shot in parse_shot_numbers(document)]
     except OptionError as error:
         raise OptionError(f"{folder} {error}") from error
+
+
+def parse_shot_numbers(scene: dict[str, Any]) -> tuple[ShotNumbers, ...]:
+    """Parse the numbers of the shots of a scene.json.
+
+    Args:
+        scene: Content of the scene.json.
+
+    Returns:
+        Numbers per shot.
+
+    Raises:
+        OptionError: It has none, or they are malformed.
+    """
+    if "shot_numbers" not in scene:
+        raise OptionError("was written by a version without shot numbers; run the clip again")
+    try:
+        return tuple(_parse_shot(entry) for entry in scene["shot_numbers"])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OptionError(f"has shot numbers that cannot be used: {error}") from error
+
+
+def _parse_shot(entry: dict[str, Any]) -> ShotNumbers:
+    potted = entry["potted"]
+    return ShotNumbers(
+        float(entry["t"]), str(entry["cue"]), str(entry["first"]), entry["spin_state"],
+        tuple(float(p) for p in entry["spin_state_probabilities"].values()),
+        tuple(str(one["ball"]) for one in potted), tuple(str(one["pocket"]) for one in potted),
+        tuple(_parse_number(one) for one in entry["numbers"]),
+    )  # fmt: skip
+
+
+def _parse_number(entry: dict[str, Any]) -> ShotNumber:
+    value, sigma = (float("nan") if entry[name] is None else float(entry[name]) for name in ("value", "sigma"))
+    return ShotNumber(
+        str(entry["name"]), value, sigma, str(entry["unit"]), bool(entry["observable"]), str(entry["ball"]),
+        str(entry["place"]),
+    )  # fmt: skip
 
 
 def read_session(sources: Sequence[Path]) -> tuple[list[SessionShot], tuple[str, ...]]:

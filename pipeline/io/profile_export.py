@@ -13,8 +13,8 @@ from typing import Any
 
 from models.core.fit_result import Parameter
 from models.core.scene import Table
-from models.physics.billiards.ball_cushion.cushion_contact import NOSE_HEIGHT, NOSE_HEIGHT_PARAMETER
 from models.physics.billiards.ball_cushion.stronge import FREQUENCY_RATIO
+from models.physics.billiards.contact_model import NOSE_HEIGHT, NOSE_HEIGHT_PARAMETER
 from models.physics.billiards.parameter_vector import GRAVITY
 
 SCHEMA = "trueroll.profile/1"

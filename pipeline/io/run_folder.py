@@ -16,7 +16,6 @@ from models.core.ball_look import BallLook
 from models.core.errors import OptionError
 from models.core.naming import Naming, build_naming
 from models.core.scene import Camera, Table
-from models.core.fit_result import ShotNumber, ShotNumbers
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.strict_json import read_json
 from pipeline.io.text_table import Columns, read_text_table
@@ -217,44 +216,6 @@ def parse_naming(scene: dict[str, Any]) -> Naming:
     looks = {one["id"]: BallLook(one.get("name", one["id"]), number=one.get("number") or 0)
              for one in scene.get("balls", [])}  # fmt: skip
     return build_naming(parse_table(scene), parse_camera(scene), list(looks), list(looks.values()))
-
-
-def parse_shot_numbers(scene: dict[str, Any]) -> tuple[ShotNumbers, ...]:
-    """Parse the numbers of the shots of a scene.json.
-
-    Args:
-        scene: Content of the scene.json.
-
-    Returns:
-        Numbers per shot.
-
-    Raises:
-        OptionError: It has none, or they are malformed.
-    """
-    if "shot_numbers" not in scene:
-        raise OptionError("was written by a version without shot numbers; run the clip again")
-    try:
-        return tuple(_parse_shot(entry) for entry in scene["shot_numbers"])
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise OptionError(f"has shot numbers that cannot be used: {error}") from error
-
-
-def _parse_shot(entry: dict[str, Any]) -> ShotNumbers:
-    potted = entry["potted"]
-    return ShotNumbers(
-        float(entry["t"]), str(entry["cue"]), str(entry["first"]), entry["spin_state"],
-        tuple(float(p) for p in entry["spin_state_probabilities"].values()),
-        tuple(str(one["ball"]) for one in potted), tuple(str(one["pocket"]) for one in potted),
-        tuple(_parse_number(one) for one in entry["numbers"]),
-    )  # fmt: skip
-
-
-def _parse_number(entry: dict[str, Any]) -> ShotNumber:
-    value, sigma = (float("nan") if entry[name] is None else float(entry[name]) for name in ("value", "sigma"))
-    return ShotNumber(
-        str(entry["name"]), value, sigma, str(entry["unit"]), bool(entry["observable"]), str(entry["ball"]),
-        str(entry["place"]),
-    )  # fmt: skip
 
 
 def list_folders_with(name: str, sources: Iterable[Path]) -> list[Path]:

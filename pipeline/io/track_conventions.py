@@ -174,6 +174,9 @@ class _Interpretation:
     def _refuse(self, sentence: str) -> OptionError:
         return OptionError(f"{self.place}: {sentence}")
 
+    def _note(self, sentence: str) -> None:
+        self.notes.append(f"{self.place}: {sentence}")
+
     def _read_times(self, count: int) -> FloatArray:
         """Return times in s: by the unit of the header, by fps, or by the step between samples."""
         if "t" not in self.columns:
@@ -188,10 +191,10 @@ class _Interpretation:
         stated = self.table.units.get("t")
         unit = stated if stated in _TIME_UNITS else self._find_time_unit(t)
         if unit != "s" and not stated:
-            self.notes.append(f"{self.place}: t is in {unit}, as the step between samples shows")
+            self._note(f"t is in {unit}, as the step between samples shows")
         t = t * _TIME_UNITS[unit]
         if finite.size and finite.min() * _TIME_UNITS[unit] > _MIN_EPOCH:
-            self.notes.append(f"{self.place}: times count from an epoch; the first one is 0 here")
+            self._note("times count from an epoch; the first one is 0 here")
             t = (self.columns["t"] - finite.min()) * _TIME_UNITS[unit]
         return np.asarray(t)
 
@@ -228,9 +231,7 @@ class _Interpretation:
                     break
             numbers[here] = np.unique(self.t[here], return_inverse=True)[1]
             if has_frames and self.is_usable[here].all():
-                self.notes.append(
-                    f"{self.place}: a frame number has several times, as of cameras with own numbers; the times count"
-                )
+                self._note("a frame number has several times, as of cameras with own numbers; the times count")
         return numbers
 
     def _even_out_times(self) -> None:
@@ -250,16 +251,14 @@ class _Interpretation:
             if even := fit_even_times(number, self.t[here]):
                 self.t[here], coarsest = even[0], max(coarsest, even[1])
         if coarsest:
-            self.notes.append(
-                f"{self.place}: times are rounded to {coarsest:.3g} s; the even times that round to them are used"
-            )
+            self._note(f"times are rounded to {coarsest:.3g} s; the even times that round to them are used")
 
     def _leave_out(self, rows: NDArray[np.intp], sentence: str) -> None:
         """Leave out a shot that cannot be used; a table of which nothing remains is refused."""
         self.is_usable[rows] = False
         if not self.is_usable.any():
             raise self._refuse(sentence)
-        self.notes.append(f"{self.place}: {sentence}; it is left out")
+        self._note(f"{sentence}; it is left out")
 
     def _align_frame_times(self, here: NDArray[np.intp], frame: NDArray[np.int64]) -> bool:
         """Give all rows of a frame the time of its first one; return False where they differ, or do not go forward."""
@@ -290,17 +289,14 @@ class _Interpretation:
             return  # a run wrote the table, no recorder
         count, bodies, usable = 0, list(self._list_bodies()), int(self.is_usable.sum())
         if several := usable - sum(map(len, bodies)):
-            self.notes.append(
-                f"{self.place}: {several} of {usable} rows repeat the time of a row of their body and are left out"
-            )
+            self._note(f"{several} of {usable} rows repeat the time of a row of their body and are left out")
         for rows in bodies:
             repetitions = rows[find_held_samples(self.positions[rows])]
             self.is_usable[repetitions] = False
             count += len(repetitions)
         if count:
-            self.notes.append(
-                f"{self.place}: {count} of {len(self.t)} positions repeat the one before, as a recorder holds them;"
-                " they are left out"
+            self._note(
+                f"{count} of {len(self.t)} positions repeat the one before, as a recorder holds them; they are left out"
             )
 
     def _convert_stated_units(self) -> None:
@@ -339,28 +335,18 @@ class _Interpretation:
                 for unit, one in units.items():
                     # a rate without a unit in its name that changes as its coordinate does shares its unit, whichever
                     if abs(np.log(size / one)) < np.log(_RATE_TOLERANCE) and (own in units or one != 1):
-                        self.notes.append(f"{self.place}: {axis} is in {UNIT_NAMES[unit]}, as its rate {name} shows")
+                        self._note(f"{axis} is in {UNIT_NAMES[unit]}, as its rate {name} shows")
                         return unit
         return None
 
     def _scale(self, unit: float) -> None:
         self.positions, self.unit = self.positions * unit, self.unit * unit
 
-    def _suggest_or_scale(self, unit: str, evidence: str) -> None:
-        """Take another unit where none is stated; refuse a stated one."""
-        spelled = f"{evidence}, so that lengths are in {UNIT_NAMES[unit]}"
-        if self.stated:
-            raise self._refuse(
-                f'{spelled}, but {self.stated} is stated; write "units": "{unit}" in scene.json or correct the scale'
-            )
-        self._scale(LENGTH_UNITS[unit])
-        self.notes.append(f"{self.place}: {spelled}")
-
     def _note_assumed_unit(self, unit: str, doubt: str = "nothing shows it") -> None:
         """Say that a unit was assumed where nobody stated it."""
         if not self.stated:
-            self.notes.append(
-                f"{self.place}: no unit of {', '.join(self.names)} is stated, and {doubt}; {UNIT_NAMES[unit]} are"
+            self._note(
+                f"no unit of {', '.join(self.names)} is stated, and {doubt}; {UNIT_NAMES[unit]} are"
                 ' assumed: state "units" in scene.json'
             )
 
@@ -376,7 +362,7 @@ class _Interpretation:
         if self._is_level(falls[-1], falls[other]) and abs(ratios[other]) > low:
             name, height = self.names[other], self.names[-1]
             self.positions[:, [other, -1]] = self.positions[:, [-1, other]]
-            self.notes.append(f"{self.place}: bodies fall along {name}, not {height}; {name} is taken as the height")
+            self._note(f"bodies fall along {name}, not {height}; {name} is taken as the height")
             ratios[-1], falls[-1] = ratios[other], falls[other]
         ratio, last = float(ratios[-1]), falls[-1]
         has_drag = last is not None and last.has_drag
@@ -386,9 +372,7 @@ class _Interpretation:
                     f"bodies fall towards larger {self.names[-1]}; turn it, and the axes of spin, upwards"
                 )
             self.positions[:, -1] *= -1
-            self.notes.append(
-                f"{self.place}: bodies fall towards larger {self.names[-1]}; that axis points down and is turned"
-            )
+            self._note(f"bodies fall towards larger {self.names[-1]}; that axis points down and is turned")
         size = abs(ratio)
         if low <= size <= high:
             if abs(np.log(size)) > np.log(_UNIT_TOLERANCE):
@@ -402,7 +386,14 @@ class _Interpretation:
         evidence = f"bodies fall at {metres:,.4g} m/s2 for a gravity of {self.scene.gravity:g}"
         for unit, length in LENGTH_UNITS.items():
             if unit != "m" and self.stated != "px" and abs(np.log(size * length)) < np.log(_UNIT_TOLERANCE):
-                self._suggest_or_scale(unit, evidence)
+                sentence = f"{evidence}, so that lengths are in {UNIT_NAMES[unit]}"
+                if self.stated:
+                    raise self._refuse(
+                        f'{sentence}, but {self.stated} is stated; write "units": "{unit}" in scene.json or correct the'
+                        " scale"
+                    )
+                self._scale(length)
+                self._note(sentence)
                 return
         remedy = "correct px_per_m" if self.stated == "px" else "state the units in scene.json, or correct the times"
         raise self._refuse(f"{evidence}; {remedy}")
@@ -421,14 +412,15 @@ class _Interpretation:
             scale = 1.0 if unit == "rad" else np.pi / 180
             if self.stated == "deg":  # converted already
                 scale = 180 / np.pi if unit == "rad" else 1.0
-            readings[unit] = [(rows, *self._unwrap(self.positions[rows] * scale)) for rows in self._list_bodies()]
+            plain = [(rows, self.positions[rows] * scale) for rows in self._list_bodies()]
+            readings[unit] = [(rows, angles, unwrap_angles(angles, 2 * np.pi)) for rows, angles in plain]
         fits = {
-            unit: fit_swing([(self.t[rows], angles) for rows, angles, _ in parts]) for unit, parts in readings.items()
+            unit: fit_swing([(self.t[rows], angles if turned is None else turned) for rows, angles, turned in parts])
+            for unit, parts in readings.items()
         }
         other = "deg" if stated == "rad" else "rad"
         chosen = stated
-        is_other = fits[stated].misfit > _BAD_SWING and fits[other].misfit < _GOOD_SWING * fits[stated].misfit
-        if is_other:
+        if fits[stated].misfit > _BAD_SWING and fits[other].misfit < _GOOD_SWING * fits[stated].misfit:
             if self.stated:
                 widest = float(np.abs(self.positions[self.is_usable]).max()) / self.unit
                 raise self._refuse(
@@ -437,14 +429,14 @@ class _Interpretation:
                 )
             chosen = other
             self._scale(np.pi / 180)
-            self.notes.append(f"{self.place}: angles are in degrees, as their motion shows")
+            self._note("angles are in degrees, as their motion shows")
         elif fits["rad"].misfit > _GOOD_SWING * fits["deg"].misfit:
             widest = float(np.abs(self.positions[self.is_usable]).max())
             self._note_assumed_unit("rad", f"the motion of angles up to {widest:.2g} does not show it")
-        for rows, angles, is_wrapped in readings[chosen]:
-            if is_wrapped:
-                self.positions[rows] = angles
-                self.notes.append(f"{self.place}: angles are kept within one turn; their jumps are taken out")
+        for rows, _, turned in readings[chosen]:
+            if turned is not None:
+                self.positions[rows] = turned
+                self._note("angles are kept within one turn; their jumps are taken out")
         fit = fits[chosen]
         quarter = np.round(fit.rest / (np.pi / 2))
         quarter[quarter == -2] = 2
@@ -455,13 +447,7 @@ class _Interpretation:
             and np.abs(np.sin(fit.rest - quarter * np.pi / 2)).max() < _REST_TOLERANCE
         ):
             self.positions -= quarter[0] * np.pi / 2
-            self.notes.append(
-                f"{self.place}: the pendulum hangs at {quarter[0] * 90:g} degrees; angles count from there"
-            )
-
-    def _unwrap(self, angles: FloatArray) -> tuple[FloatArray, bool]:
-        unwrapped = unwrap_angles(angles, 2 * np.pi)
-        return (angles, False) if unwrapped is None else (unwrapped, True)
+            self._note(f"the pendulum hangs at {quarter[0] * 90:g} degrees; angles count from there")
 
     def _check_speed(self) -> None:
         speed = measure_speed(self._list_paths())
@@ -495,11 +481,11 @@ class _Interpretation:
                     continue
                 self.positions[:, :2], self.unit = placed, self.unit * length
                 if words:
-                    self.notes.append(f"{self.place}: {words}")
+                    self._note(f"{words}")
                 if unit != "m":
                     inches = usable * LENGTH_UNITS["in"] / length
                     other = ", and in inches too" if not find_off_table(inches, self.scene.table).any() else ""
-                    self.notes.append(f"{self.place}: positions fit on the table in {UNIT_NAMES[unit]}{other}")
+                    self._note(f"positions fit on the table in {UNIT_NAMES[unit]}{other}")
                 return
 
 
