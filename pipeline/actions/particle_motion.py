@@ -86,10 +86,8 @@ def refine_positions(shot: Recording, motion: ParticleMotion, factor: int) -> di
     coarse = np.arange(len(is_observed))
     t = np.interp(np.arange((len(coarse) - 1) * factor + 1) / factor, coarse, shot.t)
     x = motion.motion(t)
-    first, last = (
-        is_observed.argmax(axis=0) * factor,
-        (len(is_observed) - 1 - is_observed[::-1].argmax(axis=0)) * factor,
-    )
+    first = is_observed.argmax(axis=0) * factor
+    last = (len(is_observed) - 1 - is_observed[::-1].argmax(axis=0)) * factor
     row = np.arange(len(t))[:, None]
     x[(row < first) | (row > last)] = np.nan
     x[::factor][is_observed] = shot.positions[is_observed]
@@ -135,7 +133,8 @@ def predict_particles(
     prediction = forecast_particles(past, past.t[-1] + np.arange(1, steps + 1) * (seconds / steps))
     require_writable_folder(folder)
     target = folder / "prediction.csv"
-    write_particle_positions(target, [shot], [_build_rows(prediction)])
+    spread = np.broadcast_to(prediction.sigma[:, None], prediction.x.shape[:2])
+    write_particle_positions(target, [shot], [{"t": prediction.t, "x": prediction.x, "sigma": spread}])
     physics, sigma = summarize_physics(prediction), float(prediction.sigma[-1])
     return Answer(
         f"Where do the particles go from {past.t[-1]:.3f} s on?",
@@ -149,13 +148,11 @@ def predict_particles(
 
 
 def _select_shot(shots: list[Recording], number: int | None, path: Path) -> Recording:
-    if number is None:
-        return shots[0]
-    for shot in shots:
-        if shot.shot == number:
-            return shot
-    there = ", ".join(str(shot.shot) for shot in shots)
-    raise OptionError(f"{path} has the shots {there}; shot {number} is not among them")
+    chosen = [shot for shot in shots if number in (None, shot.shot)]
+    if not chosen:
+        there = ", ".join(str(shot.shot) for shot in shots)
+        raise OptionError(f"{path} has the shots {there}; shot {number} is not among them")
+    return chosen[0]
 
 
 def _truncate_at(particles: Recording, at: float | None) -> Recording:
@@ -171,11 +168,6 @@ def _truncate_at(particles: Recording, at: float | None) -> Recording:
     except ValueError as error:
         raise OptionError(f"There are too few observations until {at:g} s: {error}") from error
     return past
-
-
-def _build_rows(prediction: ParticlePrediction) -> dict[str, FloatArray]:
-    sigma = np.broadcast_to(prediction.sigma[:, None], prediction.x.shape[:2])
-    return {"t": prediction.t, "x": prediction.x, "sigma": sigma}
 
 
 def summarize_physics(result: ParticleMotion | ParticlePrediction) -> dict[str, Any]:

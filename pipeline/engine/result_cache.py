@@ -125,12 +125,11 @@ class ResultCache:
 
     def _require_mark(self) -> None:
         """Raise CacheMissing if another folder, such as a bare mount point, has taken the place of this one."""
-        try:
-            if (self.root / MARK).read_text(encoding="ascii") == self.mark:
-                return
-        except (OSError, ValueError) as error:
-            raise CacheMissing(self.root) from error
-        raise CacheMissing(self.root)
+        mark = None
+        with suppress(OSError, ValueError):
+            mark = (self.root / MARK).read_text(encoding="ascii")
+        if mark != self.mark:
+            raise CacheMissing(self.root)
 
     def entry_folder(self, key: str) -> Path:
         """Return the folder of the entry with this digest, whether it exists or not."""
@@ -203,12 +202,9 @@ class ResultCache:
 
     def entries(self) -> Iterator[CacheEntry]:
         """Yield all complete entries, the least recently used first, without checking their hashes."""
-        read_entries = [
-            _read_entry(path.parent, check=False) for path in (self.root / "entries").glob(f"*/*/{MANIFEST}")
-        ]
-        yield from sorted(
-            (entry for entry in read_entries if entry is not None), key=lambda entry: (entry.used, entry.key)
-        )
+        folders = (path.parent for path in (self.root / "entries").glob(f"*/*/{MANIFEST}"))
+        complete = [entry for folder in folders if (entry := _read_entry(folder, check=False)) is not None]
+        yield from sorted(complete, key=lambda entry: (entry.used, entry.key))
 
     def prune(self, *, older_than_s: float | None = None, largest_bytes: int | None = None) -> list[CacheEntry]:
         """Remove old entries, then the least recently used ones until the rest fits, and leftovers of killed processes.
@@ -228,35 +224,29 @@ class ResultCache:
         for entry in entries:
             old = older_than_s is not None and now - entry.used > older_than_s
             if old or (largest_bytes is not None and total > largest_bytes):
-                self._remove_entry(entry)
+                with FileLock(self._lock_file(entry.key)):
+                    shutil.rmtree(entry.folder, ignore_errors=True)
                 removed.append(entry)
                 total -= entry.size
-        self._remove_unused_locks()
+        for path in (self.root / "locks").glob("*.lock"):  # filelock notices if another process waits for one of them
+            if not self.entry_folder(path.stem).exists():
+                with suppress(Timeout), FileLock(path, timeout=0):
+                    path.unlink(missing_ok=True)
         return removed
 
     def remove_leftovers(self) -> None:
         """Remove what killed processes left: a lock ends with its process, so nobody builds where the lock is free."""
         remove_leftovers(self.root / "building")
         for path in (self.root / "building").iterdir():
-            with suppress(Timeout, FileNotFoundError), FileLock(self._lock_file(_key_of_build_folder(path)), timeout=0):
+            key = path.name.rpartition("-")[0].rpartition("-")[2] or path.name  # of STAGE-KEY-RANDOM
+            with suppress(Timeout, FileNotFoundError), FileLock(self._lock_file(key), timeout=0):
                 if path.is_dir():
                     shutil.rmtree(path, ignore_errors=True)
                 elif time.time() - path.stat().st_mtime > PROBE_AGE_S:
                     path.unlink()
 
-    def _remove_unused_locks(self) -> None:
-        """Remove free lock files without an entry; filelock notices if another process waits for one of them."""
-        for path in (self.root / "locks").glob("*.lock"):
-            if not self.entry_folder(path.stem).exists():
-                with suppress(Timeout), FileLock(path, timeout=0):
-                    path.unlink(missing_ok=True)
-
     def _lock_file(self, key: str) -> Path:
         return self.root / "locks" / f"{key}.lock"
-
-    def _remove_entry(self, entry: CacheEntry) -> None:
-        with FileLock(self._lock_file(entry.key)):
-            shutil.rmtree(entry.folder, ignore_errors=True)
 
 
 def _read_or_create_mark(root: Path) -> str:
@@ -268,11 +258,6 @@ def _read_or_create_mark(root: Path) -> str:
                 with replace_file(mark) as fresh:
                     fresh.write_text(uuid.uuid4().hex, encoding="ascii")
     return mark.read_text(encoding="ascii")
-
-
-def _key_of_build_folder(building: Path) -> str:
-    """Return the key of a folder under building/, which is named STAGE-KEY-RANDOM."""
-    return building.name.rpartition("-")[0].rpartition("-")[2] or building.name
 
 
 def _write_manifest(folder: Path, key: CacheKey, seconds: float) -> None:
@@ -292,18 +277,17 @@ def _read_entry(folder: Path, *, check: bool = True) -> CacheEntry | None:
         document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         used = (folder / MANIFEST).stat().st_mtime
         files: dict[str, dict[str, Any]] = document["files"]
-        if document["key"] != folder.name:
+        is_whole = document["key"] == folder.name and all(
+            _size_within(folder, name) == facts["size"]
+            and not (check and _hash_file_content(folder / name) != facts["sha256"])
+            for name, facts in files.items()
+        )
+        if not is_whole:
             return None
-        for name, facts in files.items():
-            if _size_within(folder, name) != facts["size"]:
-                return None
-            if check and _hash_file_content(folder / name) != facts["sha256"]:
-                return None
         content = hashlib.sha256(json.dumps({n: f["sha256"] for n, f in files.items()}, sort_keys=True).encode())
         size = sum(int(facts["size"]) for facts in files.values())
-        return CacheEntry(
-            folder, document["key"], document["stage"], content.hexdigest(), document["seconds"], size, used
-        )
+        key, stage, seconds = (document[name] for name in ("key", "stage", "seconds"))
+        return CacheEntry(folder, key, stage, content.hexdigest(), seconds, size, used)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -112,31 +112,18 @@ def _find_source_files(module: str, root: Path, snapshot: SourceSnapshot) -> set
         if name in visited or name.split(".", 1)[0] not in PACKAGES:
             continue
         visited.add(name)
-        path = _find_module_file(name, root)
+        base = root.joinpath(*name.split("."))
+        path = next((one for one in (base.with_suffix(".py"), base / "__init__.py") if one.is_file()), None)
         if path is None:
             continue
         text = snapshot.read_module(path)
         files.add(path)
         files.update(_find_named_data(path, text.source, snapshot))
         for package in text.discovered_packages:
-            waiting.extend(_list_modules(package, root))
+            paths = (one.relative_to(root) for one in root.joinpath(*package.split(".")).rglob("*.py"))
+            waiting.extend(".".join(one.with_suffix("").parts).removesuffix(".__init__") for one in paths)
         waiting.extend(_list_possible_modules(text.imports, name))
     return files
-
-
-def _list_modules(package: str, root: Path) -> Iterator[str]:
-    """Yield the names of all modules below a package, at any depth."""
-    for path in root.joinpath(*package.split(".")).rglob("*.py"):
-        yield ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
-
-
-def _find_module_file(name: str, root: Path) -> Path | None:
-    """Return the file of a module or package; None if there is no such file."""
-    base = root.joinpath(*name.split("."))
-    for path in (base.with_suffix(".py"), base / "__init__.py"):
-        if path.is_file():
-            return path
-    return None
 
 
 # Cached by content, so that an edit within one tick of the clock counts too.

@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.errors import OptionError
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import KINDS, Tracks
-from models.core.typing import FloatArray
 from pipeline.io.run_folder import DEFAULT_SIGMA, parse_camera, parse_table, read_scene_document
 from pipeline.io.shot_folder import has_shot, read_shot
 from pipeline.io.text_table import Columns, build_row_grid, read_text_table, require_tracks_file
@@ -53,10 +51,9 @@ def read_observed_shot(source: Path, shot: int | None = None) -> tuple[Tracks, S
     table = parse_table(document)
     if rows.is_usable.any():
         require_positions_on_table(rows.positions[rows.is_usable], (table.length, table.width), path)
-    scene = Scene(
-        table, parse_camera(document) or _build_overhead_camera(document, table), _parse_cloth_colour(document),
-        rows.notes,
-    )  # fmt: skip
+    lab = document["table"].get("cloth_lab")
+    cloth = np.array(lab, float) if isinstance(lab, list) and len(lab) == 3 else DEFAULT_CLOTH_LAB
+    scene = Scene(table, parse_camera(document) or _build_overhead_camera(document, table), cloth, rows.notes)
     return _build_tracks(rows, columns, number, scene, path), scene, number
 
 
@@ -107,30 +104,25 @@ def _build_tracks(rows: TrackRows, columns: Columns, number: int, scene: Scene, 
     xy = grid.scatter(rows.positions[here])
     sigma = rows.unit * grid.scatter(columns.get("sigma", blank)[here])
     sigma = np.where(np.isfinite(xy[..., 0]) & ~(sigma > 0), DEFAULT_SIGMA, sigma)
+    labels = dict(zip(names.tolist(), columns.get("kind", rows.ids)[here].tolist(), strict=True))
+    kinds = [labels[name].split("-")[0] for name in ids]  # without a column kind, names such as `red-2`
     radius = scene.table.ball_radius
     filled = np.where(np.isfinite(xy), xy, [scene.table.length / 2, scene.table.width / 2])
     computed = np.where(np.isfinite(xy), scene.camera.to_pixels(filled, radius), np.nan)
     px = grid.scatter(np.stack([columns.get("x_px", blank), columns.get("y_px", blank)], axis=1)[here])
     size = grid.scatter(columns.get("radius_px", blank)[here])
     return Tracks(
-        rows.frame[first], rows.t[first], ids, _parse_ball_classes(columns.get("kind", rows.ids)[here], names, ids), xy,
+        rows.frame[first], rows.t[first], ids, tuple(kind if kind in KINDS else "ball" for kind in kinds), xy,
         np.where(np.isfinite(px), px, computed), sigma, sigma,
         np.zeros_like(xy), np.where(np.isfinite(size), size, scene.camera.radius_px(filled, radius)),
         np.tile([70.0, 0.0, 0.0], (len(ids), 1)),
     )  # fmt: skip
 
 
-def _parse_ball_classes(labels: NDArray[np.str_], names: NDArray[np.str_], ids: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the ball classes of labels (K,) of rows, which are names (`red-2`) where there is no column kind."""
-    named = dict(zip(names.tolist(), labels.tolist(), strict=True))
-    kinds = (named[name].split("-")[0] for name in ids)
-    return tuple(kind if kind in KINDS else "ball" for kind in kinds)
-
-
 def _build_overhead_camera(document: dict[str, Any], table: Table) -> Camera:
     """Build a camera straight above the table; without `image` in scene.json, the table fills the image."""
-    image = document.get("image") if isinstance(document.get("image"), dict) else {}
-    image = image or {}
+    stated = document.get("image")
+    image = stated if isinstance(stated, dict) else {}
     scale = float(image.get("px_per_m") or ASSUMED_IMAGE_WIDTH / table.length)
     left, top = (float(value) for value in image.get("origin_px") or (0.0, 0.0))
     wide, tall = (int(image.get(name) or scale * side) for name, side in
@@ -145,8 +137,3 @@ def _build_overhead_camera(document: dict[str, Any], table: Table) -> Camera:
     )
     corners = scale * table.corners + [left, top]
     return Camera(matrix, wide, tall, corners, 0.01 * np.eye(8), "cloth", ASSUMED_CAMERA_HEIGHT, 0.3)
-
-
-def _parse_cloth_colour(document: dict[str, Any]) -> FloatArray:
-    lab = document["table"].get("cloth_lab")
-    return np.array(lab, float) if isinstance(lab, list) and len(lab) == 3 else DEFAULT_CLOTH_LAB

@@ -137,7 +137,8 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
             raise OptionError(
                 f"{folder} has {other.reference}, and {folders[0]} has {first.reference}; diagnose them separately"
             )
-        if _list_surroundings(other) != _list_surroundings(first):
+        surroundings = [(one.entry.walls, one.entry.radius, one.inputs) for one in (other, first)]
+        if surroundings[0] != surroundings[1]:
             raise OptionError(
                 f"{folder} states other walls, radius or known inputs than {folders[0]}; diagnose them separately"
             )
@@ -149,7 +150,11 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
     used, repetitions = drop_repeated_clips(folders)
     pairs = [(one, folder) for one, folder in zip(read, folders, strict=True) if folder in used]
     shots, repeated_shots = _drop_repeated_shots(
-        [(one, _format_shot_origin(one, own, folder.resolve())) for own, folder in pairs for one in own.recordings]
+        [
+            (one, folder.resolve().name + f", shot {one.shot}" * (len(own.recordings) > 1))
+            for own, folder in pairs
+            for one in own.recordings
+        ]
     )
     notes = (*repetitions, *repeated_shots, *(note for own, _ in pairs for note in own.notes))
     if len(pairs) == 1:
@@ -178,21 +183,11 @@ def _drop_repeated_shots(shots: list[tuple[Recording, str]]) -> tuple[list[tuple
     return used, (f"{'; '.join(names)}: such shots are counted once",) if names else ()
 
 
-def _format_shot_origin(shot: Recording, folder: TrackFolder, place: Path) -> str:
-    """Format the origin of a shot: its folder, and its number there if the folder has several."""
-    return place.name if len(folder.recordings) == 1 else f"{place.name}, shot {shot.shot}"
-
-
 def _is_other_table(one: SceneEntry, other: SceneEntry) -> bool:
     """Return whether two folders state different table sizes or ball radii."""
     sizes = [(entry.table.length, entry.table.width) for entry in (one, other) if entry.table is not None]
     balls = [(entry.ball_radius,) for entry in (one, other) if entry.ball_radius is not None]
     return any(len(pair) == 2 and not np.allclose(pair[0], pair[1], rtol=_SIZE_TOLERANCE) for pair in (sizes, balls))
-
-
-def _list_surroundings(folder: TrackFolder) -> tuple[object, ...]:
-    """List what else acts on bodies: walls, their distance from the centre of a body, and known inputs."""
-    return folder.entry.walls, folder.entry.radius, folder.inputs
 
 
 def _describe_table(entry: SceneEntry) -> str:
@@ -260,7 +255,8 @@ def _split_recordings(
 ) -> tuple[Recording, ...]:
     stated = table.columns.get("sigma", np.full(len(rows.t), np.nan)) * rows.unit
     is_stated = (stated > 1 / MAX_NUMBER) & (stated < MAX_NUMBER)
-    sigma = np.where(is_stated, stated, _default_noise(entry))
+    scale = entry.image.px_per_m if entry.image is not None else entry.px_per_m
+    sigma = np.where(is_stated, stated, DEFAULT_NOISE_PX / scale if scale else DEFAULT_NOISE)
     recordings = []
     for number in np.unique(rows.shot[rows.is_usable]).tolist():
         here = np.flatnonzero(rows.is_usable & (rows.shot == number))
@@ -276,12 +272,6 @@ def _split_recordings(
         is_all_stated = bool(is_stated[here].all())
         recordings.append(Recording(number, frames, times, bodies, positions, error, reference, is_all_stated, given))
     return tuple(recordings)
-
-
-def _default_noise(entry: SceneEntry) -> float:
-    if entry.image is not None:
-        return DEFAULT_NOISE_PX / entry.image.px_per_m
-    return DEFAULT_NOISE_PX / entry.px_per_m if entry.px_per_m else DEFAULT_NOISE
 
 
 TRACKS_FILE, SCENE_FILE = "tracks.csv", "scene.json"
