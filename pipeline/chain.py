@@ -24,8 +24,7 @@ from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
-from pipeline.engine.stage import Stage
-from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.engine.stage_graph import RunWatcher, StageGraph
 from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import view_inputs
@@ -44,7 +43,7 @@ from pipeline.stages.calibrate_stage import calibrate_stage
 from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.explain_stage import explain_stage
-from pipeline.stages.export_stage import ExportOptions, export_stage
+from pipeline.stages.export_stage import export_stage
 from pipeline.stages.laws_stage import laws_stage
 from pipeline.stages.place_stage import place_stages
 from pipeline.stages.read_stage import open_frame_memory, read_stage
@@ -151,14 +150,11 @@ def _build_graph(
     clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor, memory: FrameMemory | None
 ) -> StageGraph:
     """Build the graph of a run whose options hold the corrections of the clip."""
-    settings, title = (
-        format_changed_settings(replace(options, render=replace(options.render, no_video=False))),
-        escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}"),
-    )
-    stages: tuple[Stage, ...] = (
-        read_stage(clip, digest, options.read, memory)
-        if shot is None
-        else shot_stage(shot, digest, options.read, memory),
+    settings = format_changed_settings(replace(options, render=replace(options.render, no_video=False)))
+    title = escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}")
+    read = read_stage(clip, digest, options.read, memory)
+    stages = (
+        read if shot is None else shot_stage(shot, digest, options.read, memory),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
         *place_stages(options.corrections),
@@ -170,9 +166,8 @@ def _build_graph(
         poster_stage(options.render),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.fit)),
         record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
+        *(() if options.render.no_video else (render_stage(options.render),)),
     )
-    if not options.render.no_video:
-        stages = (*stages, render_stage(options.render))
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
 
 
@@ -186,14 +181,8 @@ def run_shot_graph(graph: StageGraph, cache: ResultCache, watcher: RunWatcher) -
     Returns:
         Clip and shot.
     """
-    return _load_shot(graph, graph.run(cache, watcher))
-
-
-def _load_shot(graph: StageGraph, entries: Mapping[str, CacheEntry]) -> tuple[Clip, Shot]:
-    """Load what a graph up to the shot has computed of a clip."""
-    stages = {stage.name: stage for stage in graph.stages}
-    clip, shot = (load_stage_output(stages[n], entries[n]) for n in ("read", "explain"))
-    return clip, shot
+    entries = graph.run(cache, watcher)
+    return graph.load("read", entries), graph.load("explain", entries)
 
 
 def run_tables(
@@ -230,9 +219,7 @@ def run_tables(
         report_tables = find_report_tables(folder)
         publish_files(entries, folder, keeps_older=True)
         write_source(clip, folder, options, shot, report_tables)
-    stages = {stage.name: stage for stage in graph.stages}
-    wanted = [name for name in ("read", "explain", "laws") if name in entries]
-    values: dict[str, Any] = {name: load_stage_output(stages[name], entries[name]) for name in wanted}
+    values: dict[str, Any] = {one: graph.load(one, entries) for one in ("read", "explain", "laws") if one in entries}
     explained: Shot = values["explain"]
     views = explained.scene, explained.tracks, view_inputs(values, options.fit)
     return values["read"], *views, hash_tables(entries["export"].folder)
@@ -302,7 +289,6 @@ def run_clip(
     graph = _build_graph(clip, digest, corrected, shot, executor, memory)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
-    stages = {stage.name: stage for stage in graph.stages}
     by_hand = len(format_corrections(corrected.corrections, Naming()))
     notes += (f"corrections by hand: {by_hand}, from {corrections_path(clip)}",) if by_hand else ()
     if overridden := list_overridden_flags(options, corrections):
@@ -319,7 +305,7 @@ def run_clip(
         publish_files(before, folder)
         write_source(clip, folder, options, shot, hash_tables(folder))
         if answer_listener is not None and not is_answered:
-            answer_listener(_summarize_run(folder, stages, before, notes, memory))
+            answer_listener(_summarize_run(folder, graph, before, corrected, notes, memory))
         is_answered = True
 
     with memory:
@@ -327,29 +313,23 @@ def run_clip(
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
     if "laws" in entries and not corrected.fit.profile:  # a profile is a prior that other questions do not share
-        explained, laws = (load_stage_output(stages[name], entries[name]) for name in ("explain", "laws"))
-        keep_laws(folder, explained, laws, cache)
-    return _summarize_run(folder, stages, entries, notes, memory)
+        keep_laws(folder, graph.load("explain", entries), graph.load("laws", entries), cache)
+    return _summarize_run(folder, graph, entries, corrected, notes, memory)
 
 
 def _summarize_run(
-    folder: Path,
-    stages: Mapping[str, Stage],
-    entries: Mapping[str, CacheEntry],
-    notes: tuple[str, ...],
+    folder: Path, graph: StageGraph, entries: Mapping[str, CacheEntry], options: RunOptions, notes: tuple[str, ...],
     memory: FrameMemory,
-) -> FinishedRun:
+) -> FinishedRun:  # fmt: skip
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
-    cached_clip: Clip = load_stage_output(stages["read"], entries["read"])
-    values = {name: load_stage_output(stages[name], entries[name]) for name in ("explain", "laws") if name in entries}
+    clip: Clip = graph.load("read", entries)
+    values = {name: graph.load(name, entries) for name in ("explain", "laws") if name in entries}
     shot: Shot = values["explain"]
-    options: ExportOptions = stages["export"].options
     fit = view_inputs(values, options.fit)
     of_view = (
         note for note in (*shot.scene.notes, *fit.profile_misfits) if note.startswith((PROFILE_NOTE, MOTION_NOTE))
     )
-    all_notes = (*cached_clip.notes, *memory.notes, *notes, *dict.fromkeys(of_view))
-    return FinishedRun(folder, shot, fit, all_notes)
+    return FinishedRun(folder, shot, fit, (*clip.notes, *memory.notes, *notes, *dict.fromkeys(of_view)))
 
 
 def make_change_check(clip: Path) -> Callable[[str], None]:
@@ -381,11 +361,9 @@ def require_clip_not_overwritten(clip: Path, folder: Path) -> None:
     Raises:
         OptionError: A file of the run would take the place of the clip.
     """
-    for names in STAGE_FILES.values():
-        for name in names:
-            target = folder / name
-            if target.exists() and target.samefile(clip):
-                raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
+    targets = (folder / name for names in STAGE_FILES.values() for name in names)
+    if any(target.exists() and target.samefile(clip) for target in targets):
+        raise OptionError(f"The results would overwrite the clip {clip} itself; name another folder with -o")
 
 
 def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: bool = False) -> None:
@@ -404,9 +382,8 @@ def publish_files(entries: Mapping[str, CacheEntry], folder: Path, keeps_older: 
                for name in names}  # fmt: skip
     changed = [name for name, source in sources.items() if not _is_published(source, folder / name)]
     if is_older and not keeps_older:
-        for names in STAGE_FILES.values():
-            for name in set(names) - sources.keys():
-                (folder / name).unlink(missing_ok=True)
+        for name in {name for names in STAGE_FILES.values() for name in names} - sources.keys():
+            (folder / name).unlink(missing_ok=True)
     if "export" in entries:
         publish_shot(entries["export"].folder, folder)
     for name in changed:

@@ -13,7 +13,7 @@ from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_chan
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
-from pipeline.engine.stage_graph import RunWatcher, StageGraph, load_stage_output
+from pipeline.engine.stage_graph import RunWatcher, StageGraph
 from pipeline.reporting.text.recording_sentences import ShotSpan, format_other_shot, format_used_span
 from pipeline.run_options import RunOptions
 from pipeline.stages.read_stage import open_frame_memory, read_stage
@@ -77,7 +77,7 @@ def find_recording_shots(
     if find_single_span(whole):
         return RecordingShots()
     graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
-    intervals = _run_stage(graph, "shots", cache, watcher, partial(unchanged, whole.digest), snapshot)
+    intervals = graph.load("shots", graph.run(cache, watcher, partial(unchanged, whole.digest), snapshot))
     spans = list_shot_spans(whole, intervals)
     if not spans:
         return RecordingShots()
@@ -123,20 +123,7 @@ def _read_recording(
     digest = hash_clip(clip)
     read = read_stage(clip, digest, honour_corrections(clip, digest, options).read, memory)
     graph = StageGraph.from_stages([read], digest)
-    return read, _run_stage(graph, "read", cache, watcher, partial(unchanged, digest), snapshot)
-
-
-def _run_stage(
-    graph: StageGraph,
-    name: str,
-    cache: ResultCache,
-    watcher: RunWatcher,
-    check: Callable[[], None],
-    snapshot: SourceSnapshot | None,
-) -> Any:
-    """Run a graph and load the output of one stage."""
-    entry = graph.run(cache, watcher, check, snapshot)[name]
-    return load_stage_output(next(stage for stage in graph.stages if stage.name == name), entry)
+    return read, graph.load("read", graph.run(cache, watcher, partial(unchanged, digest), snapshot))
 
 
 def order_shots(recording: RecordingShots, choice: ShotChoice) -> list[ClipShot]:

@@ -151,7 +151,8 @@ class StageGraph:
             if entry is None:
                 if listener is not None:
                     listener(entries)
-                inputs = {name: self._load_output(name, entries, values) for name in stage.needs}
+                values |= {name: self.load(name, entries) for name in stage.needs if name not in values}
+                inputs = {name: values[name] for name in stage.needs}
                 entry = cache.find_or_build(key, partial(_run_and_save, stage, inputs, progress, check))
             if cache.recall(stage.name, self.clip) != key.json_parts:
                 cache.remember(key, self.clip)
@@ -164,12 +165,9 @@ class StageGraph:
         snapshot = SourceSnapshot() if snapshot is None else snapshot
         return {stage.name: hash_sources(stage.module, snapshot=snapshot) for stage in self.stages}
 
-    def _load_output(self, name: str, entries: Mapping[str, CacheEntry], values: dict[str, Any]) -> Any:
-        """Load the output of a finished stage once."""
-        if name not in values:
-            stage = next(stage for stage in self.stages if stage.name == name)
-            values[name] = load_stage_output(stage, entries[name])
-        return values[name]
+    def load(self, name: str, entries: Mapping[str, CacheEntry]) -> Any:
+        """Load the output of a finished stage; see `load_stage_output`."""
+        return load_stage_output(next(stage for stage in self.stages if stage.name == name), entries[name])
 
 
 def load_stage_output(stage: Stage, entry: CacheEntry) -> Any:
