@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import copy
 from functools import partial
 from inspect import Parameter, Signature, cleandoc, signature
@@ -43,6 +43,19 @@ def make_output_console() -> Console:
     return output if output.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
 
 
+def print_rows(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print a table on standard output; its cells are markup of rich."""
+    grid = Grid(*headings, box=None, pad_edge=False)
+    for row in rows:
+        grid.add_row(*row)
+    make_output_console().print(grid)
+
+
+def print_note(sentence: str) -> None:
+    """Print a sentence beside the results, on standard error."""
+    console.print(sentence, markup=False, soft_wrap=True)
+
+
 def print_answer(answer: Answer, as_json: bool) -> None:
     """Print an answer: its document as one line of JSON, or its sentences, its table and where to look.
 
@@ -52,7 +65,7 @@ def print_answer(answer: Answer, as_json: bool) -> None:
     from pipeline.io.strict_json import format_strict_json  # numpy is slow to import
 
     for refusal in answer.refusals:
-        console.print(f"Left out: {refusal}", markup=False, soft_wrap=True)
+        print_note(f"Left out: {refusal}")
     if as_json:
         print(format_strict_json(answer.document, indent=None), flush=True)
         return
@@ -60,10 +73,8 @@ def print_answer(answer: Answer, as_json: bool) -> None:
     for sentence in answer.sentences:
         screen.print(escape(sentence))
     if answer.rows:
-        grid = Grid(*(escape(heading) for heading in answer.rows[0]), box=None, pad_edge=False)
-        for row in answer.rows[1:]:
-            grid.add_row(*(escape(cell) for cell in row))
-        screen.print(grid)
+        headings, *rows = (map(escape, row) for row in answer.rows)
+        print_rows(headings, rows)
     for note in answer.notes:
         screen.print(escape(note))
     if answer.figures:

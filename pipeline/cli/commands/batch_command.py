@@ -16,7 +16,6 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from pipeline.batch.clip_job import format_duration
@@ -153,7 +152,7 @@ def _print_left_out(content: FolderContent, folder: Path) -> None:
         more = f" and {len(others) - MAX_NAMES} more" if len(others) > MAX_NAMES else ""
         lines.append(f"{', '.join(others[:MAX_NAMES])}{more}: no video")
     for line in lines:
-        cli.console.print(f"Left out: {escape_text(line)}", markup=False, soft_wrap=True)
+        cli.print_note(f"Left out: {escape_text(line)}")
 
 
 def _print_disk_use(work: Batch, options: RunOptions) -> None:
@@ -169,7 +168,7 @@ def _print_disk_use(work: Batch, options: RunOptions) -> None:
         text = describe_room(estimate_bytes(films, options.render), work.out, work.cache.root)
         others = len(facts) - len(films)
         later = f"; {others} long recording{'s' * (others != 1)} not counted yet" if others else ""
-        cli.console.print(f"Disk: {text}{later}", markup=False, soft_wrap=True)
+        cli.print_note(f"Disk: {text}{later}")
 
 
 def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
@@ -178,7 +177,7 @@ def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
 
     for table, sentence in diagnose_tables(group_by_table(rows), out, cli.console):
         shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
-        cli.console.print(f"{table.name} ({shots}): {sentence}", markup=False, soft_wrap=True)
+        cli.print_note(f"{table.name} ({shots}): {sentence}")
 
 
 def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: bool) -> None:
@@ -187,11 +186,11 @@ def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: b
         print(json.dumps([asdict(row) for row in rows]))
         return
     shown = rows if len(rows) <= MAX_TABLE_ROWS else [row for row in rows if row.status == "failed"]
-    grid = Grid("clip", "trust", "contacts", "look at", box=None, pad_edge=False)
+    cells = []
     for row in shown:
         remark = row.sentence or escape_text(f"{row.folder}/{'shot-*/' if row.in_shots else ''}report.html")
-        grid.add_row(escape(row.clip), row.trust or row.status, str(row.contacts), escape(remark))
-    cli.make_output_console().print(grid)
+        cells.append((escape(row.clip), row.trust or row.status, str(row.contacts), escape(remark)))
+    cli.print_rows(("clip", "trust", "contacts", "look at"), cells)
     done = sum(row.status == "done" for row in rows)
     print(f"{done} of {len(rows)} clips done; {out / 'summary.csv'} lists them, {out / 'summary.html'} shows them.")
     print(_describe_duration(rows, seconds))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 
-from rich.table import Table as Grid
-
 from models.core.errors import OptionError
 from pipeline.engine.result_cache import open_cache
 from pipeline.terminal import command_line as cli
@@ -43,10 +41,10 @@ def show_cache(
     if as_json:
         print(json.dumps([{"stage": e.stage, "key": e.key, "size": e.size, "used": e.used} for e in entries]))
         return
-    grid = Grid("stage", "entries", "MB", "made in s", box=None, pad_edge=False)
+    rows = []
     for stage in sorted({entry.stage for entry in entries}):
-        rows = [entry for entry in entries if entry.stage == stage]
-        size, seconds = sum(e.size for e in rows) / 1e6, sum(e.seconds for e in rows)
-        grid.add_row(stage, str(len(rows)), f"{size:.1f}", f"{seconds:.1f}")
-    cli.make_output_console().print(grid)
+        own = [entry for entry in entries if entry.stage == stage]
+        size, seconds = sum(e.size for e in own) / 1e6, sum(e.seconds for e in own)
+        rows.append((stage, str(len(own)), f"{size:.1f}", f"{seconds:.1f}"))
+    cli.print_rows(("stage", "entries", "MB", "made in s"), rows)
     print(f"{len(entries)} entries, {sum(entry.size for entry in entries) / 1e6:.1f} MB in {store.root}")

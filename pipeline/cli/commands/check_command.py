@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from models.core.typing import ImageArray
@@ -101,10 +100,11 @@ def _report_to_json(report: FilmingReport) -> dict[str, Any]:
 def _print_report(report: FilmingReport) -> None:
     """Print the verdict, all measurements and what to change."""
     screen = cli.make_output_console()
-    grid = Grid("", "", "measured", "good", box=None, pad_edge=False)
-    for one in report.measurements:
-        grid.add_row(SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))
-    screen.print(grid)
+    rows = (
+        (SIGNS[one.level], WORDS[one.code].name, format_value(one), format_limit(one.code, FilmingLimits()))
+        for one in report.measurements
+    )
+    cli.print_rows(("", "", "measured", "good"), rows)
     scene = report.view.scene
     if scene is not None and not report.refusal:
         screen.print(format_located_table(scene.table, report.ball_count), markup=False)

@@ -67,10 +67,10 @@ def detect_balls_in_stills(
             balls = detect_in_still(read_image(path, options.read.aspect), name, detect, options.calibrate)
         except (TableNotFound, UnreadableImage) as error:
             failed.append(str(error))
-            cli.console.print(f"trueroll: {error}", markup=False, soft_wrap=True)
+            cli.print_note(f"trueroll: {error}")
             continue
         if balls.note:
-            cli.console.print(f"Note: {balls.note}", markup=False, soft_wrap=True)
+            cli.print_note(f"Note: {balls.note}")
         rows.extend(_build_rows(name, balls))
         makers.add(balls.detector)
     if len(failed) < len(paths):

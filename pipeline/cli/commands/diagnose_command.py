@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table as Grid
 
-from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.answer import Answer
 from models.core.number_format import format_probability
 from pipeline.actions.convert_tracks import ConvertOptions
 from pipeline.actions.diagnose_batch import diagnose_into
@@ -38,7 +34,7 @@ def diagnose_folders(
     scene: str | None = None,
     fps: Annotated[float | None, typer.Option(min=1e-9)] = None,
     px_per_m: Annotated[float | None, typer.Option(min=1e-9)] = None,
-    as_json_: cli.JsonOption = False,
+    as_json: cli.JsonOption = False,
 ) -> None:
     """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap.
 
@@ -54,38 +50,24 @@ def diagnose_folders(
     folder, options = out or beside, ConvertOptions(fps, px_per_m, None, scene)
     with open_executor() as executor:
         report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor, options=options)
-    if as_json_:
-        print(json.dumps({"folder": str(folder), **build_gap_document(report)}))
-    else:
-        _print_report(report, folder, origins)
+    notes = [f"Note: {note}." for note in report.notes] if report.candidates else []
+    notes += [report.film_next, format_shot_folders(origins) if origins and report.candidates else ""]
+    if (folder / PROFILE_FILE).is_file():
+        origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
+        notes.append(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")
+    causes = [(one.name, format_probability(one.probability), one.strength) for one in list_causes(report)]
+    answer = Answer(
+        "Which effect does the simulator lack?",
+        tuple(filter(None, (format_verdict(report), format_gap_closure(report), format_shot_use(report)))),
+        rows=(("effect", "probability", "strength"), *causes[:_MAX_CAUSES]) if report.candidates else (),
+        notes=tuple(filter(None, (*format_body_differences(report), *format_unexplained(report), *notes))),
+        document={"folder": str(folder), **build_gap_document(report)},
+        figures=(str(folder / "gap.html"),),
+    )
+    cli.print_answer(answer, as_json)
 
 
 def _format_title(inputs: list[Path]) -> str:
     """Return the name of the first folder and the number of the others."""
     first, more = inputs[0].resolve().name, len(inputs) - 1
     return f"{first} and {more} more" if more else first
-
-
-def _print_report(report: DiagnosisReport, folder: Path, origins: Mapping[int, str]) -> None:
-    screen = cli.make_output_console()
-    screen.print(f"[bold]{escape(format_verdict(report))}[/]")
-    screen.print(escape(format_gap_closure(report)))
-    if shot_use := format_shot_use(report):
-        screen.print(escape(shot_use))
-    if report.candidates:
-        grid = Grid("effect", "probability", "strength", box=None, pad_edge=False)
-        for one in list_causes(report)[:_MAX_CAUSES]:
-            grid.add_row(one.name, format_probability(one.probability), one.strength)
-        screen.print(grid)
-    for sentence in (*format_body_differences(report), *format_unexplained(report)):
-        screen.print(escape(sentence))
-    for note in report.notes if report.candidates else ():
-        screen.print(escape(f"Note: {note}."))
-    if report.film_next:
-        screen.print(escape(report.film_next))
-    if origins and report.candidates:
-        screen.print(escape(format_shot_folders(origins)))
-    print(f"Look at {folder / 'gap.html'}")
-    if (folder / PROFILE_FILE).is_file():
-        origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
-        print(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")

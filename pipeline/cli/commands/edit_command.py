@@ -44,11 +44,11 @@ def edit(
     if overridden := list_overridden_flags(options, read_corrections(edited.path, edited.digest).corrections):
         path = corrections_path(edited.path)
         note = f"Note: {', '.join(overridden)} is not used, because {path} sets it; correct it on the page"
-        cli.console.print(note, markup=False, soft_wrap=True)
+        cli.print_note(note)
     session = EditSession(edited, continue_run_options(edited, options), open_cache(cache))
     try:
         server = EditServer(session, port)
-        cli.console.print(f"Correct the run at {server.url} (end with Ctrl-C)", markup=False, soft_wrap=True)
+        cli.print_note(f"Correct the run at {server.url} (end with Ctrl-C)")
         if browser:
             webbrowser.open(server.url)
         with suppress(KeyboardInterrupt):  # the way to end it

@@ -12,9 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table as Grid
 
 from models.core.errors import OptionError
 from pipeline.engine.helper_executor import open_executor
@@ -70,7 +68,7 @@ def gapcheck(
                 format_strict_json({"cases": [], "measured": [_set_to_json(one) for one in opened_sets]}, indent=None)
             )
         else:
-            _print_sets(cli.make_output_console(), opened_sets)
+            _print_sets(opened_sets)
         if any(one.unreadable for one in opened_sets):
             raise typer.Exit(1)
         return
@@ -83,11 +81,9 @@ def gapcheck(
         raise OptionError(f"--only {only!r} fits no kind of case; there are {'; '.join(kind.name for kind in KINDS)}")
     kinds = [kind for kind in selected if not kind.engine or find_spec(kind.engine)]
     if lacking := sorted({kind.engine for kind in selected} - {kind.engine for kind in kinds}):
-        cli.console.print(
+        cli.print_note(
             f"{len(selected) - len(kinds)} kinds are left out: their simulators need {', '.join(lacking)}; "
-            f"{name_remedy('check')}",
-            markup=False,
-            soft_wrap=True,
+            f"{name_remedy('check')}"
         )
     with TemporaryDirectory() as scratch:
         place = Path(scratch) if keep is None else keep
@@ -103,19 +99,15 @@ def gapcheck(
     if as_json:
         print(json.dumps({"cases": [_case_to_json(one) for one in opened], "measured": []}, allow_nan=False))
         return
-    screen = cli.make_output_console()
     if opened:
-        _print_scores(screen, opened, score_cases(opened))
+        _print_scores(opened, score_cases(opened))
 
 
-def _print_scores(screen: Console, cases: list[Any], marks: Any) -> None:
+def _print_scores(cases: list[Any], marks: Any) -> None:
     from pipeline.experiments.gapcheck.case_scores import compute_calibration, count_confusions
 
-    grid = Grid("withheld", "answer", "times", box=None, pad_edge=False)
-    for kind, answer, times in count_confusions(cases):
-        grid.add_row(kind, answer, str(times))
-    screen.print(grid)
-    rows = (
+    cli.print_rows(("withheld", "answer", "times"), (map(str, one) for one in count_confusions(cases)))
+    scores = (
         ("one effect missing: named", marks.named),
         ("named, or in its group", marks.grouped),
         ("two effects missing: both named", marks.pairs),
@@ -125,15 +117,9 @@ def _print_scores(screen: Console, cases: list[Any], marks: Any) -> None:
         ("closed part of the gap over an oracle's: median, tenth percentile", "{:.3f}, {:.3f}".format(*marks.closed)),
         ("its interval holds the oracle's", marks.covered),
     )
-    grid = Grid("question", "result", box=None, pad_edge=False)
-    for question, score in rows:
-        grid.add_row(question, str(score))
-    screen.print(grid)
-    grid = Grid("stated probability", "right", box=None, pad_edge=False)
-    for low, high, rate in compute_calibration(cases):
-        if rate.of:
-            grid.add_row(f"{low:.2f} to {high:.2f}", str(rate))
-    screen.print(grid)
+    cli.print_rows(("question", "result"), ((question, str(score)) for question, score in scores))
+    rates = ((f"{low:.2f} to {high:.2f}", str(rate)) for low, high, rate in compute_calibration(cases) if rate.of)
+    cli.print_rows(("stated probability", "right"), rates)
 
 
 def _case_to_json(one: Any) -> dict[str, Any]:
@@ -165,22 +151,21 @@ def _check_real_sets(folders: list[Path], only: str, seed: int, place: Path) -> 
         ]
 
 
-def _print_sets(screen: Console, rows: list[OpenedSet]) -> None:
+def _print_sets(rows: list[OpenedSet]) -> None:
     """Print one row per set, and the counts."""
-    grid = Grid("set", "answer", "probability", "right", "first right", "closed", box=None, pad_edge=False)
-    for name in ("error before", "after", "floor", "seconds"):
-        grid.add_column(name)
+    screen, cells = cli.make_output_console(), []
     read = [one for one in rows if not one.unreadable]
     for one in read:
         first = "-" if one.first_right is None else "yes" if one.first_right else "no"
         numbers = (f"{value:.3g}" if math.isfinite(value) else "-" for value in (one.after, one.floor))
-        grid.add_row(
+        cells.append((
             one.name, (" | " if one.verdict == "group" else " + ").join(one.named),
             f"{one.probability:.2f}" if math.isfinite(one.probability) else "-", "yes" if one.right else "no", first,
             f"{one.closed:.1%}" if math.isfinite(one.closed) else "-",
             f"{one.before:.3g} {one.unit}" if math.isfinite(one.before) else "-", *numbers, f"{one.seconds:.1f}",
-        )  # fmt: skip
-    screen.print(grid)
+        ))  # fmt: skip
+    cli.print_rows(("set", "answer", "probability", "right", "first right", "closed", "error before", "after", "floor",
+                    "seconds"), cells)  # fmt: skip
     for one in rows:
         if one.unreadable:
             screen.print(f"{one.name}: {one.unreadable}", markup=False)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table as Grid
 
 from pipeline.chain import build_run_graph
 from pipeline.engine.result_cache import open_cache
@@ -47,16 +46,11 @@ def graph(
         print(json.dumps([asdict(v) for v in views]))
         return
     if clip is None:
-        grid = Grid("stage", "needs", box=None, pad_edge=False)
-        for v in views:
-            grid.add_row(v.stage, ", ".join(v.needs))
-        cli.make_output_console().print(grid)
+        cli.print_rows(("stage", "needs"), ((v.stage, ", ".join(v.needs)) for v in views))
         print(f"Drawn in {out}" if out is not None else "Name a clip to see what is cached: trueroll graph CLIP")
         return
-    grid = Grid("stage", "needs", "state", "why", box=None, pad_edge=False)
     style = {"cached": "green", "stale": "yellow", "waiting": "dim"}
-    for v in views:
-        grid.add_row(v.stage, ", ".join(v.needs), f"[{style[v.state]}]{v.state}[/]", v.why)
-    cli.make_output_console().print(grid)
+    rows = ((v.stage, ", ".join(v.needs), f"[{style[v.state]}]{v.state}[/]", v.why) for v in views)
+    cli.print_rows(("stage", "needs", "state", "why"), rows)
     if out is not None:
         print(f"Drawn in {out}")

@@ -102,7 +102,7 @@ def _interpolate_clip(
             display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
         )  # fmt: skip
     for note in result.notes:
-        cli.console.print(f"Note: {note}", markup=False, soft_wrap=True)
+        cli.print_note(f"Note: {note}")
     if as_json:
         trust = summarize_trust(result.trust)
         facts = {

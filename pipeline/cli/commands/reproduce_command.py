@@ -99,7 +99,7 @@ def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list
     if not planned:
         raise OptionError(" ".join(explain_omissions(plan)))
     for sentence in explain_omissions(plan):
-        cli.console.print(sentence, markup=False, soft_wrap=True)
+        cli.print_note(sentence)
     out.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
     with Progress(*PROGRESS_COLUMNS, console=cli.console, disable=not cli.console.is_terminal) as bars:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table as Grid
 
 from models.numerics.jit import notify_first_compilation
 from pipeline.chain import FinishedRun, default_run_folder
@@ -65,7 +64,7 @@ def run(
         DeferredExecutor(load_detectors) as executor,
         KernelPreparation() as kernels,
         StageDisplay(cli.console, str(clip)) as display,
-        notify_first_compilation(lambda: cli.console.print(COMPILING_NOTE, markup=False, soft_wrap=True)),
+        notify_first_compilation(lambda: cli.print_note(COMPILING_NOTE)),
     ):
 
         def start_helpers(done: Collection[str]) -> None:
@@ -108,7 +107,7 @@ def _print_run(
 def _print_notes(notes: Iterable[str]) -> None:
     """Print notes."""
     for note in notes:
-        cli.console.print(f"Note: {note}", markup=False, soft_wrap=True)
+        cli.print_note(f"Note: {note}")
 
 
 def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
@@ -126,14 +125,12 @@ def _print_answer(finished: FinishedRun) -> None:
     _print_notes(finished.notes)
     screen, fit = cli.make_output_console(), finished.fit
     if len(fit.events):
-        grid = Grid("time", "what", "probability", box=None, pad_edge=False)
-        for k in range(len(fit.events)):
-            grid.add_row(
-                format_event_time(fit.events, k),
-                format_event(fit.events, k, fit.naming),
-                format_event_probability(fit.events, k, fit.explanation, fit.naming),
-            )
-        screen.print(grid)
+        rows = (
+            (format_event_time(fit.events, k), format_event(fit.events, k, fit.naming),
+             format_event_probability(fit.events, k, fit.explanation, fit.naming))
+            for k in range(len(fit.events))
+        )  # fmt: skip
+        cli.print_rows(("time", "what", "probability"), rows)
     else:
         screen.print(format_no_events(fit))
     for shot in fit.shot_numbers:
