@@ -114,8 +114,9 @@ def test_a_malformed_file_gets_one_sentence(content: object, tmp_path: Path) -> 
 
 
 def test_a_file_that_cannot_be_written_gets_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     with pytest.raises(OptionError, match="Corrections are saved beside the clip"):
-        write_corrections(tmp_path / "missing" / "shot.mp4", CorrectionsFile())
+        write_corrections(tmp_path / "file" / "shot.mp4", CorrectionsFile())
 
 
 def test_a_shot_of_a_recording_gets_its_part() -> None:
