@@ -40,7 +40,6 @@ from pipeline.run_options import (
     list_overridden_flags,
 )
 from pipeline.stages.calibrate_stage import calibrate_stage
-from pipeline.stages.correction_facts import name_detections
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.explain_stage import explain_stage
 from pipeline.stages.export_stage import export_stage
@@ -152,20 +151,22 @@ def _build_graph(
     """Build the graph of a run whose options hold the corrections of the clip."""
     settings = format_changed_settings(replace(options, render=replace(options.render, no_video=False)))
     title = escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}")
+    placed = place_stages(options.corrections)
+    detections = placed[0].name if placed else "detect"
     read = read_stage(clip, digest, options.read, memory)
     stages = (
         read if shot is None else shot_stage(shot, digest, options.read, memory),
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
-        *place_stages(options.corrections),
-        track_stage(options.track, options.corrections),
+        *placed,
+        track_stage(options.track, options.corrections, detections),
         explain_stage(options.fit, options.corrections),
         *((laws_stage(options.fit),) if options.fit.laws else ()),
         export_stage(options.detect, options.fit),
         background_stage(),
         poster_stage(options.render),
         report_stage(ReportOptions(title, options.render.slow, settings, options.detect, options.fit)),
-        record_stage(RecordOptions(title, options.fit, name_detections(options.corrections))),
+        record_stage(RecordOptions(title, options.fit, detections)),
         *(() if options.render.no_video else (render_stage(options.render),)),
     )
     return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")

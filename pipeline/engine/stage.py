@@ -18,6 +18,11 @@ class NoOptions:
     """Options of a stage without options."""
 
 
+def describe_facts(value: Any) -> dict[str, Any]:
+    """Describe what a stage depends on, a dataclass, as JSON values by name; what is not set is left out of its key."""
+    return {name: part for name, part in asdict(value).items() if part}
+
+
 @dataclass(frozen=True, slots=True)
 class Stage:
     """One step of the chain.

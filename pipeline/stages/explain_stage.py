@@ -10,8 +10,7 @@ from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import FitOptions
 from models.core.progress import Progress
 from models.core.shot import Note, Shot
-from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.correction_facts import describe_facts
+from pipeline.engine.stage import Inputs, Stage, describe_facts
 
 
 def explain_stage(options: FitOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:

@@ -8,8 +8,7 @@ from pathlib import Path
 from models.core.corrections import BallMark, Corrections
 from models.core.detections import MarkedDetections
 from models.core.progress import Progress
-from pipeline.engine.stage import Inputs, NoOptions, Stage
-from pipeline.stages.correction_facts import describe_facts, list_placed_balls
+from pipeline.engine.stage import Inputs, NoOptions, Stage, describe_facts
 
 
 def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
@@ -21,7 +20,7 @@ def place_stages(corrections: Corrections) -> tuple[Stage, ...]:
     Returns:
         The stage `place`, whose output is `MarkedDetections`; nothing where no ball was placed.
     """
-    placed = list_placed_balls(corrections)
+    placed = tuple(mark for mark in corrections.balls if mark.kind == "placed")
     if not placed:
         return ()
     run, facts = partial(_add_balls, placed), describe_facts(Corrections(balls=placed))

@@ -11,22 +11,21 @@ from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.options import TrackOptions
 from models.core.progress import Progress
 from models.core.tracks import Tracks
-from pipeline.engine.stage import Inputs, Stage
-from pipeline.stages.correction_facts import describe_facts, name_detections
+from pipeline.engine.stage import Inputs, Stage, describe_facts
 
 
-def track_stage(options: TrackOptions, corrections: Corrections = NO_CORRECTIONS) -> Stage:
+def track_stage(options: TrackOptions, corrections: Corrections = NO_CORRECTIONS, detections: str = "detect") -> Stage:
     """Build the stage that tracks balls.
 
     Args:
         options: Options of the stage.
-        corrections: What a person corrected; with placed balls, it needs the stage that adds them.
+        corrections: What a person corrected.
+        detections: Stage whose detections are tracked.
 
     Returns:
         The stage `track`, whose output is `Tracks`.
     """
     own = Corrections(balls=corrections.balls, tracks=corrections.tracks)
-    detections = name_detections(corrections)
     run = partial(_build_tracks, own, detections)
     return Stage("track", __name__, ("read", "calibrate", detections), Tracks, run, options, describe_facts(own))
 
