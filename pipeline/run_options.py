@@ -9,13 +9,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-from detectors.detect_options import DetectOptions
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.errors import OptionError
 from models.core.options import FitOptions, TrackOptions
-from pipeline.settings import Setting, collect_settings, replace_setting, set_value
-from pipeline.stages.read_stage import ReadOptions
-from video.io.video_options import CalibrateOptions, RenderOptions
+from pipeline.settings import DoorOptions, Setting, collect_settings, replace_setting, set_value
+from video.io.video_options import RenderOptions
 
 # Stages with options, in the order of the help.
 OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render")
@@ -26,12 +24,9 @@ FILE_SETTINGS = ("profile", "looks")
 
 
 @dataclass(frozen=True, slots=True)
-class RunOptions:
+class RunOptions(DoorOptions):
     """The options of all stages."""
 
-    read: ReadOptions = field(default_factory=ReadOptions)
-    calibrate: CalibrateOptions = field(default_factory=CalibrateOptions)
-    detect: DetectOptions = field(default_factory=DetectOptions)
     track: TrackOptions = field(default_factory=TrackOptions)
     fit: FitOptions = field(default_factory=FitOptions)
     render: RenderOptions = field(default_factory=RenderOptions)

@@ -89,3 +89,8 @@ def _iterate_imports(tree: ast.AST) -> Iterator[Import]:
             yield node.level, node.module or "", tuple(alias.name for alias in node.names)
         for body in STATEMENT_FIELDS:
             waiting.extend(getattr(node, body, ()))
+
+
+def load_module(package: str, name: str) -> ModuleType:
+    """Import one module of a package by its name, where all would be slow; no cached result may depend on it."""
+    return import_module(f"{package}.{name}")

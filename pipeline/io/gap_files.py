@@ -162,14 +162,14 @@ def tabulate_predictions(gap: Gap) -> pa.Table:
     names = [f"{axis}{kind}" for kind in ("", "_before", "_after") for axis in axes]
     rows: dict[str, list[Any]] = {name: [] for name in ("shot", "window", "frame", "t", "id", *names)}
     for number, (one, before, after) in enumerate(zip(gap.windows, gap.before, gap.after, strict=True)):
-        for row, body in zip(*np.nonzero(one.is_predicted), strict=True):
-            rows["shot"].append(one.segment.shot)
-            rows["window"].append(number)
-            rows["frame"].append(int(one.segment.frame[row]))
-            rows["t"].append(round(float(one.segment.t[row]), _DECIMALS))
-            rows["id"].append(one.segment.bodies[body])
-            for kind, values in (("", one.segment.positions), ("_before", before), ("_after", after)):
-                for k, axis in enumerate(axes):
-                    value = float(values[row, body, k]) if k < coordinates else 0.0
-                    rows[f"{axis}{kind}"].append(round(value, _DECIMALS))
+        row, body = np.nonzero(one.is_predicted)
+        places = np.zeros((len(row), 3, len(axes)))
+        places[..., :coordinates] = np.stack([x[row, body] for x in (one.segment.positions, before, after)], axis=1)
+        columns = (
+            np.full(len(row), one.segment.shot), np.full(len(row), number), one.segment.frame[row],
+            np.round(one.segment.t[row], _DECIMALS), np.array(one.segment.bodies)[body],
+            *np.round(places, _DECIMALS).reshape(len(row), -1).T,
+        )  # fmt: skip
+        for values, column in zip(rows.values(), columns, strict=True):
+            values += column.tolist()
     return pa.table(rows)

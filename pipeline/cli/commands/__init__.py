@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from models.core.module_discovery import load_module
 from pipeline.terminal.command_line import app
 
 # Names of the commands in the order of `--help`: as a new user needs them.
@@ -25,7 +26,7 @@ def load_command(name: str) -> None:
     loaded = [command for command in app.registered_commands if command.callback is not _raise_not_loaded]
     app.registered_commands[:] = loaded
     if name in COMMAND_NAMES:
-        _import_command(name)
+        load_module("pipeline.cli.commands", f"{name.replace('-', '_')}_command")
         return
     for other in COMMAND_NAMES:
         if other not in {command.name for command in loaded}:
@@ -52,52 +53,3 @@ def read_summary(name: str) -> str:
 def _raise_not_loaded() -> None:
     """Stand in for a command that is listed but not loaded."""
     raise AssertionError("a command is loaded by its name before it is called")
-
-
-def _import_command(name: str) -> None:
-    """Import the file of a command. Imports are static here, so that tools see them."""
-    match name:
-        case "check":
-            from pipeline.cli.commands import check_command as check_command
-        case "run":
-            from pipeline.cli.commands import run_command as run_command
-        case "batch":
-            from pipeline.cli.commands import batch_command as batch_command
-        case "view":
-            from pipeline.cli.commands import view_command as view_command
-        case "edit":
-            from pipeline.cli.commands import edit_command as edit_command
-        case "call":
-            from pipeline.cli.commands import call_command as call_command
-        case "compare":
-            from pipeline.cli.commands import compare_command as compare_command
-        case "what-if":
-            from pipeline.cli.commands import what_if_command as what_if_command
-        case "predict":
-            from pipeline.cli.commands import predict_command as predict_command
-        case "put-back":
-            from pipeline.cli.commands import put_back_command as put_back_command
-        case "interpolate":
-            from pipeline.cli.commands import interpolate_command as interpolate_command
-        case "diagnose":
-            from pipeline.cli.commands import diagnose_command as diagnose_command
-        case "gapcheck":
-            from pipeline.cli.commands import gapcheck_command as gapcheck_command
-        case "fit-table":
-            from pipeline.cli.commands import fit_table_command as fit_table_command
-        case "certify":
-            from pipeline.cli.commands import certify_command as certify_command
-        case "convert":
-            from pipeline.cli.commands import convert_command as convert_command
-        case "simulate":
-            from pipeline.cli.commands import simulate_command as simulate_command
-        case "detect":
-            from pipeline.cli.commands import detect_command as detect_command
-        case "train-detector":
-            from pipeline.cli.commands import train_detector_command as train_detector_command
-        case "reproduce":
-            from pipeline.cli.commands import reproduce_command as reproduce_command
-        case "graph":
-            from pipeline.cli.commands import graph_command as graph_command
-        case "cache":
-            from pipeline.cli.commands import cache_command as cache_command

@@ -66,52 +66,30 @@ def interpolate(
             answer = interpolate_particles(source, factor, out, fps, on_activity)
         cli.print_answer(answer, as_json)
         return
-    from pipeline.actions.interpolate_clip import InterpolateOptions
-
-    wanted = InterpolateOptions(factor, None if rate is None else _parse_rate(rate), slow, shutter, upright)
-    _interpolate_clip(source, _choose_video_path(source, out, wanted), frames, wanted, options, cache, as_json)
-
-
-def _parse_rate(text: str) -> Fraction:
-    try:
-        return Fraction(text)
-    except (ValueError, ZeroDivisionError) as error:
-        raise OptionError(f"--rate is a number such as 60, 59.94 or 60000/1001; got {text}") from error
-
-
-def _interpolate_clip(
-    clip: Path,
-    video: Path,
-    frames: Path | None,
-    wanted: InterpolateOptions,
-    options: RunOptions,
-    cache: Path | None,
-    as_json: bool,
-) -> None:
-    from pipeline.actions.interpolate_clip import interpolate_clip
+    from pipeline.actions.interpolate_clip import InterpolateOptions, interpolate_clip
     from pipeline.chain import build_shot_graph, run_shot_graph
     from pipeline.reporting.text.text_formatting import format_trust_line, summarize_trust
     from pipeline.stages.read_stage import open_frame_memory
     from pipeline.terminal.progress_display import StageDisplay
 
-    with StageDisplay(cli.console, str(clip)) as display:
+    try:
+        wanted = InterpolateOptions(factor, None if rate is None else Fraction(rate), slow, shutter, upright)
+    except (ValueError, ZeroDivisionError) as error:
+        raise OptionError(f"--rate is a number such as 60, 59.94 or 60000/1001; got {rate}") from error
+    video = _choose_video_path(source, out, wanted)
+    with StageDisplay(cli.console, str(source)) as display:
         store = open_cache(cache)
         result = interpolate_clip(
-            clip, video, frames, wanted,
-            lambda: run_shot_graph(build_shot_graph(clip, options, open_frame_memory()), store, display),
+            source, video, frames, wanted,
+            lambda: run_shot_graph(build_shot_graph(source, options, open_frame_memory()), store, display),
             display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
         )  # fmt: skip
     for note in result.notes:
         cli.print_note(f"Note: {note}")
     if as_json:
-        trust = summarize_trust(result.trust)
-        facts = {
-            "pictures": result.frame_count,
-            "originals": result.original_count,
-            "rate": result.rate,
-            "trust": trust,
-        }
-        print(json.dumps({"file": str(video), "frames": str(frames) if frames else None, **facts}, allow_nan=False))
+        places = {"file": str(video), "frames": str(frames) if frames else None}
+        counts = {"pictures": result.frame_count, "originals": result.original_count, "rate": result.rate}
+        print(json.dumps({**places, **counts, "trust": summarize_trust(result.trust)}, allow_nan=False))
         return
     cli.make_output_console().print(format_trust_line(result.trust))
     print(
