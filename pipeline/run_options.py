@@ -153,8 +153,8 @@ def list_overridden_flags(options: RunOptions, corrections: Corrections) -> tupl
         Flags such as `--corners`.
     """
     typed = _list_typed_corrections(options)
-    differs = {name: getattr(corrections, name) not in (None, value) for name, value in typed.items()}
-    return tuple(list_settings()[name].flag for name in typed if differs[name])
+    names = (name for name, value in typed.items() if getattr(corrections, name) not in (None, value))
+    return tuple(list_settings()[name].flag for name in names)
 
 
 def reset_settings(options: RunOptions, names: Collection[str] = CORRECTED_SETTINGS) -> RunOptions:
@@ -167,8 +167,8 @@ def reset_settings(options: RunOptions, names: Collection[str] = CORRECTED_SETTI
     Returns:
         The other options.
     """
-    for name in names:
-        options = replace_setting(options, list_settings()[name], list_settings()[name].default)
+    for setting in (list_settings()[name] for name in names):
+        options = replace_setting(options, setting, setting.default)
     return options
 
 
@@ -223,9 +223,7 @@ def use_growing_profile(options: RunOptions, path: Path) -> RunOptions:
         raise OptionError("--update-profile reads its file too: leave --profile out")
     if not path.exists():
         return options
-    content = _read_file_content("profile", str(path))
-    stages = list_settings()["profile"].stages
-    return replace(options, **{stage: replace(getattr(options, stage), profile=content) for stage in stages})
+    return replace_setting(options, list_settings()["profile"], _read_file_content("profile", str(path)))
 
 
 def _read_file_content(name: str, value: Any) -> Any:
@@ -250,10 +248,8 @@ def format_changed_settings(options: RunOptions) -> tuple[str, ...]:
     Returns:
         Flags with their values.
     """
-    words = []
-    for name, setting in list_settings().items():
-        value = getattr(getattr(options, setting.stages[0]), name)
-        if value != setting.default:
-            is_flag = value is True or name in FILE_SETTINGS
-            words.append(setting.flag if is_flag else f"{setting.flag} {value}")
-    return tuple(words)
+    flags = {name: setting.flag for name, setting in list_settings().items()}
+    return tuple(
+        flags[name] if value is True or name in FILE_SETTINGS else f"{flags[name]} {value}"
+        for name, value in list_changed_values(options).items()
+    )

@@ -97,10 +97,11 @@ def check_clip(
             refusal = "" if len(detections) else NO_BALLS
     values = measure_filming(sample, view, measure_exposure_time(detections, part.t))
     measurements = grade_measurements(values, limits)
+    levels = {one.level for one in measurements}
+    verdict: Verdict = "no-go" if refusal or "bad" in levels else "doubts" if "doubt" in levels else "go"
     return FilmingReport(
-        part, measurements, _judge(measurements, refusal), refusal, sample.bits_per_pixel, view,
-        sample.stills[0], detections,
-    )  # fmt: skip
+        part, measurements, verdict, refusal, sample.bits_per_pixel, view, sample.stills[0], detections
+    )
 
 
 def _list_parts(clip: Clip) -> list[Clip]:
@@ -124,12 +125,6 @@ def _locate_in_first_shot(sample: ClipSample, parts: list[Clip], options: Calibr
         if not view.refusal:
             return part, view
     return parts[0], first
-
-
-def _judge(measurements: tuple[FilmingMeasurement, ...], refusal: str) -> Verdict:
-    """Return the verdict that the worst measurement gives; what a run refuses is a no-go."""
-    levels = {one.level for one in measurements}
-    return "no-go" if refusal or "bad" in levels else "doubts" if "doubt" in levels else "go"
 
 
 def _detect_fast_balls(

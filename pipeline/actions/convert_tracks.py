@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import struct
 import zlib
@@ -11,7 +10,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
@@ -257,9 +255,7 @@ def _fill(tracks: PointTracks, options: ConvertOptions) -> PointTracks:
     fps = options.fps or tracks.fps
     if fps and "t" not in columns:
         columns["t"] = columns["frame"] / fps
-    scene: dict[str, Any] = json.loads(
-        json.dumps({**tracks.scene, **({"scene": options.scene} if options.scene else {})})
-    )
+    scene = {**tracks.scene, **({"scene": options.scene} if options.scene else {})}
     return replace(tracks, columns=columns, fps=fps, px_per_m=options.px_per_m or tracks.px_per_m, scene=scene)
 
 

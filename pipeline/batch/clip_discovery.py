@@ -83,13 +83,19 @@ def survey_folder(folder: Path, excluded: Path | None = None) -> FolderContent:
     clips, left_out = list[Path](), list[LeftOutFile]()
     for place, folders, files in os.walk(folder):
         here = Path(place)
-        folders[:] = sorted(name for name in folders if _should_enter(here / name, excluded))
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not (name.startswith(".") or (here / name).is_symlink())
+            and (excluded is None or (here / name).resolve() != excluded.resolve())
+        )
         for name in [name for name in folders if is_image_sequence(here / name)]:
             folders.remove(name)
             clips.append(here / name)
         videos: dict[Path, VideoFacts | None] = {}
         for path in (here / name for name in sorted(files)):
-            if path.name.startswith(".") or path.is_symlink() or not path.is_file() or _is_result(path):
+            is_result = path.name in RESULT_NAMES and path.with_name(SOURCE_FILE).is_file()
+            if path.name.startswith(".") or path.is_symlink() or not path.is_file() or is_result:
                 continue
             facts = _probe_video(path, read_file_state(path))
             if facts is None and path.suffix.lower() not in VIDEO_SUFFIXES:
@@ -100,18 +106,6 @@ def survey_folder(folder: Path, excluded: Path | None = None) -> FolderContent:
         clips += [path for path, original in originals.items() if original is None]
         left_out += [LeftOutFile(path, original) for path, original in originals.items() if original is not None]
     return FolderContent(tuple(clips), tuple(left_out))
-
-
-def _should_enter(folder: Path, excluded: Path | None) -> bool:
-    """Whether to search this subfolder."""
-    if folder.name.startswith(".") or folder.is_symlink():
-        return False
-    return excluded is None or folder.resolve() != excluded.resolve()
-
-
-def _is_result(path: Path) -> bool:
-    """Whether a run wrote this file: its folder then notes the source clip."""
-    return path.name in RESULT_NAMES and path.with_name(SOURCE_FILE).is_file()
 
 
 @lru_cache(maxsize=4096)
@@ -203,17 +197,12 @@ def assign_folders(clips: Iterable[Path], root: Path, out: Path) -> dict[Path, P
     folders = {}
     for clip, place in places.items():
         if str(place).lower() not in taken:
-            place = _make_unique(taken, place.with_name(clip.name.replace(".", "_")))
+            place = place.with_name(clip.name.replace(".", "_"))
+            while str(place).lower() in taken or place.name in RESERVED_NAMES:
+                place = place.with_name(f"{place.name[:200]}_")
             taken.add(str(place).lower())
         folders[clip] = place
     return folders
-
-
-def _make_unique(taken: set[str], place: Path) -> Path:
-    """Append underscores to a path until it is unique."""
-    while str(place).lower() in taken or place.name in RESERVED_NAMES:
-        place = place.with_name(f"{place.name[:200]}_")
-    return place
 
 
 # Time between two searches of the folder, s.

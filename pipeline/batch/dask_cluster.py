@@ -274,7 +274,7 @@ def run_on_workers(client: Client, jobs: JobStream, listener: ProgressListener) 
         SchedulerLost: The scheduler is gone.
     """
     topic = f"trueroll-{uuid4().hex}"
-    client.subscribe_topic(topic, lambda event: _forward_message(listener, event))
+    client.subscribe_topic(topic, lambda event: listener(event[1]["name"], event[1]))
     running: dict[Future, ClipJob] = {}
     number, more = 0, True
     try:
@@ -326,9 +326,3 @@ def _read_result(future: Future, job: ClipJob) -> ClipResult:
         raise SchedulerLost("The Dask scheduler lost its clips; run again once it is back: what is done is kept")
     error = future.exception()
     return build_failed_result(job.name, f"{job.name}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
-
-
-def _forward_message(listener: ProgressListener, event: tuple[float, dict[str, Any]]) -> None:
-    """Pass a progress message of a worker on to the listener."""
-    message = event[1]
-    listener(message["name"], message)

@@ -219,18 +219,16 @@ def _render(rows: Sequence[ClipResult], out: Path, cards: Sequence[ShotCard], im
 def _list_cards(row: ClipResult, out: Path) -> Iterator[ShotCard]:
     """Yield a card for each usable shot of a clip."""
     folder = Path(row.folder)
-    for name in _list_shot_folders(folder) if row.in_shots else [""]:
+    shots = (
+        _read_json(folder / "scene.json").get("shots", ()) if row.in_shots else ()
+    )
+    for name in [str(shot["folder"]) for shot in shots] if row.in_shots else [""]:
         facts = _read_json(folder / name / SUMMARY_FILE)
         facts["balls"] = facts.get("balls", [])
         level = facts["trust"]["light"] if "trust" in facts else row.trust
         place = quote(os.fsencode(os.path.relpath(folder / name, out)))
         title = escape_text(f"{row.clip}, {name}" if name else row.clip)
         yield ShotCard(title, place, level, facts, (folder / name / SLOW_FILE).is_file())
-
-
-def _list_shot_folders(folder: Path) -> list[str]:
-    """List the shots of a recording, of which an earlier run may have left more."""
-    return [str(shot["folder"]) for shot in _read_json(folder / "scene.json").get("shots", ())]
 
 
 def _read_json(path: Path) -> dict[str, Any]:

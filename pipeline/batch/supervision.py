@@ -178,7 +178,9 @@ class SupervisedProcess:
                     break
                 sentence = f"{job.name}: the process that ran it died {tries} times; the last time {death}"
                 self.end(at_once=True)
-        _remove_leftovers(job)
+        with suppress(OSError, TruerollError):  # unfinished files of a killed process
+            remove_leftovers(Path(job.folder))
+            ResultCache(Path(job.cache), mark=job.mark).remove_leftovers()
         return build_failed_result(job.name, sentence, seconds=round(time.monotonic() - began, 3), tries=tries)
 
     def _attempt_job(self, job: ClipJob, listener: MessageListener) -> ClipResult:
@@ -194,7 +196,9 @@ class SupervisedProcess:
         while True:
             for message in child.read_messages():
                 if "row" in message:
-                    return self._finish_job(child, ClipResult.from_json(message["row"]))
+                    if child.measure_memory_mb() > RENEWAL_MEMORY_MB:  # it has grown too large for another clip
+                        self.end()
+                    return replace(ClipResult.from_json(message["row"]), peak_mb=round(child.peak_mb))
                 if "shot" in message:
                     child.started_at = time.monotonic()
                 listener(message)
@@ -221,12 +225,6 @@ class SupervisedProcess:
                 raise ProcessDied(f"it did not start within {START_TIMEOUT_S:.0f} s")
         return child
 
-    def _finish_job(self, child: _ChildProcess, row: ClipResult) -> ClipResult:
-        """Add the peak memory to a result; end a process that has grown too large."""
-        if child.measure_memory_mb() > RENEWAL_MEMORY_MB:
-            self.end()
-        return replace(row, peak_mb=round(child.peak_mb))
-
     def _enforce_limits(self, name: str, limits: ClipLimits, child: _ChildProcess) -> None:
         """Kill the process and raise ClipLimitExceeded if the clip exceeds a limit."""
         sentence = ""
@@ -237,13 +235,6 @@ class SupervisedProcess:
         if sentence:
             self.end(at_once=True)
             raise ClipLimitExceeded(sentence)
-
-
-def _remove_leftovers(job: ClipJob) -> None:
-    """Remove the unfinished files of a killed process."""
-    with suppress(OSError, TruerollError):
-        remove_leftovers(Path(job.folder))
-        ResultCache(Path(job.cache), mark=job.mark).remove_leftovers()
 
 
 _THREAD = threading.local()

@@ -117,17 +117,11 @@ def part_suffix() -> str:
 def _is_from_dead_process(name: str) -> bool:
     """Whether `.NAME.MACHINE-PROCESS.part` belongs to a process of this machine that no longer runs."""
     where, _, number = name.removesuffix(".part").rpartition(".")[2].rpartition("-")
-    return where == machine_id() and number.isdecimal() and int(number) != os.getpid() and not _is_running(int(number))
-
-
-def _is_running(number: int) -> bool:
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
+    if where != machine_id() or not number.isdecimal() or int(number) == os.getpid():
         return False
-    except OSError:  # it belongs to another user
-        return True
-    return True
+    import psutil  # few folders have leftovers
+
+    return not psutil.pid_exists(int(number))
 
 
 @lru_cache(maxsize=1)

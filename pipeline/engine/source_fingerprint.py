@@ -6,10 +6,8 @@ It works in a checkout and in an installed wheel, where modules of other project
 from __future__ import annotations
 
 import ast
-import gc
 import hashlib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
@@ -21,8 +19,6 @@ from models.core.module_discovery import Import, find_discovered_packages, find_
 ROOT = Path(__file__).resolve().parents[2]
 # The project's packages. Nothing else below `ROOT` is hashed.
 PACKAGES = ("trueroll", "pipeline", "detectors", "diagnosis", "video", "models")
-# Nodes of a syntax tree that are no strings and hold none: more than half of all nodes.
-IGNORED_NODES = (ast.Name, ast.expr_context)
 # Distributions whose version is part of the cache key: they can change a result.
 LIBRARIES = ("torch", "opencv-python-headless", "onnxruntime", "numpy", "av", "scipy", "numba", "scikit-image")
 
@@ -133,35 +129,10 @@ _find_imports_cached = lru_cache(maxsize=2048)(find_imports)
 @lru_cache(maxsize=2048)
 def _join_strings(source: bytes) -> str:
     """Join all strings of a module except docstrings, which may mention files but open none."""
-    with _pause_garbage_collection():
-        nodes = list(_walk_nodes(ast.parse(source)))
+    nodes = list(ast.walk(ast.parse(source)))
     bare_strings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     strings = (node for node in nodes if isinstance(node, ast.Constant) and id(node) not in bare_strings)
     return " ".join(node.value for node in strings if isinstance(node.value, str))
-
-
-def _walk_nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield all nodes of a syntax tree except `IGNORED_NODES`."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
-        yield node
-        for field_name in node._fields:
-            value = getattr(node, field_name, None)
-            below = value if isinstance(value, list) else (value,)
-            waiting.extend(one for one in below if isinstance(one, ast.AST) and not isinstance(one, IGNORED_NODES))
-
-
-@contextmanager
-def _pause_garbage_collection() -> Iterator[None]:
-    """Pause garbage collection: for a syntax tree, many objects without cycles, it takes as long as parsing."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def _list_possible_modules(imports: Iterable[Import], name: str) -> Iterator[str]:

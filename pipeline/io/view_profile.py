@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, PositiveFloat, Positive
 
 from models.core.errors import OptionError
 from models.core.fit_result import Parameter
-from models.core.scene import BallSize, Table
+from models.core.scene import BallSize
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD
 from models.numerics.statistics import intersect_estimates
@@ -235,7 +235,8 @@ def add_view(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
             f" {table.length:g} x {table.width:g} m: name another file"
         )
     prior = _build_view_prior(profile)
-    profile["table"] = _describe_table(table) | (own or {})
+    described = {name: getattr(table, name) for name in ("name", "game", "length", "width", "pockets")}
+    profile["table"] = described | (own or {})
     camera = parse_camera(scene)
     if camera is not None and not scene["calibration"].get("camera_moves"):
         corners, covariance, shots = camera.corners_px, camera.corner_covariance, 1
@@ -323,10 +324,6 @@ def _add_effects(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
             "value": value, "sigma": math.sqrt(variance), "unit": own.get("unit", ""), "shots": shots,
         }  # fmt: skip
     return notes
-
-
-def _describe_table(table: Table) -> dict[str, Any]:
-    return {name: getattr(table, name) for name in ("name", "game", "length", "width", "pockets")}
 
 
 def _require_shape(rows: list[list[float]], shape: tuple[int, int], name: str) -> list[list[float]]:

@@ -44,16 +44,12 @@ class KernelPreparation:
         """
         if not self._is_checked and "explain" not in done:
             self._is_checked = True
-            self._start_where_missing()
+            if available_cores() > 1 and not _has_kernels():
+                process = get_context("spawn").Process(target=_prepare_kernels, daemon=True)
+                with suppress(OSError):  # no process can be started: this one compiles everything
+                    process.start()
+                    self._process = process
         return self._process is not None and self._process.is_alive()
-
-    def _start_where_missing(self) -> None:
-        """Start the process if kernels are missing and this process may use a second core."""
-        if available_cores() > 1 and not _has_kernels():
-            process = get_context("spawn").Process(target=_prepare_kernels, daemon=True)
-            with suppress(OSError):  # no process can be started: this one compiles everything
-                process.start()
-                self._process = process
 
 
 def _has_kernels() -> bool:

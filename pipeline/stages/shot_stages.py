@@ -109,9 +109,4 @@ def shot_stage(shot: ClipShot, digest: str, read: ReadOptions, memory: FrameMemo
     stated = {"fps": read.fps, "pixel_aspect": read.pixel_aspect}
     facts = {"clip": digest, "first": shot.first, "stop": shot.stop, **stated, "note": shot.note}
     adapt = partial(locate_clip, shot.whole.path, memory)
-    return Stage("read", __name__, (), Clip, partial(_extract_shot, shot), NoOptions(), facts, adapt)
-
-
-def _extract_shot(shot: ClipShot, inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> Clip:
-    """Return the frames of the shot as a clip."""
-    return shot.clip
+    return Stage("read", __name__, (), Clip, lambda *_: shot.clip, NoOptions(), facts, adapt)

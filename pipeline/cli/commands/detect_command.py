@@ -74,8 +74,10 @@ def detect_balls_in_stills(
         rows.extend(_build_rows(name, balls))
         makers.add(balls.detector)
     if len(failed) < len(paths):
-        with replace_file(out) as target:
-            _write_rows(rows, target)
+        with replace_file(out) as target, target.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(COLUMNS)
+            table.writerows([getattr(row, name) for name in COLUMNS] for row in rows)
     if as_json:
         print(json.dumps({"file": str(out), "failed": failed, "balls": [asdict(row) for row in rows]}))
     elif len(failed) < len(paths):
@@ -111,10 +113,3 @@ def _build_rows(name: str, balls: StillDetections) -> list[DetectedBallRow]:
         )
         for (x, y), r, kind, score, sigma in columns
     ]
-
-
-def _write_rows(rows: list[DetectedBallRow], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        table.writerows([getattr(row, name) for name in COLUMNS] for row in rows)
