@@ -219,9 +219,7 @@ def _render(rows: Sequence[ClipResult], out: Path, cards: Sequence[ShotCard], im
 def _list_cards(row: ClipResult, out: Path) -> Iterator[ShotCard]:
     """Yield a card for each usable shot of a clip."""
     folder = Path(row.folder)
-    shots = (
-        _read_json(folder / "scene.json").get("shots", ()) if row.in_shots else ()
-    )
+    shots = _read_json(folder / "scene.json").get("shots", ()) if row.in_shots else ()
     for name in [str(shot["folder"]) for shot in shots] if row.in_shots else [""]:
         facts = _read_json(folder / name / SUMMARY_FILE)
         facts["balls"] = facts.get("balls", [])
