@@ -32,7 +32,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from pipeline.chain import default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
-from pipeline.engine.result_cache import ResultCache, default_cache_root
+from pipeline.engine.result_cache import open_cache
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.shot_laws import find_laws
@@ -192,8 +192,9 @@ def run(
     options = build_options({name: settings.get(name, setting.default) for name, setting in defaults.items()})
     path = Path(clip)
     folder = parse_output_path(out) if out is not None else default_run_folder(path)
-    store = ResultCache(Path(cache) if cache is not None else default_cache_root())
-    finished = run_chosen_shot(path, folder, options, store, _CallbackWatcher(progress), ShotChoice(shot, at))
+    finished = run_chosen_shot(
+        path, folder, options, open_cache(cache), _CallbackWatcher(progress), ShotChoice(shot, at)
+    )
     return Run(folder, finished.shot, finished.fit.laws)
 
 
@@ -211,7 +212,7 @@ def load(folder: str | Path) -> Run:
     """
     place = Path(folder)
     shot = read_shot(place)
-    return Run(place, shot, find_laws(place, shot, ResultCache(default_cache_root())))
+    return Run(place, shot, find_laws(place, shot, open_cache(None)))
 
 
 class _CallbackWatcher:

@@ -51,19 +51,15 @@ def _report_error(error: Exception, debug: bool) -> int:
     if debug:
         traceback.print_exception(error)
     if isinstance(error, UsageError):
-        print(f"trueroll: {_format_usage_error(error)}", file=sys.stderr)
+        usage: Any = error
+        message = _format_validation_error(error) or " ".join(usage.format_message().split()).rstrip(".")
+        command = usage.ctx.command_path if usage.ctx else "trueroll"
+        print(f"trueroll: {message}; see {command} --help", file=sys.stderr)
         return 2
     from pipeline.reporting.text.text_formatting import format_error
 
     print(f"trueroll: {format_error(error)}", file=sys.stderr)
     return 2 if isinstance(error, OptionError) else 1
-
-
-def _format_usage_error(error: Any) -> str:
-    """Format a usage error of click as one line that names the help."""
-    context = error.ctx.command_path if error.ctx else "trueroll"
-    message = _format_validation_error(error) or " ".join(error.format_message().split()).rstrip(".")
-    return f"{message}; see {context} --help"
 
 
 def _format_validation_error(error: Any) -> str:

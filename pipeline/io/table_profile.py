@@ -265,12 +265,8 @@ def _require_form(name: str, choice: ModelChoice) -> str:
 
 # Parameters without which no ball behaves as on a table.
 USUAL_PARAMETERS = (
-    "sliding_friction.mu",
-    "rolling_resistance.mu",
-    "spin_decay.rate",
-    "ball_restitution.e",
-    "ball_friction.mu",
-)
+    "sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate", "ball_restitution.e", "ball_friction.mu",
+)  # fmt: skip
 # Details that a profile without them leaves out.
 NEUTRAL_BY_DEFAULT = ("cushion_restitution_speed.slope", "cushion_restitution_power.power", "cushion_height.ratio")
 # Relative error of a covariance that numbers in a file may cause.

@@ -18,28 +18,20 @@ class StageDisplay:
     """A watcher that draws a progress bar per stage on a terminal, as a context manager."""
 
     def __init__(self, console: Console, title: str = "") -> None:
-        columns = (
-            TextColumn("{task.description:<12}"),
-            BarColumn(),
-            TextColumn("{task.fields[note]}"),
-            TimeElapsedColumn(),
-        )
+        note = TextColumn("{task.fields[note]}")
+        columns = TextColumn("{task.description:<12}"), BarColumn(), note, TimeElapsedColumn()
         self._bars = Bars(*columns, console=console, disable=not console.is_terminal)
         self._tasks: dict[str, TaskID] = {}
         self._title = title
 
     def __enter__(self) -> StageDisplay:
         self._bars.start()
-        if self._title:
-            self._print_title(self._title)
+        if self._title and self._bars.console.is_terminal:
+            self._bars.console.print(self._title, highlight=False, markup=False)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._bars.stop()
-
-    def _print_title(self, title: str) -> None:
-        if self._bars.console.is_terminal:
-            self._bars.console.print(title, highlight=False, markup=False)
 
     @contextmanager
     def pause(self) -> Iterator[None]:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from html import escape
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from PIL import Image, ImageDraw, ImageFont
 
+from models.core.errors import OptionError
 from pipeline.chain import build_run_graph
+from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.result_cache import open_cache
+from pipeline.engine.stage_graph import StageStatus
 from pipeline.run_options import RunOptions, build_options, list_settings
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.command_settings import add_settings
@@ -31,15 +37,11 @@ def graph(
         clip: The clip whose stages are listed.
         out: Draw the graph into an .svg or .png file.
     """
-    from pipeline.engine.graph_drawing import write_graph_image
-    from pipeline.engine.stage_graph import StageGraph, StageStatus
-
     if clip is None:
         stages = build_run_graph(Path(__file__), options).stages
         views = [StageStatus(s.name, s.needs, "waiting", "waits for a clip" if not s.needs else "") for s in stages]
     else:
-        chain: StageGraph = build_run_graph(clip, options)
-        views = chain.list_statuses(open_cache(cache))
+        views = build_run_graph(clip, options).list_statuses(open_cache(cache))
     if out is not None:
         write_graph_image(views, out)
     if as_json:
@@ -54,3 +56,128 @@ def graph(
     cli.print_rows(("stage", "needs", "state", "why"), rows)
     if out is not None:
         print(f"Drawn in {out}")
+
+
+# Size of a box, space between columns and rows, border, all in px.
+BOX, GAP, MARGIN = (200, 54), (70, 26), 24
+COLOURS = {"cached": "#d7f0e2", "stale": "#fde6c4", "waiting": "#eceff1"}
+LINE, INK, SOFT = "#7b8a84", "#1b2420", "#55605a"
+# Most characters in the second line of a box.
+CHARACTERS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class StageBox:
+    """A stage and the top left corner of its box, px."""
+
+    status: StageStatus
+    x: int
+    y: int
+
+    @property
+    def lines(self) -> tuple[str, str]:
+        """Text of the box: the name of the stage, and its state or why it is stale."""
+        why = self.status.why or self.status.state
+        return self.status.stage, why if len(why) <= CHARACTERS else why[: CHARACTERS - 1] + "…"
+
+
+def arrange_boxes(statuses: Sequence[StageStatus]) -> list[StageBox]:
+    """Arrange boxes in columns, each stage right of everything that it needs."""
+    column: dict[str, int] = {}
+    rows: dict[int, int] = {}
+    boxes = []
+    for status in statuses:
+        column[status.stage] = max((column[name] + 1 for name in status.needs), default=0)
+        row = rows.get(column[status.stage], 0)
+        rows[column[status.stage]] = row + 1
+        x = MARGIN + column[status.stage] * (BOX[0] + GAP[0])
+        boxes.append(StageBox(status, x, MARGIN + row * (BOX[1] + GAP[1])))
+    return boxes
+
+
+def write_graph_image(statuses: Sequence[StageStatus], path: Path) -> None:
+    """Draw the graph into a file.
+
+    Args:
+        statuses: Stages with their states, in the order of the graph.
+        path: The file; its suffix, .svg or .png, decides the format.
+
+    Raises:
+        OptionError: The suffix is another one.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".svg", ".png"):
+        raise OptionError(f"The graph is drawn into an .svg or a .png file; {path.name} is neither")
+    boxes = arrange_boxes(statuses)
+    width = max(box.x for box in boxes) + BOX[0] + MARGIN
+    height = max(box.y for box in boxes) + BOX[1] + MARGIN
+    with replace_file(path) as fresh:
+        if suffix == ".svg":
+            fresh.write_text(_format_svg(boxes, width, height), encoding="utf-8")
+        else:
+            _draw_png(boxes, width, height).save(fresh, format="PNG")
+
+
+def _list_arrows(boxes: Sequence[StageBox]) -> list[tuple[int, int, int, int]]:
+    """List the arrows of all direct inputs as (x0, y0, x1, y1), px."""
+    by_name = {box.status.stage: box for box in boxes}
+    half = BOX[1] // 2
+    return [
+        (by_name[name].x + BOX[0], by_name[name].y + half, box.x, box.y + half)
+        for box in boxes
+        for name in _select_direct_inputs(box.status, by_name)
+    ]
+
+
+def _select_direct_inputs(status: StageStatus, by_name: dict[str, StageBox]) -> list[str]:
+    """Select the inputs that no other input needs; arrows from the others would hide the order."""
+    covered: set[str] = set()
+    for name in status.needs:
+        waiting = list(by_name[name].status.needs)
+        while waiting:
+            above = waiting.pop()
+            covered.add(above)
+            waiting.extend(by_name[above].status.needs)
+    return [name for name in status.needs if name not in covered]
+
+
+def _format_svg(boxes: Sequence[StageBox], width: int, height: int) -> str:
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        'font-family="system-ui, DejaVu Sans, sans-serif">',
+        f'<marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
+        f'<path d="M0 0 8 4 0 8z" fill="{LINE}"/></marker><rect width="100%" height="100%" fill="#fff"/>',
+    ]
+    for x0, y0, x1, y1 in _list_arrows(boxes):
+        bend = (x0 + x1) // 2
+        curve = f"M{x0} {y0}C{bend} {y0} {bend} {y1} {x1} {y1}"
+        parts.append(f'<path d="{curve}" fill="none" stroke="{LINE}" stroke-width="1.5" marker-end="url(#tip)"/>')
+    for box in boxes:
+        name, why = box.lines
+        parts.append(
+            f'<g><title>{escape(box.status.why or "cached")}</title><rect x="{box.x}" y="{box.y}" width="{BOX[0]}" '
+            f'height="{BOX[1]}" rx="8" fill="{COLOURS[box.status.state]}" stroke="{LINE}"/>'
+            f'<text x="{box.x + 12}" y="{box.y + 23}" font-size="15" font-weight="600" fill="{INK}">'
+            f"{escape(name)}</text>"
+            f'<text x="{box.x + 12}" y="{box.y + 42}" font-size="11" fill="{SOFT}">{escape(why)}</text></g>'
+        )
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _draw_png(boxes: Sequence[StageBox], width: int, height: int) -> Image.Image:
+    scale = 2
+    image = Image.new("RGB", (scale * width, scale * height), "white")
+    draw = ImageDraw.Draw(image)
+    title, small = (ImageFont.load_default(scale * size) for size in (15, 11))
+    for x0, y0, x1, y1 in ([scale * v for v in arrow] for arrow in _list_arrows(boxes)):
+        bend = (x0 + x1) // 2
+        draw.line([(x0, y0), (bend, y0), (bend, y1), (x1, y1)], fill=LINE, width=scale + 1)
+        draw.polygon([(x1, y1), (x1 - 8 * scale, y1 - 4 * scale), (x1 - 8 * scale, y1 + 4 * scale)], fill=LINE)
+    for box in boxes:
+        name, why = box.lines
+        x, y = scale * box.x, scale * box.y
+        corner = (x + scale * BOX[0], y + scale * BOX[1])
+        draw.rounded_rectangle([(x, y), corner], 8 * scale, COLOURS[box.status.state], LINE, scale)
+        draw.text((x + 12 * scale, y + 7 * scale), name, INK, title)
+        draw.text((x + 12 * scale, y + 31 * scale), why, SOFT, small)
+    return image

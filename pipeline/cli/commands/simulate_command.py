@@ -10,7 +10,6 @@ import typer
 
 from models.core.answer import Answer
 from models.core.ball_look import describe_unseen_balls
-from models.core.events import Events
 from models.core.naming import Naming, join_names
 from models.core.trajectory import State
 from pipeline.engine.atomic_write import require_writable_folder
@@ -49,7 +48,10 @@ def simulate_shot(
     naming = Naming(dict(zip(ids, describe_unseen_balls(ids, [name.split("-")[0] for name in ids]), strict=True)))
     write_states(ids, wanted.times, state, folder / "trajectory.csv")
     write_events(events, folder / "events.csv")
-    write_image(_draw_shot(wanted, naming, state, events), folder / "plan.png")
+    met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
+    title = f"{wanted.seconds:g} s, {met.sum()} contacts"
+    plan = draw_table_plan(wanted.table, naming, ids, list(np.moveaxis(state.xy, 1, 0)), events.xy[met], title)
+    write_image(plan, folder / "plan.png")
     rows = [(f"{events.t[k]:.6f} s", name_event(events, k, naming)) for k in range(len(events))]
     event_values = [
         {"kind": events.kind[k], "t": float(events.t[k]), "a": events.a[k], "b": events.b[k]}
@@ -70,10 +72,3 @@ def _describe_end(shot: ShotSetup, naming: Naming, state: State) -> tuple[str, .
     moving = [naming.say(ball) for k, ball in enumerate(shot.balls.ids) if np.hypot(*state.v[-1, k]) > 0]
     verb = f"still move{'s' * (len(moving) == 1)}"
     return tuple([start_sentence(f"{join_names(moving)} {verb} at the limit of {shot.seconds:g} s.")] * bool(moving))
-
-
-def _draw_shot(shot: ShotSetup, naming: Naming, state: State, events: Events) -> np.ndarray:
-    met = np.array([kind in ("ball", "cushion") for kind in events.kind], dtype=bool)
-    ids = shot.balls.ids
-    paths = [state.xy[:, k] for k in range(len(ids))]
-    return draw_table_plan(shot.table, naming, ids, paths, events.xy[met], f"{shot.seconds:g} s, {met.sum()} contacts")

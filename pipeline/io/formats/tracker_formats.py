@@ -91,7 +91,9 @@ def _write_project(tracks: PointTracks, path: Path, provenance: Provenance) -> N
     clip = _add_object(_add(panel, "videoclip", "object"), f"{_MEDIA}VideoClip")
     for name, value in (("startframe", 0), ("stepsize", 1), ("stepcount", int(frame.max(initial=0)) + 1)):
         _add(clip, name, "int", str(value))
-    fps = tracks.fps or _estimate_rate(tracks)
+    fps = tracks.fps
+    if not fps and "t" in tracks.columns and np.ptp(frame):
+        fps = float(1 / np.polyfit(frame, tracks.columns["t"], 1)[0])
     if fps is not None:
         start = tracks.list_times()[0] - frame[0] / fps
         _add(clip, "starttime", "double", repr(float(start * _MS)))
@@ -101,13 +103,8 @@ def _write_project(tracks: PointTracks, path: Path, provenance: Provenance) -> N
     origin, scale = _find_origin(tracks, px), tracks.px_per_m or 1.0
     data = _add(system, "framedata", "array", kind=f"[L{_AXES};")
     entry = _add_object(_add(data, "[0]", "object"), _AXES)
-    for name, number in (
-        ("xorigin", origin[0]),
-        ("yorigin", origin[1]),
-        ("angle", 0.0),
-        ("xscale", scale),
-        ("yscale", scale),
-    ):
+    numbers = {"xorigin": origin[0], "yorigin": origin[1], "angle": 0.0, "xscale": scale, "yscale": scale}
+    for name, number in numbers.items():
         _add(entry, name, "double", repr(float(number)))
     _add(panel, "length_unit", "string", "m")
     masses = _add(panel, "tracks", "collection", kind="java.util.ArrayList")
@@ -121,13 +118,6 @@ def _write_project(tracks: PointTracks, path: Path, provenance: Provenance) -> N
                 _add(point, axis, "double", repr(value))
     ElementTree.indent(panel, "    ")
     path.write_bytes(ElementTree.tostring(panel, "utf-8", xml_declaration=True))
-
-
-def _estimate_rate(tracks: PointTracks) -> float | None:
-    """Estimate the frame rate of tracks with times and frames; None where one is not known."""
-    if "t" not in tracks.columns or np.ptp(tracks.columns["frame"]) == 0:
-        return None
-    return float(1 / np.polyfit(tracks.columns["frame"], tracks.columns["t"], 1)[0])
 
 
 def _find_origin(tracks: PointTracks, px: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.progress import Progress
-from pipeline.engine.graph_drawing import write_graph_image
+from pipeline.cli.commands.graph_command import write_graph_image
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import hash_sources
 from pipeline.engine.stage import Stage
