@@ -14,12 +14,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.fitting.hypothesis_fits import COARSE_FIT, FULL_FIT, DiagnosisProblem, EffectFit, fit_effects
-from diagnosis.fitting.shot_split import MIN_SHOTS_FOR_SELECTION
+from diagnosis.fitting.shot_preparation import MIN_SHOTS_FOR_SELECTION
 from diagnosis.fitting.window_continuation import restart_poor_shots
 from diagnosis.selection.hypotheses import (
     EffectSearch,
     Hypothesis,
     ProgressCallback,
+    Signatures,
     compute_hypothesis_signatures,
     get_shot_information,
     ignore_progress,
@@ -32,7 +33,6 @@ from diagnosis.selection.hypothesis_trials import (
     restart_poor_windows,
     try_hypothesis,
 )
-from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import correct_for_choices

@@ -8,15 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.bodies.body_strengths import (
+from diagnosis.fitting.body_strengths import (
     BodyFit,
     compute_body_residuals,
     fit_body_strengths,
     linearize_bodies,
-    measure_body_closure,
 )
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
-from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
+from diagnosis.fitting.fit_residuals import FitResiduals, ResidualStructure, compute_residuals, find_structure
 from diagnosis.fitting.gap_closure import GapClosure, measure_closure
 from diagnosis.fitting.hypothesis_fits import (
     COARSE_FIT,
@@ -30,9 +29,14 @@ from diagnosis.fitting.hypothesis_fits import (
     linearize_fit,
     refit_effects,
 )
-from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
-from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
-from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
+from diagnosis.fitting.shot_preparation import (
+    NoiseEstimate,
+    ShotSplit,
+    apply_noise_estimate,
+    estimate_noise,
+    find_common_duration,
+    shorten_recordings,
+)
 from diagnosis.fitting.window_continuation import find_unreachable_shots
 from diagnosis.selection.effect_selection import fit_without_effect, search_effects, select_hypothesis
 from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis, ProgressCallback
@@ -126,8 +130,8 @@ def run_study(
     search = _run_search(problem, (*first, *second), on_progress)
     if isinstance(scene, ContactRichScene):
         restart_disagreeing_shots(search)
-    choice = _compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
-    best, body_fit = choice.best, choice.body_fit
+    confirmed = confirm_effects(problem, search, first, second)
+    best, body_fit, refuted = _compare_with_body_strengths(problem, search, confirmed)
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
@@ -156,7 +160,7 @@ def run_study(
         structure_after,
         unknown_evidence,
         body_fit,
-        choice.refuted,
+        refuted,
     )
 
 
@@ -198,11 +202,7 @@ def _assess_doubt(
         len(first), len(second)
     )
     body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
-    ahead = (
-        measure_closure(problem, second or first, before, after, rng)
-        if body_after is None
-        else measure_body_closure(problem, second or first, before, after, body_after, rng)
-    )
+    ahead = measure_closure(problem, second or first, before, after, rng, body_after)
     evidence = assess(search.base.fitted, full, ahead, gains)
     if not (
         evidence.has_systematic_residuals
@@ -225,26 +225,21 @@ def _measure_generic_law_share(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class BodyChoice:
-    """The best hypothesis, with strengths of every body where they differ."""
-
-    best: Hypothesis
-    body_fit: BodyFit | None
-    """None where all bodies may have the same strengths."""
-    refuted: frozenset[str] = frozenset()
-    """Effects that are worse in place of one whose strength differs, each with strengths of every body."""
-
-
-def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch, best: Hypothesis) -> BodyChoice:
+def _compare_with_body_strengths(
+    problem: DiagnosisProblem, search: EffectSearch, best: Hypothesis
+) -> tuple[Hypothesis, BodyFit | None, frozenset[str]]:
     """Replace an effect whose strength differs between bodies by a rival that explains every body better.
 
     With strengths that all bodies share, each law leaves the differences between bodies, and the law that leaves less
     of them is not the right one.
+
+    Returns:
+        The best hypothesis; the same with strengths of every body, None where all bodies may have the same; and the
+        effects that are worse in place of one whose strength differs.
     """
     body_fit = fit_body_strengths(problem, best.fitted)
     if body_fit is None:
-        return BodyChoice(best, None)
+        return best, None, frozenset()
     fits: dict[str, tuple[Hypothesis, BodyFit]] = {}
     for name in sorted(best.names):
         mask = problem.mask((name,))
@@ -260,7 +255,7 @@ def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch
             if its_fit is not None:
                 fits[other] = swapped, its_fit
     if not fits:
-        return BodyChoice(best, body_fit)
+        return best, body_fit, frozenset()
     noise = min(own.lack_of_fit for _, own in fits.values())
     evidence = {
         name: -0.5 * own.cost / noise - 0.5 * own.parameter_count * float(np.log(one.fitted.value_count))
@@ -271,7 +266,7 @@ def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch
     chosen = fits[first][0]
     if chosen is not best:
         body_fit = fit_body_strengths(problem, chosen.fitted)
-    return BodyChoice(chosen, body_fit, refuted - chosen.names)
+    return chosen, body_fit, refuted - chosen.names
 
 
 def confirm_effects(

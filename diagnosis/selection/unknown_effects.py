@@ -12,9 +12,9 @@ from math import e, log
 import numpy as np
 from scipy.stats import chi2, norm
 
+from diagnosis.fitting.fit_residuals import ResidualStructure
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.hypothesis_fits import EffectFit, ShotInformation
-from diagnosis.fitting.residual_structure import ResidualStructure
 
 # p-value below which residuals are systematic.
 SUSPICIOUS_P_VALUE = 0.005
