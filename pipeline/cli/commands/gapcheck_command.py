@@ -78,9 +78,8 @@ def gapcheck(
         if any(one.unreadable for one in opened_sets):
             raise typer.Exit(1)
         return
-    from pipeline.experiments.gapcheck.blind_case import diagnose_case, simulate_case
-    from pipeline.experiments.gapcheck.case_catalogue import DEFAULT_KINDS, KINDS
-    from pipeline.experiments.gapcheck.case_scores import score_cases
+    from pipeline.experiments.gapcheck.billiards_cases import DEFAULT_KINDS, KINDS
+    from pipeline.experiments.gapcheck.blind_case import diagnose_case, score_cases, simulate_case
 
     selected = [kind for kind in (KINDS if only or every else DEFAULT_KINDS) if only in kind.name]
     if not selected:
@@ -113,7 +112,7 @@ def gapcheck(
 
 
 def _print_scores(screen: Console, cases: list[Any], marks: Any) -> None:
-    from pipeline.experiments.gapcheck.case_scores import compute_calibration, count_confusions
+    from pipeline.experiments.gapcheck.blind_case import compute_calibration, count_confusions
 
     grid = Grid("withheld", "answer", "times", box=None, pad_edge=False)
     for kind, answer, times in count_confusions(cases):

@@ -53,6 +53,8 @@ class BodyKind:
     """Whether the known inputs are stated."""
     family: frozenset[str] = frozenset()
     """Effects of the library, any of which alone is a right name for an effect of another form."""
+    forms: tuple[str, ...] = ()
+    """Empty: bodies have no choice of contact models."""
 
     @property
     def withheld(self) -> frozenset[str]:
@@ -68,11 +70,6 @@ class BodyKind:
     def trap(self) -> bool:
         """Whether all shots have the same throw."""
         return bool(self.throw)
-
-    @property
-    def forms(self) -> tuple[str, ...]:
-        """Empty: bodies have no choice of contact models."""
-        return ()
 
     def simulator(self, scene: GapScene) -> GapScene:
         """Return the scene unchanged: track folders of bodies state it completely."""

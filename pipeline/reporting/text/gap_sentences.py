@@ -14,7 +14,6 @@ from diagnosis.fitting.display_names import (
     LAWS,
     format_cause,
     format_growth_variable,
-    format_law,
     format_parameter,
     format_phase,
 )
@@ -28,6 +27,7 @@ from models.core.number_format import (
     format_value,
     format_with_sigma,
 )
+from pipeline.reporting.text.whole_shot_sentences import format_law
 
 # Share of the gap below which an effect that may close nothing is called small.
 SMALL_SHARE = 0.05

@@ -48,21 +48,27 @@ from pipeline.experiments.thesis.experiment_plan import (
     list_cases,
     list_tasks,
 )
-from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
-from pipeline.experiments.thesis.scenes.constraint_training_data import simulate_training_swings
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
+from pipeline.experiments.thesis.pool_scene import build_pool_series, list_shots
+from pipeline.experiments.thesis.thesis_results import (
+    build_learning_table,
+    build_tables,
+    describe_scene_results,
+    summarize_settings,
+)
+from pipeline.experiments.thesis.thesis_scenes import (
     GRAVITY,
     LENGTH,
     RECORDING,
+    ExperimentCase,
+    WithheldSeries,
+    body_indices,
+    build_series,
     convert_to_angles,
     convert_to_points,
     find_recording,
     simulate_double_pendulum,
+    simulate_training_swings,
 )
-from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
-from pipeline.experiments.thesis.thesis_page import build_learning_table, build_tables
-from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
 from pipeline.experiments.thesis.trials import MAX_ERROR_PX, Trial, run_trial
 
 CASE = ExperimentCase("double-pendulum", "soft", 30.0, 0.1, 0)

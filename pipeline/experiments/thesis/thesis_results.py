@@ -1,16 +1,36 @@
-"""Results of all seeds of a setting, and in which settings the claims of the thesis hold."""
+"""Results of all seeds of a setting as tables, and in which settings the claims of the thesis hold."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from pipeline.experiments.thesis.compared_methods import THESIS_NET
+from pipeline.experiments.thesis.compared_methods import (
+    CONSTRAINT_NET,
+    PHYSICS_NAME,
+    PRETRAINED_NET,
+    SPLINES,
+    THESIS_NET,
+)
 from pipeline.experiments.thesis.experiment_plan import BASE_SETTING, FIRST_VARIANT
 from pipeline.experiments.thesis.trials import Trial
 
+# Name of a variant of a scene.
+UNITS = {"double-pendulum": "{} springs", "real": "From {} on", "boxes": "A ball of {} px/s", "pool": "{}"}
+# Compared methods, the best of which counts, with their rivals.
+COMPARISONS = (
+    (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), "linear"),
+    (f"network of the thesis ({THESIS_NET})", (THESIS_NET,), CONSTRAINT_NET),
+    ("best spline", SPLINES, "linear"),
+    (CONSTRAINT_NET, (CONSTRAINT_NET,), "linear"),
+    (PRETRAINED_NET, (PRETRAINED_NET,), "linear"),
+    ("fit of the physics", (PHYSICS_NAME,), "cubic"),
+)
+COMPARISON_HEADS = ["median", "lowest", "highest", "lower in"]
 # Claimed ratio of errors to those of linear interpolation and ConstraintNet: Chen 2022, abstract and figure 6.
 CLAIMED_FACTOR = 100.0
 # Largest stated ratio; beyond it only rounding errors are compared.
@@ -146,3 +166,87 @@ def _assess_claim(here: list[SettingResult], trained: float) -> str:
     if trained < 1:
         text += f" The network had {trained:.0%} of its training at most: where the claim fails, that decides nothing."
     return text
+
+
+Cell = tuple[str, str]
+"""Text of a cell, and its style: best, worse (than linear), or empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResultTable:
+    """A table of methods; one column per setting, or per property of their training."""
+
+    caption: str
+    heads: list[str]
+    rows: list[tuple[str, list[Cell]]]
+    """Name and cells of each method."""
+
+
+def format_csv(trials: Sequence[Trial]) -> str:
+    """Format one row per trial, with the columns of the contract first."""
+    text = io.StringIO()
+    rows = [trial.row for trial in trials]
+    writer = csv.DictWriter(text, list(rows[0]) if rows else ["scene"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def build_tables(scene: str, results: list[SettingResult]) -> list[ResultTable]:
+    """Build the comparison of the methods over all settings of a scene, and a table for each variant."""
+    here = [cell for cell in results if cell.scene == scene]
+    variants = dict.fromkeys(cell.variant for cell in here)
+    tables = [_build_table(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
+    return [_compare_methods(here), *tables]
+
+
+def _compare_methods(here: list[SettingResult]) -> ResultTable:
+    """Compare methods with their rivals over all settings of a scene."""
+    rows = []
+    for name, methods, rival in COMPARISONS:
+        gains = [gain for _, gain in compute_gains(here, methods, rival)]
+        if gains:
+            better = sum(gain > 1 for gain in gains)
+            texts = [*map(format_times, (median(gains), min(gains), max(gains))), f"{better} of {len(gains)}"]
+            rows.append((f"{name}, than {rival}", [(text, "") for text in texts]))
+    return ResultTable("How many times lower the error is, over all settings", COMPARISON_HEADS, rows)
+
+
+def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
+    methods = dict.fromkeys(name for cell in here for name in (*cell.mse, *cell.untrained))
+    heads = [f"{cell.fps:.3g} Hz, {cell.noise:g} px" for cell in here]
+    first = ("linear: mse, px²", [(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
+    rest = [(name, [_format_cell(cell, name) for cell in here]) for name in methods if name != "linear"]
+    name = UNITS[here[0].scene].format(variant)
+    return ResultTable(f"{name[0].upper()}{name[1:]}: how many times lower than linear", heads, [first, *rest])
+
+
+def _format_cell(cell: SettingResult, name: str) -> Cell:
+    if name in cell.untrained:
+        return f"not trained to the end ({cell.untrained[name]:.0f} s)", "worse"
+    if name not in cell.mse:
+        return "-", "worse"
+    gain = cell.mse["linear"] / max(cell.mse[name], 1e-300)
+    leader = find_best_method(cell, cell.mse)
+    look = "best" if leader is not None and leader[0] == name else "worse" if gain < 1 else ""
+    return format_times(gain) if gain >= 1e-3 else "lost", look
+
+
+def build_learning_table(scene: str, trials: Sequence[Trial]) -> ResultTable | None:
+    """Build the table of training costs in the first setting of a scene, where all methods run: medians over seeds."""
+    here = [trial for trial in trials if trial.case.scene == scene]
+    setting = trial_setting(here[0]) if here else None
+    by_method: dict[str, list[Trial]] = {}
+    for trial in here:
+        if trial_setting(trial) == setting and trial.parameters:
+            by_method.setdefault(trial.method, []).append(trial)
+    rows = []
+    for method, some in by_method.items():
+        parameters = median(trial.parameters for trial in some)
+        steps = median(len(trial.loss) for trial in some)
+        seconds = median(trial.seconds for trial in some)
+        name = method if all(trial.is_trained for trial in some) else f"{method}, not trained to the end"
+        texts = f"{int(parameters):,}", f"{int(steps):,}" if steps >= 1 else "-", f"{seconds:.1f}"
+        rows.append((name, [(text, "") for text in texts]))
+    caption = "Training cost of the methods, in the first setting"
+    return ResultTable(caption, ["parameters", "steps", "CPU s"], rows) if rows else None
