@@ -23,9 +23,9 @@ from pipeline.reporting.text.text_formatting import (
     format_event_time,
     format_no_events,
     format_trust_line,
+    format_whole_shot,
     summarize_trust,
 )
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import RunOptions, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation

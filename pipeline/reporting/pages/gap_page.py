@@ -8,7 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from diagnosis.fitting.display_names import format_cause, format_growth_variable, format_parameter, format_phase
+from diagnosis.fitting.display_names import (
+    format_cause,
+    format_growth_variable,
+    format_parameter,
+    format_phase,
+)
 from diagnosis.verdicts.verdict import DiagnosisReport, GapLocation, Strength
 from models.core.number_format import format_measured, format_unit
 from models.core.scene import Table
@@ -33,8 +38,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_verdict,
     list_causes,
 )
-from pipeline.reporting.text.text_formatting import escape_text
-from pipeline.reporting.text.whole_shot_sentences import format_law
+from pipeline.reporting.text.text_formatting import escape_text, format_law
 
 # Candidates in the list.
 MAX_CANDIDATES = 8

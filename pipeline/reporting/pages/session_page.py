@@ -14,10 +14,12 @@ from models.core.number_format import format_unit
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import TIP_SHARE, format_direction, format_number
-from pipeline.reporting.text.session_sentences import (
+from pipeline.reporting.text.number_sentences import (
+    TIP_SHARE,
+    format_direction,
     format_level,
     format_measurement,
+    format_number,
     format_own_spread,
     format_spread,
     format_trend,
