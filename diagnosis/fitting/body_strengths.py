@@ -300,16 +300,7 @@ def _estimate_shot_scatter(
 def linearize_bodies(
     problem: DiagnosisProblem, like: EffectFit, body_fit: BodyFit
 ) -> tuple[tuple[EffectFit, LinearizedFit], ...]:
-    """Linearise the windows of every body at its own strengths.
-
-    Args:
-        problem: Scene and priors.
-        like: Fit with strengths that all bodies share.
-        body_fit: Fit with strengths of every body.
-
-    Returns:
-        Fit and linearisation per body, in the order of `body_fit.bodies`.
-    """
+    """Linearise the windows of every body at its own strengths, with the fit of each; `like` shares its strengths."""
     fits = (select_body_fit(like, body_fit, body) for body in body_fit.bodies)
     return tuple((fitted, linearize_fit(problem, fitted)) for fitted in fits)
 

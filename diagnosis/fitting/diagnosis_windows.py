@@ -129,11 +129,6 @@ def fit_longer_windows(problem: DiagnosisProblem, recordings: tuple[Recording, .
     return fit_adaptively(problem, recordings, like.names, like.forms, like.shared)
 
 
-def _split_segments(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
-    """Split segments into parts of about `span` seconds."""
-    return tuple(part for segment in segments for part in _split_segment(segment, span))
-
-
 def _fit_long_segments(
     problem: DiagnosisProblem,
     segments: tuple[Recording, ...],
@@ -148,7 +143,7 @@ def _fit_long_segments(
     long_fit = fit_effects(problem, segments, names, forms, guess)
     if problem.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
-    short = _split_segments(segments, SHORT_SEGMENT_S)
+    short = tuple(part for segment in segments for part in _split_segment(segment, SHORT_SEGMENT_S))
     if len(short) == len(segments):
         return long_fit
     short_fit = fit_effects(problem, short, names, forms, guess)

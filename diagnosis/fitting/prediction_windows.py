@@ -83,22 +83,20 @@ def build_prediction_windows(
                 whole = add_rest_observations(segment, np.array([first, len(segment.t)]))
             windows.append(PredictionWindow(whole.select_rows(first, end), start_rows))
             first += max((end - first) // 2, start_rows)
-    moving = [
-        one
-        for one in windows
-        if one.segment.is_observed[: one.start_rows].any(axis=0).all() and _has_motion(one.segment)
-    ]
-    return tuple(one for one in moving if _has_same_start_layout(problem, one))
+    return tuple(one for one in windows if _is_usable(problem, one))
 
 
-def _has_same_start_layout(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
-    """Return whether the first rows and the whole window have start states of the same layout.
+def _is_usable(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
+    """Return whether a body moves, every one is observed at the start, and start states have the layout of the whole.
 
     A body may be at rest in the first rows and move in later ones.
     """
-    segments = (one.segment.select_rows(0, one.start_rows), one.segment)
+    start = one.segment.select_rows(0, one.start_rows)
+    if not start.is_observed.any(axis=0).all() or _find_displacements(one.segment).sum() < MIN_ROWS:
+        return False
     first, whole = (
-        problem.scene.build_model((segment,), problem.simulator_forms).windows[0].start for segment in segments
+        problem.scene.build_model((segment,), problem.simulator_forms).windows[0].start
+        for segment in (start, one.segment)
     )
     return bool(first.shape == whole.shape)
 
@@ -108,11 +106,6 @@ def _count_start_rows(problem: DiagnosisProblem, segment: Recording) -> int:
     if not isinstance(problem.scene, ContactRichScene):
         return START_FRAMES
     return max(START_FRAMES, int(np.searchsorted(segment.t, segment.t[0] + problem.scene.initial_window_length)))
-
-
-def _has_motion(segment: Recording) -> bool:
-    """Return whether a body moves more than the noise."""
-    return bool(_find_displacements(segment).sum() >= MIN_ROWS)
 
 
 def _find_displacements(segment: Recording) -> BoolArray:

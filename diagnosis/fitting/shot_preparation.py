@@ -270,15 +270,13 @@ def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate
     Returns:
         Recordings with scaled sigmas, NaN in place of outliers.
     """
-    scaled = (replace(one, sigma=np.maximum(one.sigma * noise.scale, _smallest_sigma(one))) for one in recordings)
-    return tuple(
-        replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)) for one in scaled
-    )
-
-
-def _smallest_sigma(recording: Recording) -> float:
-    """Return the standard deviation below which a simulation is no better than the recording."""
-    return _MIN_RELATIVE_SIGMA * float(np.abs(recording.positions[recording.is_observed]).max(initial=0.0))
+    estimated = []
+    for one in recordings:
+        # below this a simulation is no better than the recording
+        least = _MIN_RELATIVE_SIGMA * float(np.abs(one.positions[one.is_observed]).max(initial=0.0))
+        one = replace(one, sigma=np.maximum(one.sigma * noise.scale, least))
+        estimated.append(replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)))
+    return tuple(estimated)
 
 
 def _find_outliers(recording: Recording) -> BoolArray:

@@ -246,20 +246,18 @@ class EffectSearch:
         self.hypotheses[one.names] = Hypothesis(one.names, better)
         return self.hypotheses[one.names]
 
-    def fit_generic_laws(self, one: Hypothesis) -> EffectFit:
-        """Fit the generic laws beside the effects of a hypothesis, once for each of its fits."""
-        fitted = one.fitted
+    def generic_law_gain(self, one: Hypothesis) -> float:
+        """Return the cost that generic laws explain beside the effects of a hypothesis, beyond what chance gives.
+
+        They are fitted once for each of its fits.
+        """
+        fitted, free = one.fitted, int(self.problem.mask(self.problem.probes).sum())
         if one.names not in self.generic_law_fits or self.generic_law_fits[one.names][0] is not fitted:
             names = (*fitted.names, *self.problem.probes)
             with_laws = fit_effects(self.problem, fitted.segments, names, fitted.forms, fitted.shared, fitted.starts)
             self.generic_law_fits[one.names] = fitted, with_laws
-        return self.generic_law_fits[one.names][1]
-
-    def generic_law_gain(self, one: Hypothesis) -> float:
-        """Return the cost that generic laws explain beside the effects of a hypothesis, beyond what chance gives."""
-        free = int(self.problem.mask(self.problem.probes).sum())
-        with_laws = self.fit_generic_laws(one)
-        return max(one.fitted.cost - with_laws.cost - free * with_laws.lack_of_fit, 0.0)
+        with_laws = self.generic_law_fits[one.names][1]
+        return max(fitted.cost - with_laws.cost - free * with_laws.lack_of_fit, 0.0)
 
     def record_shared_starts(self, one: Hypothesis, names: frozenset[str]) -> None:
         """Record that another hypothesis was refitted from the starts of this one."""

@@ -9,7 +9,7 @@ short formula.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +52,10 @@ class ExcessAcceleration:
     def speed(self) -> FloatArray:
         """(M,) in the unit of the scene per s."""
         return np.asarray(np.linalg.norm(self.velocity, axis=1))
+
+    def select(self, chosen: BoolArray) -> ExcessAcceleration:
+        """Return the chosen (M,) pieces."""
+        return ExcessAcceleration(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def project(self, directions: FloatArray) -> FloatArray:
         """Return the components (M,) along unit vectors (M, D)."""

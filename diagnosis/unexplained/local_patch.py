@@ -82,7 +82,7 @@ def propose_discs(excess: ExcessAcceleration, count: int) -> tuple[tuple[Disc, .
     Returns:
         Discs, the most significant first, and the number of discs that they were selected from.
     """
-    moving = _select_moving(excess)
+    moving = excess.select(excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0))
     if len(moving.sigma) < 2 * _MIN_PROPOSED_INSIDE or moving.position.shape[1] != 2:
         return (), 0
     values, weights = _weigh_along(moving)
@@ -100,15 +100,6 @@ def propose_discs(excess: ExcessAcceleration, count: int) -> tuple[tuple[Disc, .
             break
     discs = (Disc(centres[k], float(radii[k]), _difference(values, weights, inside[k])) for k in chosen)
     return tuple(discs), len(radii)
-
-
-def _select_moving(excess: ExcessAcceleration) -> ExcessAcceleration:
-    """Select the pieces in which a body moves."""
-    moving = excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0)
-    return ExcessAcceleration(
-        excess.values[moving], excess.sigma[moving], excess.shot[moving], excess.t[moving], excess.position[moving],
-        excess.velocity[moving],
-    )  # fmt: skip
 
 
 def _weigh_along(excess: ExcessAcceleration) -> tuple[FloatArray, FloatArray]:
@@ -130,7 +121,7 @@ def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> Lo
     Returns:
         The patch; None where no disc is significant, or where there are too few pieces.
     """
-    excess = _select_moving(excess)
+    excess = excess.select(excess.speed > _MIN_SPEED_SHARE * excess.speed.max(initial=0.0))
     if len(excess.sigma) < 4 * _MIN_INSIDE or excess.position.shape[1] != 2:
         return None
     values, weights = _weigh_along(excess)
