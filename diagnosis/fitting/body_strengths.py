@@ -116,14 +116,8 @@ class BodyFit:
     """(P,) standard deviation between shots of one body; 0 where they may all have the same."""
     segments: tuple[Recording, ...]
     """Windows, of one body each, body by body."""
-    starts: tuple[FloatArray, ...]
-    """Start state (S,) of each window."""
-    lack_of_fit: float
-    """Factor >= 1 by which the variance of the residuals exceeds that of the noise."""
-    cost: float
-    """Robust chi2 of the residuals and priors."""
-    parameter_count: int
-    """Number of fitted parameters, common and own."""
+    shooting: ShootingFit
+    """The fit of all windows."""
 
     def values_of(self, body: str) -> FloatArray:
         """Return the values (P,) of all parameters for a body; those of the common prior for an unknown one."""
@@ -184,7 +178,7 @@ def fit_body_strengths(
         replace(prior, value=float(np.clip(centre[k], *prior.bounds)), sigma=float(spread[k])) if own[k] else prior
         for k, prior in enumerate(problem.priors)
     )
-    together = _fit_bodies(problem, fitted, bodies, segments, alone.starts, own, priors)
+    together = _fit_bodies(problem, fitted, bodies, segments, alone.shooting.starts, own, priors)
     unobserved = np.where(own, centre, together.shared[0])
     sigma = np.where(own, np.sqrt(np.square(together.sigma) + added), np.nan)
     return replace(
@@ -233,25 +227,12 @@ def _fit_bodies(
     )
     first = np.concatenate([like.shared[common], np.tile(like.shared[own], len(bodies))])
     options = replace(FULL_FIT, is_smooth=problem.is_smooth)
-    shooting: ShootingFit = fit_windows(model, first, options, starts, executor=problem.executor)
+    shooting = fit_windows(model, first, options, starts, executor=problem.executor)
     values = np.stack([model.fill_values(k, shooting.shared) for k in range(len(bodies))])
     sigma = np.full(values.shape, np.nan)
     sigma[:, own] = shooting.sigma[int(common.sum()) :].reshape(len(bodies), size)
-    nothing = np.zeros(len(own))
-    return BodyFit(
-        bodies=bodies,
-        own=own,
-        shared=values,
-        sigma=sigma,
-        centre=like.shared,
-        spread=nothing,
-        shot_spread=nothing,
-        segments=segments,
-        starts=shooting.starts,
-        lack_of_fit=shooting.inflation,
-        cost=shooting.cost,
-        parameter_count=len(first),
-    )
+    none = np.zeros(len(own))
+    return BodyFit(bodies, own, values, sigma, like.shared, none, none, segments, shooting)
 
 
 def select_body_fit(like: EffectFit, body_fit: BodyFit, body: str) -> EffectFit:
@@ -266,7 +247,7 @@ def select_body_fit(like: EffectFit, body_fit: BodyFit, body: str) -> EffectFit:
         The fit of its windows; covariances are those of `like`.
     """
     here = [k for k, segment in enumerate(body_fit.segments) if segment.bodies == (body,)]
-    shooting = replace(like.shooting, starts=tuple(body_fit.starts[k] for k in here))
+    shooting = replace(like.shooting, starts=tuple(body_fit.shooting.starts[k] for k in here))
     return replace(
         like, segments=tuple(body_fit.segments[k] for k in here), shared=body_fit.values_of(body), shooting=shooting
     )
@@ -284,7 +265,7 @@ def _estimate_shot_scatter(
     for number, body in enumerate(alone.bodies):
         shots = linearize_fit(problem, select_body_fit(like, alone, body)).shot_information
         for k in np.flatnonzero(candidates):
-            steps, weights = estimate_shot_steps(shots, int(k), alone.lack_of_fit)
+            steps, weights = estimate_shot_steps(shots, int(k), alone.shooting.inflation)
             if not len(steps):
                 continue
             one = measure_scatter(steps, weights)

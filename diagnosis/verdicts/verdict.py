@@ -140,6 +140,11 @@ class Gap:
     coordinates: tuple[str, ...] = ()
     """Names of the coordinates; empty without windows."""
 
+    @property
+    def unit(self) -> str:
+        """Unit of a coordinate: m or rad."""
+        return self.metric.removeprefix("rms_")
+
 
 @dataclass(frozen=True, slots=True)
 class ShotUse:

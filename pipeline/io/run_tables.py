@@ -22,8 +22,8 @@ from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_st
 from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.io.strict_json import format_strict_json
 from pipeline.reporting.text.check_list import select_check_places
-from pipeline.reporting.text.correction_sentences import note_corrections
-from pipeline.reporting.text.text_formatting import format_whole_shot, summarize_trust
+from pipeline.reporting.text.fit_sentences import format_whole_shot, note_corrections
+from pipeline.reporting.text.text_formatting import summarize_trust
 from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0

@@ -14,7 +14,7 @@ from models.core.progress import Progress
 from models.core.shot import Shot
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.engine.stage import Inputs, Stage
-from pipeline.reporting.text.correction_sentences import note_corrections
+from pipeline.reporting.text.fit_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
 from pipeline.stages.shot_inputs import list_view_inputs, view_inputs
 

@@ -127,7 +127,7 @@ def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> 
 
     screen = cli.make_output_console()
     summary = summarize_settings(trials)
-    for scene in dict.fromkeys(cell.scene for cell in summary):
+    for scene in dict.fromkeys(cell.case.scene for cell in summary):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
         for sentence in describe_scene_results(scene, summary, plan.budget(scene).effort):
             screen.print(escape(sentence), soft_wrap=True)

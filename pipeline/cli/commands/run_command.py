@@ -17,13 +17,13 @@ from pipeline.engine.result_cache import open_cache
 from pipeline.io.shot_numbers_json import describe_shot_numbers
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.text.check_sentences import format_event_probability
+from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
     format_no_events,
     format_trust_line,
-    format_whole_shot,
     summarize_trust,
 )
 from pipeline.run_options import RunOptions, use_growing_profile

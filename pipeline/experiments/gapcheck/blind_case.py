@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import binomtest
 
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
@@ -221,11 +221,8 @@ class Proportion:
         """Interval at CONFIDENCE; (0, 1) where `of` is 0."""
         if not self.of:
             return 0.0, 1.0
-        z = float(norm.ppf(0.5 + CONFIDENCE / 2))
-        share, weight = self.hits / self.of, z**2 / self.of
-        middle = (share + weight / 2) / (1 + weight)
-        half = z / (1 + weight) * np.sqrt(share * (1 - share) / self.of + z**2 / (4 * self.of**2))
-        return float(middle - half), float(middle + half)
+        limits = binomtest(self.hits, self.of).proportion_ci(CONFIDENCE, method="wilson")
+        return float(limits.low), float(limits.high)
 
     def __str__(self) -> str:
         if not self.of:

@@ -155,7 +155,7 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
         before=closure.before,
         after=closure.after,
         floor=closure.floor,
-        unit="rad" if report.gap.metric.endswith("rad") else "m",
+        unit=report.gap.unit,
         seconds=seconds,
     )
 

@@ -25,6 +25,8 @@ from pipeline.experiments.thesis.compared_methods import (
 )
 from pipeline.experiments.thesis.pool_scene import build_pool_series, list_shots
 from pipeline.experiments.thesis.thesis_scenes import (
+    BASE_SETTING,
+    FIRST_VARIANT,
     RECORDING,
     SPEEDS,
     SPRING_KINDS,
@@ -68,10 +70,6 @@ BUDGETS = {
 }
 # CPU time where it is less, s: with 402 coordinates a step takes ten times as long.
 SHORTER_TRAINING_S = {(Depth.USUAL, "boxes"): 5.0}
-# Frame rate (Hz) and noise (px) of the thesis.
-BASE_SETTING = (30.0, 0.0)
-# The variant of the thesis, or the first.
-FIRST_VARIANT = {"double-pendulum": "stiff", "boxes": "800", "real": "0 s"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +164,7 @@ def list_tasks(plan: ExperimentPlan) -> list[TrialTask]:
         for case in list_cases(plan)
         for method in build_methods(case.scene, case.variant, plan.run)
         if plan.depth is Depth.WHOLE
-        or _has_all_methods(case, plan.depth)
+        or (plan.depth is not Depth.QUICK and (case.is_own or case.scene == "pool"))
         or _is_representative(case, method.name, plan)
     ]
 
@@ -177,12 +175,6 @@ def _is_representative(case: ExperimentCase, method: str, plan: ExperimentPlan) 
         return method in NETS_IN_QUICK_RUN.get((case.scene, case.noise), ())
     first = case.seed == plan.seeds[0] or method not in SLOW_NETS.get(case.scene, ())
     return method in REPRESENTATIVES and first
-
-
-def _has_all_methods(case: ExperimentCase, depth: Depth) -> bool:
-    """Return whether all methods run on a case: in the setting of the thesis, unless the plan is quick."""
-    own = FIRST_VARIANT.get(case.scene) == case.variant and (case.fps, case.noise) == BASE_SETTING
-    return depth is not Depth.QUICK and (own or case.scene == "pool")
 
 
 def build_case_series(case: ExperimentCase, plan: ExperimentPlan) -> WithheldSeries:

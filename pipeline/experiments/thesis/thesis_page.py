@@ -33,7 +33,6 @@ from pipeline.experiments.thesis.thesis_results import (
     describe_scene_results,
     format_csv,
     summarize_settings,
-    trial_setting,
 )
 from pipeline.experiments.thesis.thesis_scenes import WithheldSeries, body_indices
 from pipeline.experiments.thesis.trials import Trial
@@ -66,7 +65,7 @@ def write_results(plan: ExperimentPlan, trials: Sequence[Trial], planned: int, f
         seeds=len({trial.case.seed for trial in trials}), trained=describe_training(plan), done=len(trials),
         planned=planned, left_out=explain_omissions(plan), plotly=pack_plotly_source(),
         scenes=[_describe_scene(scene, plan, trials, results) for scene in SCENES
-                if any(cell.scene == scene for cell in results)],
+                if any(cell.case.scene == scene for cell in results)],
         notes=[f"{scene}, {variant}, {method}: {note}{f' ({count} times)' if count > 1 else ''}"
                for (scene, variant, method, note), count in notes.items()],
     )  # fmt: skip
@@ -79,7 +78,7 @@ def _describe_scene(
 ) -> dict[str, object]:
     """Describe a scene for the page: sentences, tables and figures."""
     here = [trial for trial in trials if trial.case.scene == scene]
-    settings = [cell for cell in results if cell.scene == scene][:MAX_PANELS]
+    settings = [cell for cell in results if cell.case.scene == scene][:MAX_PANELS]
     middle = settings[len(settings) // 2]
     series = (
         _plot_pendulum_series(build_case_series(here[0].case, plan)) if scene == "double-pendulum"
@@ -200,7 +199,7 @@ def _outline_boxes(points: np.ndarray) -> Iterator[np.ndarray]:
 
 def _plot_errors_by_method(cells: Sequence[SettingResult], trials: Sequence[Trial]) -> PageFigure:
     """Plot figures 6 and 8: the error of every method, one panel per setting; medians are bars, seeds are dots."""
-    scene = cells[0].scene
+    scene = cells[0].case.scene
     number = {"double-pendulum": "6", "boxes": "8"}.get(scene)
     name = f"figure-{number}-{scene}-errors" if number else f"{scene}-errors"
     kind = f"Figure {number}: error" if number else "Error"
@@ -211,11 +210,13 @@ def _plot_errors_by_method(cells: Sequence[SettingResult], trials: Sequence[Tria
     space = ROW_SPACE / inner if rows > 1 else 0.0
     figure = make_subplots(
         rows, columns, shared_yaxes=True, horizontal_spacing=0.03, vertical_spacing=space,
-        subplot_titles=[cell.setting for cell in cells],
+        subplot_titles=[str(cell.case) for cell in cells],
     )  # fmt: skip
     for k, cell in enumerate(cells):
         here = {"row": k // columns + 1, "col": k % columns + 1}
-        _plot_setting(figure, cell, methods, [trial for trial in trials if _is_in_setting(trial, cell)], here)
+        _plot_setting(
+            figure, cell, methods, [trial for trial in trials if trial.case.setting == cell.case.setting], here
+        )
         is_lowest = k + columns >= len(cells)
         figure.update_xaxes(
             type="log", dtick=2, exponentformat="power", title="mse (px²)" if is_lowest else None, **here
@@ -255,7 +256,7 @@ def _plot_setting(
 
 def _plot_error_over_time(trials: Sequence[Trial], cell: SettingResult) -> PageFigure:
     """Plot the root mean square error at each withheld midpoint of one setting, for the first seed."""
-    there = [trial for trial in trials if _is_in_setting(trial, cell) and trial.method in cell.mse]
+    there = [trial for trial in trials if trial.case.setting == cell.case.setting and trial.method in cell.mse]
     first = min(trial.case.seed for trial in there)
     figure = go.Figure()
     for trial, (colour, dash) in _select_curves([trial for trial in there if trial.case.seed == first]):
@@ -265,7 +266,7 @@ def _plot_error_over_time(trials: Sequence[Trial], cell: SettingResult) -> PageF
         )  # fmt: skip
     figure.update_xaxes(title="time (s)")
     figure.update_yaxes(title="error at the midpoint (px)", type="log", dtick=1, exponentformat="power")
-    return _finish_figure(figure, 430, f"{cell.scene}-error-over-time", f"Error over time ({cell.setting})")
+    return _finish_figure(figure, 430, f"{cell.case.scene}-error-over-time", f"Error over time ({cell.case})")
 
 
 def _select_curves(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
@@ -281,8 +282,3 @@ def _select_curves(trials: list[Trial]) -> list[tuple[Trial, tuple[str, str]]]:
         looks[min(others, key=lambda trial: trial.mse).method] = (NET, "solid")
     chosen = sorted((trial for trial in trials if trial.method in looks), key=lambda trial: -trial.mse)
     return [(trial, looks[trial.method]) for trial in chosen]
-
-
-def _is_in_setting(trial: Trial, cell: SettingResult) -> bool:
-    """Return whether a trial belongs to a setting."""
-    return trial_setting(trial) == (cell.scene, cell.variant, cell.fps, cell.noise)

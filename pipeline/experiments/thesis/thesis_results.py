@@ -16,7 +16,7 @@ from pipeline.experiments.thesis.compared_methods import (
     SPLINES,
     THESIS_NET,
 )
-from pipeline.experiments.thesis.experiment_plan import BASE_SETTING, FIRST_VARIANT
+from pipeline.experiments.thesis.thesis_scenes import ExperimentCase
 from pipeline.experiments.thesis.trials import Trial
 
 # Name of a variant of a scene.
@@ -43,34 +43,15 @@ COMPARABLE_FACTOR = 2.0
 class SettingResult:
     """Results of all seeds of one setting."""
 
-    scene: str
-    variant: str
-    fps: float
-    noise: float
+    case: ExperimentCase
+    """The setting, with its first seed."""
     mse: dict[str, float]
     """px^2 by method: linear's median over seeds, times the median ratio of the method to linear with the same seed.
 
     Methods with fewer seeds are thus compared on those. Networks that were not trained to the end are left out.
     """
-    seeds: int
     untrained: dict[str, float]
     """CPU s of the networks that were not trained to the end with every seed: the longest training."""
-
-    @property
-    def setting(self) -> str:
-        """The setting in words."""
-        return f"{self.variant}, {self.fps:.3g} Hz, noise {self.noise:g} px"
-
-    @property
-    def is_own(self) -> bool:
-        """Whether this is the setting of the thesis."""
-        return FIRST_VARIANT.get(self.scene) == self.variant and (self.fps, self.noise) == BASE_SETTING
-
-
-def trial_setting(trial: Trial) -> tuple[str, str, float, float]:
-    """Return scene, variant, frame rate and noise of a trial."""
-    case = trial.case
-    return case.scene, case.variant, case.fps, case.noise
 
 
 def summarize_settings(trials: Iterable[Trial]) -> list[SettingResult]:
@@ -83,14 +64,16 @@ def summarize_settings(trials: Iterable[Trial]) -> list[SettingResult]:
         Results in the order in which settings first occur.
     """
     by_setting: dict[tuple[str, str, float, float], dict[str, dict[int, Trial]]] = {}
+    cases: dict[tuple[str, str, float, float], ExperimentCase] = {}
     for trial in trials:
-        by_method = by_setting.setdefault(trial_setting(trial), {})
-        by_method.setdefault(trial.method, {})[trial.case.seed] = trial
-    return [SettingResult(*setting, *_summarize_methods(methods)) for setting, methods in by_setting.items()]
+        setting = trial.case.setting
+        cases.setdefault(setting, trial.case)
+        by_setting.setdefault(setting, {}).setdefault(trial.method, {})[trial.case.seed] = trial
+    return [SettingResult(case, *_summarize_methods(by_setting[setting])) for setting, case in cases.items()]
 
 
-def _summarize_methods(methods: dict[str, dict[int, Trial]]) -> tuple[dict[str, float], int, dict[str, float]]:
-    """Compute the median error of each method, the number of seeds, and CPU s of methods not trained to the end."""
+def _summarize_methods(methods: dict[str, dict[int, Trial]]) -> tuple[dict[str, float], dict[str, float]]:
+    """Compute the median error of each method, and CPU s of methods not trained to the end."""
     linear = methods["linear"]
     usual = median(trial.mse for trial in linear.values())
     errors, untrained = {}, {}
@@ -99,7 +82,7 @@ def _summarize_methods(methods: dict[str, dict[int, Trial]]) -> tuple[dict[str, 
             errors[name] = usual * median(trial.mse / linear[seed].mse for seed, trial in by_seed.items())
         else:
             untrained[name] = max(trial.seconds for trial in by_seed.values())
-    return errors, max(map(len, methods.values())), untrained
+    return errors, untrained
 
 
 def describe_scene_results(scene: str, results: list[SettingResult], trained: float = 1.0) -> list[str]:
@@ -113,18 +96,14 @@ def describe_scene_results(scene: str, results: list[SettingResult], trained: fl
     Returns:
         Sentences; empty where the scene has no results.
     """
-    here = [cell for cell in results if cell.scene == scene]
+    here = [cell for cell in results if cell.case.scene == scene]
     if not here:
         return []
-    return [sentence for sentence in (_assess_claim(here, trained), _list_untrained_networks(here)) if sentence]
-
-
-def _list_untrained_networks(here: list[SettingResult]) -> str:
-    """List the networks that were not trained to the end."""
-    named = [
-        f"{name} ({cell.setting}; {seconds:.0f} CPU s)" for cell in here for name, seconds in cell.untrained.items()
+    untrained = [
+        f"{name} ({cell.case}; {seconds:.0f} CPU s)" for cell in here for name, seconds in cell.untrained.items()
     ]
-    return f"Not trained to the end, and compared with nothing: {', '.join(named)}." if named else ""
+    sentence = f"Not trained to the end, and compared with nothing: {', '.join(untrained)}." if untrained else ""
+    return [one for one in (_assess_claim(here, trained), sentence) if one]
 
 
 def format_times(gain: float) -> str:
@@ -153,15 +132,15 @@ def _assess_claim(here: list[SettingResult], trained: float) -> str:
     if not gains:
         return ""
     claimed, least, most = f"{CLAIMED_FACTOR:g} times lower than", CLAIMED_FACTOR, math.inf
-    if here[0].scene == "boxes":
+    if here[0].case.scene == "boxes":
         claimed, least, most = "comparable to", 1 / COMPARABLE_FACTOR, COMPARABLE_FACTOR
     successes = [cell for cell, gain in gains if least <= gain <= most]
     text = f"The thesis claims an error {claimed} that of linear interpolation."
     for cell, gain in gains:
-        if cell.is_own:
+        if cell.case.is_own:
             verdict = "holds" if cell in successes else "fails"
-            text += f" In its own setting ({cell.setting}) the factor is {format_times(gain)}: the claim {verdict}."
-    named = f" ({'; '.join(cell.setting for cell in successes)})" if 0 < len(successes) < len(gains) else ""
+            text += f" In its own setting ({cell.case}) the factor is {format_times(gain)}: the claim {verdict}."
+    named = f" ({'; '.join(str(cell.case) for cell in successes)})" if 0 < len(successes) < len(gains) else ""
     text += f" Settings in which it holds: {len(successes)} of {len(gains)}{named}."
     if trained < 1:
         text += f" The network had {trained:.0%} of its training at most: where the claim fails, that decides nothing."
@@ -194,9 +173,9 @@ def format_csv(trials: Sequence[Trial]) -> str:
 
 def build_tables(scene: str, results: list[SettingResult]) -> list[ResultTable]:
     """Build the comparison of the methods over all settings of a scene, and a table for each variant."""
-    here = [cell for cell in results if cell.scene == scene]
-    variants = dict.fromkeys(cell.variant for cell in here)
-    tables = [_build_table(variant, [cell for cell in here if cell.variant == variant]) for variant in variants]
+    here = [cell for cell in results if cell.case.scene == scene]
+    variants = dict.fromkeys(cell.case.variant for cell in here)
+    tables = [_build_table(variant, [cell for cell in here if cell.case.variant == variant]) for variant in variants]
     return [_compare_methods(here), *tables]
 
 
@@ -214,10 +193,10 @@ def _compare_methods(here: list[SettingResult]) -> ResultTable:
 
 def _build_table(variant: str, here: list[SettingResult]) -> ResultTable:
     methods = dict.fromkeys(name for cell in here for name in (*cell.mse, *cell.untrained))
-    heads = [f"{cell.fps:.3g} Hz, {cell.noise:g} px" for cell in here]
+    heads = [f"{cell.case.fps:.3g} Hz, {cell.case.noise:g} px" for cell in here]
     first = ("linear: mse, px²", [(f"{cell.mse['linear']:.3g}", "worse") for cell in here])
     rest = [(name, [_format_cell(cell, name) for cell in here]) for name in methods if name != "linear"]
-    name = UNITS[here[0].scene].format(variant)
+    name = UNITS[here[0].case.scene].format(variant)
     return ResultTable(f"{name[0].upper()}{name[1:]}: how many times lower than linear", heads, [first, *rest])
 
 
@@ -235,10 +214,10 @@ def _format_cell(cell: SettingResult, name: str) -> Cell:
 def build_learning_table(scene: str, trials: Sequence[Trial]) -> ResultTable | None:
     """Build the table of training costs in the first setting of a scene, where all methods run: medians over seeds."""
     here = [trial for trial in trials if trial.case.scene == scene]
-    setting = trial_setting(here[0]) if here else None
+    setting = here[0].case.setting if here else None
     by_method: dict[str, list[Trial]] = {}
     for trial in here:
-        if trial_setting(trial) == setting and trial.parameters:
+        if trial.case.setting == setting and trial.parameters:
             by_method.setdefault(trial.method, []).append(trial)
     rows = []
     for method, some in by_method.items():

@@ -30,6 +30,11 @@ from models.physics.springs.spring_system import (
 )
 from pipeline.io.run_folder import read_csv_columns
 
+# Frame rate (Hz) and noise (px) of the thesis.
+BASE_SETTING = (30.0, 0.0)
+# The variant of the thesis, or the first.
+FIRST_VARIANT = {"double-pendulum": "stiff", "boxes": "800", "real": "0 s"}
+
 
 @dataclass(frozen=True, slots=True)
 class ExperimentCase:
@@ -45,6 +50,19 @@ class ExperimentCase:
     """px: standard deviation of the noise that is added to every visible coordinate."""
     seed: int
     """Seed of the noise, of the networks, and of the throw into the boxes."""
+
+    @property
+    def setting(self) -> tuple[str, str, float, float]:
+        """Scene, variant, frame rate and noise."""
+        return self.scene, self.variant, self.fps, self.noise
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this is the setting of the thesis."""
+        return FIRST_VARIANT.get(self.scene) == self.variant and (self.fps, self.noise) == BASE_SETTING
+
+    def __str__(self) -> str:
+        return f"{self.variant}, {self.fps:.3g} Hz, noise {self.noise:g} px"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,12 @@ from diagnosis.unexplained.local_patch import LocalPatch
 from diagnosis.verdicts.verdict import Gap
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from pipeline.reporting.text.gap_sentences import explains_most, format_error_size, format_shot_name
+from pipeline.reporting.text.gap_sentences import (
+    explains_most,
+    format_error_size,
+    format_law_direction,
+    format_shot_name,
+)
 
 # m, margin around the table in plans.
 _PLAN_MARGIN = 0.05
@@ -78,11 +83,6 @@ def _list_predictions(gap: Gap) -> list[tuple[str, tuple[FloatArray, ...], LineS
     return [("predicted before", gap.before, before), ("predicted after", gap.after, {"color": AFTER, "width": 2})]
 
 
-def _find_worst_window(gap: Gap) -> int:
-    errors = [_prediction_errors(gap, k, gap.before)[1] for k in range(len(gap.windows))]
-    return int(np.argmax([float(np.mean(one)) if len(one) else 0.0 for one in errors]))
-
-
 def _prediction_errors(
     gap: Gap, window: int, paths: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -96,7 +96,8 @@ def _prediction_errors(
 
 def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str]) -> list[tuple[str, go.Figure]]:
     """Draw the hold-out window with the largest prediction error, and an enlarged part of it."""
-    number = _find_worst_window(gap)
+    errors = [_prediction_errors(gap, k, gap.before)[1] for k in range(len(gap.windows))]
+    number = int(np.argmax([float(np.mean(one)) if len(one) else 0.0 for one in errors]))
     both = " before and after" if _has_added_effects(gap) else ""
     moment = _find_key_moment(gap, number)
     part = None if moment is None else _compute_zoom(gap, number, moment)
@@ -113,9 +114,7 @@ def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str
         close.update_yaxes(
             range=[low, high] if table is None else [high, low], scaleanchor=whole.layout.yaxis.scaleanchor
         )
-        drawn.append(
-            (f"Inside the rectangle, enlarged: {high - low:.2g} {_coordinate_unit(gap)} from top to bottom", close)
-        )
+        drawn.append((f"Inside the rectangle, enlarged: {high - low:.2g} {gap.unit} from top to bottom", close))
     return drawn
 
 
@@ -150,7 +149,7 @@ def _name_axes(gap: Gap) -> tuple[str, str]:
     """Return the titles of the first and the last coordinate."""
     words = {"z": "height z", "theta1": "angle theta1", "theta2": "angle theta2"}
     ends = gap.coordinates[0], gap.coordinates[-1]
-    first, last = (f"{words.get(name, name)} ({_coordinate_unit(gap)})" for name in ends)
+    first, last = (f"{words.get(name, name)} ({gap.unit})" for name in ends)
     return first, last
 
 
@@ -185,16 +184,11 @@ def _compute_zoom(gap: Gap, number: int, moment: Moment) -> tuple[Interval, Inte
     reach = _ZOOM_REACH * float(np.linalg.norm(predicted - observed))
     if not 0 < 4 * reach < extent:
         return None
-    middle = (predicted + observed) / 2
-    if _is_plan(gap):
-        return _interval_around(float(middle[0]), reach), _interval_around(float(middle[-1]), reach)
-    return _interval_around(float(piece.t[moment[0]]), float(np.ptp(piece.t)) * reach / extent), _interval_around(
-        float(middle[0]), reach
-    )
-
-
-def _interval_around(middle: float, reach: float) -> Interval:
-    return middle - reach, middle + reach
+    across, up = ((float(x - reach), float(x + reach)) for x in (predicted + observed)[[0, -1]] / 2)
+    if not _is_plan(gap):
+        t, span = float(piece.t[moment[0]]), float(np.ptp(piece.t)) * reach / extent
+        across = t - span, t + span
+    return across, up
 
 
 def _format_plan(figure: go.Figure, table: Table | None) -> go.Figure:
@@ -238,7 +232,7 @@ def _draw_error_growth(gap: Gap) -> go.Figure:
         label = "attainable, over all times"
         figure.add_scatter(x=[0, gap.horizon], y=[1000 * floor] * 2, name=label, mode="lines", line=dotted)
     figure.update_xaxes(title="time since the start of the prediction (s)")
-    return figure.update_yaxes(title=f"rms error at that time (m{_coordinate_unit(gap)})", rangemode="tozero")
+    return figure.update_yaxes(title=f"rms error at that time (m{gap.unit})", rangemode="tozero")
 
 
 def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
@@ -260,8 +254,7 @@ def build_law_figure(law: ForceLaw, unit: str) -> go.Figure:
         0, line={"color": OBSERVED, "width": 1}
     )
     figure.update_xaxes(title=f"{law.variable} ({units.get(law.variable, unit)})")
-    direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
-    return figure.update_yaxes(title=f"missing acceleration {direction} ({unit}/s²)")
+    return figure.update_yaxes(title=f"missing acceleration {format_law_direction(law)} ({unit}/s²)")
 
 
 def _build_error_maps(gap: Gap, table: Table | None, patch: LocalPatch | None) -> list[tuple[str, go.Figure]]:
@@ -290,7 +283,7 @@ def _draw_error_map(
 ) -> go.Figure:
     """Draw errors as colours up to the `largest` at their places; large errors lie on top."""
     miss, place = _gather_errors(gap, paths)
-    bar = {"title": f"error (m{_coordinate_unit(gap)})"}
+    bar = {"title": f"error (m{gap.unit})"}
     marker = {"color": miss, "colorscale": _ERROR_COLOURS, "cmin": 0, "cmax": largest, "size": 6, "colorbar": bar}
     points = go.Scatter(x=place[:, 0], y=place[:, -1], mode="markers", marker=marker)
     across, up = _name_axes(gap)
@@ -304,22 +297,13 @@ def _draw_error_map(
 
 def _add_patch(figure: go.Figure, patch: LocalPatch) -> None:
     """Add the disc of a patch, dotted one standard deviation of its radius inside and outside, and its centre."""
-    for radius, dash in (
-        (patch.radius, "solid"),
-        (patch.radius - patch.radius_sigma, "dot"),
-        (patch.radius + patch.radius_sigma, "dot"),
-    ):
-        if radius > 0:  # not where the error is unknown, or larger than the radius
-            (left, top), (right, bottom) = patch.centre - radius, patch.centre + radius
-            line = {"color": FRAME, "width": 2 if dash == "solid" else 1, "dash": dash}
+    for off, dash, width in ((0.0, "solid", 2), (-patch.radius_sigma, "dot", 1), (patch.radius_sigma, "dot", 1)):
+        if patch.radius + off > 0:  # not where the error is unknown, or larger than the radius
+            (left, top), (right, bottom) = patch.centre - patch.radius - off, patch.centre + patch.radius + off
+            line = {"color": FRAME, "width": width, "dash": dash}
             figure.add_shape(type="circle", x0=left, y0=top, x1=right, y1=bottom, line=line)
     bars = {"type": "data", "array": [patch.centre_sigma], "color": FRAME}
     figure.add_scatter(
         x=patch.centre[:1], y=patch.centre[1:], error_x=bars, error_y=bars, mode="markers",
         marker={"color": FRAME, "size": 5},
     ).update_layout(showlegend=False)  # fmt: skip
-
-
-def _coordinate_unit(gap: Gap) -> str:
-    """Return the unit of a coordinate: m or rad."""
-    return "rad" if gap.metric.endswith("rad") else "m"

@@ -10,7 +10,6 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from models.core.ball_look import format_colour
 from models.core.fit_result import Fit, is_undecided
@@ -44,7 +43,7 @@ from pipeline.reporting.pages.page_template import (
 from pipeline.reporting.text.call_sentences import format_call, format_gap, name_topic
 from pipeline.reporting.text.check_list import CheckPlace, select_check_places
 from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure
-from pipeline.reporting.text.correction_sentences import HAND_PREFIX
+from pipeline.reporting.text.fit_sentences import HAND_PREFIX, format_whole_shot
 from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.shot_summary import MIN_PROBABILITY, ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import (
@@ -53,7 +52,6 @@ from pipeline.reporting.text.text_formatting import (
     format_no_events,
     format_parameter_name,
     format_textbook_range,
-    format_whole_shot,
     summarize_trust,
 )
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
@@ -175,8 +173,7 @@ def write_report(
         digest=clip.digest,
     )
     write_text(path, html)
-    with Image.open(files.poster) as image:
-        thumbnail = build_jpeg_uri(np.asarray(image.convert("RGB")), THUMBNAIL_PX, THUMBNAIL_QUALITY)
+    thumbnail = embed_image_file(files.poster, THUMBNAIL_PX, THUMBNAIL_QUALITY)
     summary = describe_run(clip, tracks, fit, calls, summaries) | {"thumbnail": thumbnail}
     write_text(path.with_name(SUMMARY_FILE), json.dumps(summary, indent=1, allow_nan=False))
 

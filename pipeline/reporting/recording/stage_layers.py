@@ -31,12 +31,8 @@ from pipeline.reporting.recording.recorded_shot import (
 )
 from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.check_sentences import format_event_probability
-from pipeline.reporting.text.text_formatting import (
-    format_event,
-    format_event_time,
-    format_textbook_range,
-    format_whole_shot,
-)
+from pipeline.reporting.text.fit_sentences import format_whole_shot
+from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range
 from video.drawing.palette import lighten_for_text
 from video.io.clip import Clip
 

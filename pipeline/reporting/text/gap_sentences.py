@@ -219,7 +219,7 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     else:
         sentences.append(f"What remains is more than noise{details}.")
     if rest.law is not None:
-        sentences.append(_format_law_sentence(rest.law, metric))
+        sentences.append(_format_law_sentence(rest.law, report.gap.unit))
     if rest.patch is not None:
         p_value = format_p_value(rest.patch.p_value)
         sentences.append(f"A patch: {_format_patch(rest.patch)} (p-value {p_value}).")
@@ -235,11 +235,10 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _format_law_sentence(law: ForceLaw, metric: str) -> str:
+def _format_law_sentence(law: ForceLaw, unit: str) -> str:
     """Format the direction of an unexplained force, what it varies with, and its nearest formula."""
-    unit = "rad" if metric.endswith("rad") else "m"
     units = {"speed": f"{unit}/s", "time": "s"}
-    direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+    direction = format_law_direction(law)
     variable = _VARIABLES.get(law.variable, law.variable)
     share = (
         f"on other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained acceleration (in"
@@ -261,6 +260,11 @@ def _format_law_sentence(law: ForceLaw, metric: str) -> str:
         else ", by no short formula"
     )
     return f"It acts like an acceleration {direction} that varies with {variable}{formula}; {share}."
+
+
+def format_law_direction(law: ForceLaw) -> str:
+    """Format the direction of an unexplained acceleration."""
+    return f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
 
 
 def explains_most(law: ForceLaw) -> bool:
