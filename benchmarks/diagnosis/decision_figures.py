@@ -25,7 +25,7 @@ from diagnosis.selection.hypotheses import compute_hypothesis_signatures, get_sh
 from diagnosis.selection.study import Study, run_study
 from diagnosis.verdicts.verdict import DiagnosisReport
 from pipeline.io.track_folder_scene import build_gap_scene
-from pipeline.reporting.figures.gap_figures import AFTER, BEFORE, compute_error_growth
+from pipeline.reporting.pages.gap_page import AFTER, BEFORE, compute_error_growth
 
 CASE, SEED = "pair: flight, air drag and lift by spin", 2
 GREY = "#7b837f"

@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from diagnosis.fitting.display_names import format_group
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, LinearizedFit
-from diagnosis.fitting.noise_whitening import build_noise_chain
+from diagnosis.fitting.shot_preparation import build_noise_chain
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.normal_equations import require_linearized
