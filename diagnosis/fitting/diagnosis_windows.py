@@ -6,7 +6,9 @@ body at rest for seconds; its place is known nevertheless, from the samples befo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -99,12 +101,11 @@ def fit_initial_windows(
     segments = split_into_segments(problem, recordings)
     if not segments:
         raise ValueError(f"a diagnosis needs shots of at least {MIN_ROWS} frames; there is none")
+    fit = partial(fit_effects, problem, names=names, forms=forms, guess=guess)
     if isinstance(problem.scene, ContactRichScene):
-        return merge_lost_windows(
-            problem,
-            fit_effects(problem, _split_at_rest(segments, problem.scene.initial_window_length), names, forms, guess),
-        )
-    fitted = _fit_long_segments(problem, segments, names, forms, guess)
+        short = _split_at_rest(segments, problem.scene.initial_window_length)
+        return merge_lost_windows(problem, fit(short))
+    fitted = _fit_long_segments(problem, segments, fit)
     for _ in range(_MAX_ROUNDS):
         shorter = _split_sensitive_segments(problem, fitted)
         if len(shorter) == len(fitted.segments):
@@ -130,24 +131,19 @@ def fit_longer_windows(problem: DiagnosisProblem, recordings: tuple[Recording, .
 
 
 def _fit_long_segments(
-    problem: DiagnosisProblem,
-    segments: tuple[Recording, ...],
-    names: tuple[str, ...],
-    forms: tuple[str, ...] | None,
-    guess: FloatArray | None,
+    problem: DiagnosisProblem, segments: tuple[Recording, ...], fit: Callable[..., EffectFit]
 ) -> EffectFit:
-    """Fit segments from `guess` and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
+    """Fit segments from a guess and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
 
     Short parts hold too few contacts to be fitted in a wrong order; smooth paths need none.
     """
-    long_fit = fit_effects(problem, segments, names, forms, guess)
+    long_fit = fit(segments)
     if problem.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
     short = tuple(part for segment in segments for part in _split_segment(segment, SHORT_SEGMENT_S))
     if len(short) == len(segments):
         return long_fit
-    short_fit = fit_effects(problem, short, names, forms, guess)
-    return min((long_fit, fit_effects(problem, segments, names, forms, short_fit.shared)), key=lambda one: one.cost)
+    return min((long_fit, fit(segments, guess=fit(short).shared)), key=lambda one: one.cost)
 
 
 def _split_at_rest(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
