@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import norm
 
 from diagnosis.fitting.diagnosis_windows import MIN_ROWS
-from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate
-from diagnosis.fitting.shot_split import ShotSplit, split_shots
+from diagnosis.fitting.shot_preparation import NoiseEstimate, ShotSplit, apply_noise_estimate, split_shots
 from diagnosis.selection.hypotheses import ProgressCallback, SearchOutlook, ignore_progress
 from diagnosis.selection.study import run_study
 from diagnosis.verdicts.diagnosis_report import build_report, build_undecidable_report
@@ -57,7 +56,7 @@ def diagnose(
     on_progress("predicting hold-out shots", names, SearchOutlook(names, steps, 1))
     reporting_shots = tuple(apply_noise_estimate(split.holdout, study.noise))
     report = build_report(study, reporting_shots, np.random.default_rng([seed, 1]))
-    switches = tuple(str(switch) for _, switches in restored for switch in switches)
+    switches = tuple(switch for _, switches in restored for switch in switches)
     return replace(report, notes=(*switches, *report.notes), shot_use=describe_shots(split, study.noise))
 
 
@@ -122,28 +121,14 @@ _JUMP_SPEED_RATIO = 2.0
 _JUMP_SIGMAS = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class IdentitySwitch:
-    """Bodies of one shot whose identities were switched from a moment on; the switch was undone."""
-
-    shot: int
-    t: float
-    """Time of the switch, s."""
-    bodies: tuple[str, ...]
-
-    def __str__(self) -> str:
-        names = " and ".join(self.bodies)
-        return f"in shot {self.shot} bodies {names} were exchanged at {self.t:.2f} s; the exchange was undone"
-
-
-def undo_identity_switches(recording: Recording) -> tuple[Recording, tuple[IdentitySwitch, ...]]:
+def undo_identity_switches(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
     """Undo all identity switches in a recording.
 
     Args:
         recording: Recording of one shot.
 
     Returns:
-        The corrected recording, or the same object where there was no switch; and the switches.
+        The corrected recording, or the same object where there was no switch; and one sentence per switch.
     """
     t, positions, sigma, switches = recording.t, recording.positions.copy(), recording.sigma.copy(), []
     rows = _find_observed_rows(positions)
@@ -157,9 +142,9 @@ def undo_identity_switches(recording: Recording) -> tuple[Recording, tuple[Ident
         if identities is not None:
             positions[row:, identities], sigma[row:, identities] = positions[row:, jumped], sigma[row:, jumped]
             rows = _find_observed_rows(positions)
-            switches.append(
-                IdentitySwitch(recording.shot, float(t[row]), tuple(recording.bodies[body] for body in jumped))
-            )
+            names = " and ".join(recording.bodies[body] for body in jumped)
+            place = f"in shot {recording.shot} bodies {names} were exchanged at {t[row]:.2f} s"
+            switches.append(f"{place}; the exchange was undone")
     return (replace(recording, positions=positions, sigma=sigma), tuple(switches)) if switches else (recording, ())
 
 

@@ -30,7 +30,7 @@ from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import view_inputs
 from pipeline.io.shot_folder import publish_shot
 from pipeline.io.shot_laws import keep_laws
-from pipeline.reporting.text.correction_sentences import format_corrections
+from pipeline.reporting.text.fit_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import (
     RunOptions,

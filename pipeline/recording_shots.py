@@ -14,7 +14,6 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
 from pipeline.engine.stage_graph import RunWatcher, StageGraph
-from pipeline.reporting.text.recording_sentences import ShotSpan, format_other_shot, format_used_span
 from pipeline.run_options import RunOptions
 from pipeline.stages.read_stage import open_frame_memory, read_stage
 from pipeline.stages.shot_stages import ClipShot, find_single_span, shots_stage
@@ -155,14 +154,17 @@ def order_shots(recording: RecordingShots, choice: ShotChoice) -> list[ClipShot]
     else:
         chosen = sorted(shots, key=lambda shot: rank_span(shot.begins, shot.ends, shot.motion_s))
     duration, is_default = float(shots[0].whole.t[-1]), choice == LONGEST_SHOT
-    return [
-        replace(shot, note=format_used_span(_describe_span(shot), len(shots), duration, is_default)) for shot in chosen
-    ]
+    return [replace(shot, note=_format_used_span(shot, len(shots), duration, is_default)) for shot in chosen]
 
 
-def _describe_span(shot: ClipShot) -> ShotSpan:
-    """Describe where a shot lies in its recording."""
-    return ShotSpan(shot.number + 1, shot.first, shot.stop - 1, shot.begins, shot.ends, shot.has_motion)
+def _format_used_span(shot: ClipShot, count: int, duration: float, is_default: bool) -> str:
+    """Format which seconds of a recording (duration, s) of several shots are used, and why, without a full stop."""
+    if count == 1:
+        why = "the only shot" if shot.has_motion else "the longest view, in which nothing moves"
+    else:
+        why = f"the longest of {count} shots" if is_default else f"shot {shot.number + 1} of {count}"
+    frames = f"frames {shot.first} to {shot.stop - 1}"
+    return f"seconds {shot.begins:.2f} to {shot.ends:.2f} of {duration:.2f} s are used, {frames}: {why}"
 
 
 def run_chosen_shot(
@@ -199,7 +201,10 @@ def run_chosen_shot(
     refusals: list[TableNotFound] = []
     for shot in order_shots(recording, choice):
         others = tuple(
-            format_other_shot(_describe_span(other)) for other in recording.shots if other.number != shot.number
+            f"shot {other.number + 1}, seconds {other.begins:.2f} to {other.ends:.2f}: --shot {other.number + 1}"
+            f" or --at {(other.begins + other.ends) / 2:.1f}"
+            for other in recording.shots
+            if other.number != shot.number
         )
         try:
             part = memory.extract_frames(shot.first, shot.stop)

@@ -13,6 +13,7 @@ This package is the public API: it re-exports documented names of other packages
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -32,32 +33,25 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name at its first use: `import trueroll` and `python -m trueroll` would take seconds otherwise."""
+    home: ModuleType
     match name:
         case "Run" | "load" | "run":
-            from pipeline import api
-
-            return getattr(api, name)
+            from pipeline import api as home
         case "call" | "certify" | "compare" | "convert" | "fit_table" | "predict" | "put_back" | "what_if":
-            from pipeline.cli import answer_api
-
-            return getattr(answer_api, name)
+            from pipeline.cli import answer_api as home
         case "detect" | "diagnose" | "simulate":
-            from pipeline import analysis_api
-
-            return getattr(analysis_api, name)
+            from pipeline import analysis_api as home
+        case "Answer":
+            from models.core import answer as home
+        case "TruerollError":
+            from models.core import errors as home
         case "__version__":
             from importlib.metadata import version
 
             return version("trueroll")
-        case "Answer":
-            from models.core import answer
-
-            return answer.Answer
-        case "TruerollError":
-            from models.core import errors
-
-            return errors.TruerollError
-    raise AttributeError(f"module 'trueroll' has no attribute {name!r}")
+        case _:
+            raise AttributeError(f"module 'trueroll' has no attribute {name!r}")
+    return getattr(home, name)
 
 
 def __dir__() -> list[str]:

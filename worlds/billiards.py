@@ -63,25 +63,13 @@ MIRROR, MATHAVAN, HAN = 0, 1, 2
 CUSHION_LAWS = {"mirror": MIRROR, "mathavan_2010": MATHAVAN, "han_2005": HAN}
 INELASTIC, ALCIATORE = 0, 1
 BALL_LAWS = {"inelastic": INELASTIC, "alciatore": ALCIATORE}
-EFFECTS = {
-    "sliding_friction": ("mu",),
-    "rolling_resistance": ("mu",),
-    "spin_decay": ("rate",),
-    "slope": ("slope_x", "slope_y"),
-    "cushion_restitution": ("e",),
-    "cushion_restitution_speed": ("slope",),
-    "cushion_friction": ("mu",),
-    "ball_restitution": ("e",),
-    "ball_friction": ("mu",),
-    "air_drag": ("k",),
-    "viscous_drag": ("k",),
-    "nap": ("mu",),
-    "sticky_patch": ("mu", "x", "y"),
-    "curl": ("c",),
-    "cushion_restitution_power": ("power",),
-    "cushion_height": ("ratio",),
-}
-PARAMETERS = tuple(f"{effect}.{name}" for effect, names in EFFECTS.items() for name in names)
+# In the order of the numbers `p` of the simulation.
+PARAMETERS = (
+    "sliding_friction.mu", "rolling_resistance.mu", "spin_decay.rate", "slope.slope_x", "slope.slope_y",
+    "cushion_restitution.e", "cushion_restitution_speed.slope", "cushion_friction.mu", "ball_restitution.e",
+    "ball_friction.mu", "air_drag.k", "viscous_drag.k", "nap.mu", "sticky_patch.mu", "sticky_patch.x",
+    "sticky_patch.y", "curl.c", "cushion_restitution_power.power", "cushion_height.ratio",
+)  # fmt: skip
 NEUTRAL = {"cushion_restitution.e": 1.0, "ball_restitution.e": 1.0, "cushion_height.ratio": NOSE_HEIGHT_RADII}
 
 

@@ -14,18 +14,17 @@ direction and at one speed). OUT gets tracks.csv and scene.json, without the act
 
 from __future__ import annotations
 
-import csv
 import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filming import Flaws, add_flaws
+from filming import Flaws, add_flaws, write_track_folder
 from numpy.typing import NDArray
 from table_camera import EFFECTS as CAMERA_EFFECTS
 from table_camera import TableCamera
@@ -126,21 +125,12 @@ def film_shot(experiment: Experiment, number: int, path: Floats, chance: np.rand
     return add_flaws(experiment.camera.film_path(path, t), experiment, chance)
 
 
-def write_track_folder(experiment: Experiment, observed: list[Floats], out: Path) -> None:
-    """Write tracks.csv and scene.json, with all digits of the positions."""
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / "tracks.csv").open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("shot", "frame", "t", "id", "x", "y", "sigma"))
-        for shot, places in enumerate(observed):
-            for frame, ball in np.argwhere(np.isfinite(places[..., 0])).tolist():
-                x, y = places[frame, ball].tolist()
-                rows.writerow((shot, frame, frame / experiment.said, ball, x, y, experiment.noise))
-    facts = {
-        "scene": "billiards", "units": "m", "fps": experiment.said, "table": {"length": LENGTH, "width": WIDTH},
-        "ball_radius": RADIUS, "model": list(experiment.model),
-    }  # fmt: skip
-    (out / "scene.json").write_text(json.dumps(facts, indent=1) + "\n")
+def list_rows(experiment: Experiment, observed: list[Floats]) -> Iterator[tuple[float, ...]]:
+    """Yield the rows of tracks.csv, with all digits of the positions."""
+    for shot, places in enumerate(observed):
+        for frame, ball in np.argwhere(np.isfinite(places[..., 0])).tolist():
+            x, y = places[frame, ball].tolist()
+            yield shot, frame, frame / experiment.said, ball, x, y, experiment.noise
 
 
 def main() -> None:
@@ -151,7 +141,12 @@ def main() -> None:
     chance.bit_generator.state = dict(experiment.chance)
     paths = simulate_shots([draw_shot(experiment, number, chance) for number in range(experiment.shots)])
     observed = [film_shot(experiment, number, path, chance) for number, path in enumerate(paths)]
-    write_track_folder(experiment, observed, Path(sys.argv[2]))
+    facts = {
+        "scene": "billiards", "units": "m", "fps": experiment.said, "table": {"length": LENGTH, "width": WIDTH},
+        "ball_radius": RADIUS, "model": list(experiment.model),
+    }  # fmt: skip
+    columns = ("shot", "frame", "t", "id", "x", "y", "sigma")
+    write_track_folder(Path(sys.argv[2]), columns, list_rows(experiment, observed), facts)
 
 
 if __name__ == "__main__":

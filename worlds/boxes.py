@@ -1,28 +1,25 @@
 """Throw a ball into a wall of 5 x 10 boxes (Chen 2022, section 3.2), simulated by pymunk, an independent engine.
 
-    python worlds/boxes.py OUT [--speed 800] [--hz 60] [--seconds 2.5] [--seed 0] [--gravity 981] [--damping 1]
+    python worlds/boxes.py OUT [--speed 800] [--hz 60] [--seconds 2.5] [--seed 0]
 
 writes the track folder OUT: tracks.csv (shot,frame,t,id,x,y: the centre of the ball and the four corners of every box,
-px, y down), scene.json (units, rate and options) and contacts.csv (t,a,b,impulse: the impulses between bodies above
-`LEAST_IMPULSE`, with the names of the floor and the walls). Frame 0 is the moment of the throw.
+px, y down) and scene.json (units, rate and options). Frame 0 is the moment of the throw.
 
 The thesis leaves these values open: five columns of ten boxes of 24 x 30 px and mass 1 on a floor at y = 330, a ball
 of radius 15 and mass 8 at (0, 165), walls at x = -60 and 640, friction 0.5, restitution 0.3. The seed moves every
-column by up to 2 px, the ball by up to 10 px, and turns the throw by up to 0.05 rad. With `--gravity 0` and a
-`--damping` below 1 (the share of speed left after a second) it is the same scene seen from above.
+column by up to 2 px, the ball by up to 10 px, and turns the throw by up to 0.05 rad.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pymunk
+from filming import write_track_folder
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -45,8 +42,8 @@ ITERATIONS = 30
 SLOP = 0.01
 # Time that the wall stands before the throw, s.
 SETTLING = 0.5
-# Least recorded impulse, mass px/s: of a box that falls 0.5 px; the weight of a resting box gives 0.4 per step.
-LEAST_IMPULSE = 30.0
+# px/s^2, downwards.
+GRAVITY = 981.0
 
 
 @dataclass(frozen=True)
@@ -58,30 +55,24 @@ class Throw:
     hz: float = 60.0
     seconds: float = 2.5
     seed: int = 0
-    gravity: float = 981.0
-    """px/s^2, downwards."""
-    damping: float = 1.0
-    """Share of speed left after a second."""
 
 
 def add_boundary(space: pymunk.Space) -> None:
     """Add floor, walls and ceiling, thick enough that nothing passes."""
     thick = 50.0
-    for name, a, b in (
-        ("floor", (LEFT - 500, FLOOR + thick), (RIGHT + 500, FLOOR + thick)),
-        ("left wall", (LEFT - thick, TOP - 500), (LEFT - thick, FLOOR + 500)),
-        ("right wall", (RIGHT + thick, TOP - 500), (RIGHT + thick, FLOOR + 500)),
-        ("ceiling", (LEFT - 500, TOP - thick), (RIGHT + 500, TOP - thick)),
+    for a, b in (
+        ((LEFT - 500, FLOOR + thick), (RIGHT + 500, FLOOR + thick)),
+        ((LEFT - thick, TOP - 500), (LEFT - thick, FLOOR + 500)),
+        ((RIGHT + thick, TOP - 500), (RIGHT + thick, FLOOR + 500)),
+        ((LEFT - 500, TOP - thick), (RIGHT + 500, TOP - thick)),
     ):
         shape = pymunk.Segment(space.static_body, a, b, thick)
         shape.friction, shape.elasticity = FRICTION, RESTITUTION
-        shape.trueroll_name = name  # type: ignore[attr-defined]
         space.add(shape)
 
 
-def add_body(space: pymunk.Space, name: str, shape: pymunk.Shape, x: float, y: float) -> pymunk.Body:
+def add_body(space: pymunk.Space, shape: pymunk.Shape, x: float, y: float) -> pymunk.Body:
     shape.friction, shape.elasticity = FRICTION, RESTITUTION
-    shape.trueroll_name = name  # type: ignore[attr-defined]
     shape.body.position = (x, y)
     space.add(shape.body, shape)
     return shape.body
@@ -94,16 +85,14 @@ def add_wall(space: pymunk.Space, chance: np.random.Generator) -> dict[str, pymu
         x = FIRST_COLUMN + PITCH * column + chance.uniform(-2.0, 2.0)
         for row in range(ROWS):
             box = pymunk.Body(1.0, pymunk.moment_for_box(1.0, (WIDE, TALL)))
-            name = f"box{column}{row}"
-            bodies[name] = add_body(
-                space, name, pymunk.Poly.create_box(box, (WIDE, TALL)), x, FLOOR - TALL * (row + 0.5)
-            )
+            shape = pymunk.Poly.create_box(box, (WIDE, TALL))
+            bodies[f"box{column}{row}"] = add_body(space, shape, x, FLOOR - TALL * (row + 0.5))
     return bodies
 
 
 def throw_ball(space: pymunk.Space, throw: Throw, chance: np.random.Generator) -> pymunk.Body:
     ball = pymunk.Body(BALL_MASS, pymunk.moment_for_circle(BALL_MASS, 0.0, BALL_RADIUS))
-    added = add_body(space, "ball", pymunk.Circle(ball, BALL_RADIUS), BALL[0], BALL[1] + chance.uniform(-10.0, 10.0))
+    added = add_body(space, pymunk.Circle(ball, BALL_RADIUS), BALL[0], BALL[1] + chance.uniform(-10.0, 10.0))
     angle = chance.uniform(-0.05, 0.05)
     added.velocity = throw.speed * math.cos(angle), throw.speed * math.sin(angle)
     return added
@@ -117,34 +106,17 @@ def corner_points(name: str, thing: pymunk.Body) -> dict[str, tuple[float, float
     return {f"{name}-{letter}": tuple(thing.local_to_world(end)) for letter, end in zip("abcd", ends, strict=True)}
 
 
-class Contacts:
-    """Recorder of the impulses between bodies."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, str, str, float]] = []
-        self.t = 0.0
-
-    def record_impulse(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
-        impulse = arbiter.total_impulse.length
-        if impulse > LEAST_IMPULSE:
-            a, b = sorted(shape.trueroll_name for shape in arbiter.shapes)
-            self.rows.append((self.t, a, b, impulse))
-
-
-def play(throw: Throw) -> tuple[Floats, list[str], Floats, list[tuple[float, str, str, float]]]:
-    """Simulate a throw; returns times (T,), names of N points, positions (T, N, 2) px, and the contacts."""
+def play(throw: Throw) -> tuple[Floats, list[str], Floats]:
+    """Simulate a throw; returns times (T,), names of N points, and positions (T, N, 2) px."""
     chance = np.random.default_rng(throw.seed)
     space = pymunk.Space()
-    space.gravity, space.iterations, space.collision_slop = (0.0, throw.gravity), ITERATIONS, SLOP
+    space.gravity, space.iterations, space.collision_slop = (0.0, GRAVITY), ITERATIONS, SLOP
     add_boundary(space)
     bodies = add_wall(space, chance)
     dt = 1 / STEPS_PER_SECOND
     for _ in range(round(SETTLING * STEPS_PER_SECOND)):
         space.step(dt)
-    space.damping = throw.damping
     bodies = {"ball": throw_ball(space, throw, chance), **bodies}
-    contacts = Contacts()
-    space.on_collision(post_solve=contacts.record_impulse)
     every = STEPS_PER_SECOND / throw.hz
     if every != int(every):
         raise SystemExit(f"--hz divides {STEPS_PER_SECOND}, the steps of a second; got {throw.hz:g}")
@@ -152,34 +124,28 @@ def play(throw: Throw) -> tuple[Floats, list[str], Floats, list[tuple[float, str
     for step in range(round(throw.seconds * STEPS_PER_SECOND) + 1):
         if step % int(every) == 0:
             frames.append({key: xy for name, thing in bodies.items() for key, xy in corner_points(name, thing).items()})
-        contacts.t = (step + 1) * dt
         space.step(dt)
     names = list(frames[0])
-    return np.arange(len(frames)) / throw.hz, names, np.array([[f[n] for n in names] for f in frames]), contacts.rows
+    return np.arange(len(frames)) / throw.hz, names, np.array([[f[n] for n in names] for f in frames])
 
 
 def write(throw: Throw, out: Path) -> None:
-    t, names, places, contacts = play(throw)
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / "tracks.csv").open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("shot", "frame", "t", "id", "x", "y"))
-        for frame, moment in enumerate(t):
-            for name, (x, y) in zip(names, places[frame], strict=True):
-                rows.writerow((0, frame, f"{moment:.9f}", name, f"{x:.7f}", f"{y:.7f}"))
-    with (out / "contacts.csv").open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("t", "a", "b", "impulse"))
-        rows.writerows((f"{moment:.6f}", a, b, f"{impulse:.4f}") for moment, a, b, impulse in contacts)
-    scene = {"scene": "boxes", "units": "px", "fps": throw.hz, "speed": throw.speed, "gravity": throw.gravity,
-             "damping": throw.damping, "seed": throw.seed}  # fmt: skip
-    (out / "scene.json").write_text(json.dumps(scene, indent=1) + "\n")
+    t, names, places = play(throw)
+    rows = (
+        (0, frame, f"{moment:.9f}", name, f"{x:.7f}", f"{y:.7f}")
+        for frame, moment in enumerate(t)
+        for name, (x, y) in zip(names, places[frame], strict=True)
+    )
+    facts = {
+        "scene": "boxes", "units": "px", "fps": throw.hz, "speed": throw.speed, "gravity": GRAVITY, "seed": throw.seed
+    }  # fmt: skip
+    write_track_folder(out, ("shot", "frame", "t", "id", "x", "y"), rows, facts)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    for name in ("speed", "hz", "seconds", "gravity", "damping"):
+    for name in ("speed", "hz", "seconds"):
         parser.add_argument(f"--{name}", type=float, default=getattr(Throw(), name))
     parser.add_argument("--seed", type=int, default=0)
     arguments = vars(parser.parse_args())

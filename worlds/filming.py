@@ -19,7 +19,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -125,11 +125,6 @@ def integrate_motion(
     return places
 
 
-def film_shots(experiment: Experiment, truth: list[Floats], chance: np.random.Generator) -> list[tuple[Floats, Floats]]:
-    """Return times (T,) and observed positions (T, D) of each shot, NaN where missing."""
-    return [(np.arange(len(places)) / experiment.fps, add_flaws(places, experiment, chance)) for places in truth]
-
-
 def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floats:
     """Add noise, outliers and gaps (NaN) to positions (T, ..., D); the first frame has no gaps."""
     noise = chance.normal(size=places.shape)
@@ -152,25 +147,23 @@ def add_flaws(places: Floats, flaws: Flaws, chance: np.random.Generator) -> Floa
 
 
 def write_track_folder(
-    experiment: Experiment,
-    scene: str,
-    columns: tuple[str, ...],
-    observed: list[tuple[Floats, Floats]],
-    waves: list[Waves],
-    out: Path,
+    out: Path, columns: Iterable[str], rows: Iterable[Iterable[object]], facts: Mapping[str, object]
 ) -> None:
-    given, columns = tuple(experiment.drive) if experiment.stated else (), columns[: observed[0][1].shape[1]]
+    """Write tracks.csv with these columns and rows, and scene.json."""
     out.mkdir(parents=True, exist_ok=True)
     with (out / "tracks.csv").open("w", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(("shot", "frame", "t", "id", *columns, *given))
-        for shot, (t, places) in enumerate(observed):
-            for frame in np.flatnonzero(np.isfinite(places[:, 0])):
-                values = (*places[frame], *(waves[shot].evaluate(name, t[frame]) for name in given))
-                rows.writerow((shot, frame, f"{t[frame]:.9f}", "body", *(f"{value:.9f}" for value in values)))
-    units = "rad" if scene == "pendulum" else "m"
-    facts = {"scene": scene, "units": units, "fps": experiment.fps, "model": list(experiment.model)}
-    (out / "scene.json").write_text(json.dumps({**facts, **experiment.facts}, indent=1) + "\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+    (out / "scene.json").write_text(json.dumps(facts, indent=1) + "\n")
+
+
+def list_rows(observed: list[Floats], t: Floats, given: tuple[str, ...], waves: list[Waves]) -> Iterator[list[object]]:
+    """Yield the rows of tracks.csv of observed shots (T, D) at t (T,), with the known inputs that are `given`."""
+    for shot, (places, inputs) in enumerate(zip(observed, waves, strict=True)):
+        for frame in np.flatnonzero(np.isfinite(places[:, 0])):
+            values = (*places[frame], *(inputs.evaluate(name, t[frame]) for name in given))
+            yield [shot, frame, f"{t[frame]:.9f}", "body", *(f"{value:.9f}" for value in values)]
 
 
 def run_script(
@@ -190,4 +183,11 @@ def run_script(
         driven.append(Waves(experiment.drive, {name: chance.uniform(0, 2 * np.pi) for name in experiment.drive}))
         given = {"waves": driven[-1]} if experiment.drive else {}
         truth.append(play(experiment.effects, experiment.throw, chance, t, **experiment.facts, **given))
-    write_track_folder(experiment, scene, columns, film_shots(experiment, truth, chance), driven, Path(sys.argv[2]))
+    observed = [add_flaws(places, experiment, chance) for places in truth]
+    given, columns = tuple(experiment.drive) if experiment.stated else (), columns[: observed[0].shape[1]]
+    units = "rad" if scene == "pendulum" else "m"
+    facts = {"scene": scene, "units": units, "fps": experiment.fps, "model": list(experiment.model)}
+    write_track_folder(
+        Path(sys.argv[2]), ("shot", "frame", "t", "id", *columns, *given), list_rows(observed, t, given, driven),
+        {**facts, **experiment.facts},
+    )  # fmt: skip

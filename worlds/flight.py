@@ -1,8 +1,7 @@
 """Simulate thrown bodies in a plane whose y is the height. `worlds/filming.py` describes the command.
 
 Gravity always acts. Drag is relative to the air, which moves with the `wind`; `magnus` is lift by spin. Effects that
-are in no library: `buoyancy_layer` (an upward acceleration a above the height h), `gust` (oscillating wind), and
-`drag_power` (a drag -k v^power).
+are in no library: `gust` (oscillating wind), and `drag_power` (a drag -k v^power).
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     "viscous_drag": ("k",),
     "wind": ("wind_x",),
     "magnus": ("s",),
-    "buoyancy_layer": ("a", "h"),
     "gust": ("speed", "period"),
     "drag_power": ("k", "power"),
 }
@@ -49,8 +47,7 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats,
     side = chance.choice([-1.0, 1.0])
     air, viscous = (effects.get(name, {}).get("k", 0.0) for name in ("air_drag", "viscous_drag"))
     wind, spin = effects.get("wind", {}).get("wind_x", 0.0), effects.get("magnus", {}).get("s", 0.0)
-    layer, gust = effects.get("buoyancy_layer", {}), effects.get("gust", {})
-    between = effects.get("drag_power", {})
+    gust, between = effects.get("gust", {}), effects.get("drag_power", {})
     light = LEAST_DRAG if (wind or gust) and not (air or viscous) else 0.0
 
     def force(now: float, where: Floats, v: Floats) -> Floats:
@@ -59,8 +56,7 @@ def play(effects: Effects, throw: Throw, chance: np.random.Generator, t: Floats,
         pull: Floats = -(air * np.hypot(*against) + viscous + light) * against + spin * np.array([-v[1], v[0]])
         if between:
             pull = pull - between["k"] * np.hypot(*against) ** (between["power"] - 1) * against
-        lift = layer["a"] if layer and where[1] > layer["h"] else 0.0
-        return pull + np.array([0.0, lift - GRAVITY])
+        return pull - np.array([0.0, GRAVITY])
 
     start = np.array([0.0, chance.uniform(1.0, 2.0)])
     return integrate_motion(force, start, speed * np.array([side * np.cos(angle), np.sin(angle)]), t)

@@ -53,6 +53,11 @@ def bounce(effects: Effects, velocity: Floats, normal: Floats) -> Floats:
     return along * (1 - rubbed / sliding if sliding else 1.0) + e * closing * normal
 
 
+def remaining_speed(_: float, state: Floats) -> float:
+    """Return how much faster a body is than one that stops, m/s."""
+    return float(np.hypot(state[2], state[3])) - STOP_SPEED
+
+
 def integrate_between_walls(
     effects: Effects, force: Force, place: Floats, velocity: Floats, t: Floats, sides: Floats, braked: bool
 ) -> Floats:
@@ -62,8 +67,8 @@ def integrate_between_walls(
     def rate(now: float, state: Floats) -> Floats:
         return np.concatenate([state[2:], force(now, state[:2], state[2:])])
 
-    def stop(_: float, state: Floats) -> float:
-        return float(np.hypot(state[2], state[3])) - STOP_SPEED if braked else 1.0
+    def stop(now: float, state: Floats) -> float:
+        return remaining_speed(now, state) if braked else 1.0
 
     def build_event(axis: int, side: int):  # type: ignore[no-untyped-def]
         def gap(_: float, state: Floats) -> float:
@@ -127,9 +132,6 @@ def play(
         if between:
             pull = pull - between["k"] * size ** (between["power"] - 1) * v
         return pull + curl * np.array([-v[1], v[0]]) + given
-
-    def remaining_speed(_: float, state: Floats) -> float:
-        return float(np.hypot(state[2], state[3])) - STOP_SPEED
 
     braked = bool(mu or patch)
     velocity = speed * np.array([np.cos(angle), np.sin(angle)])

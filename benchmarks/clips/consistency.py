@@ -42,8 +42,7 @@ from pipeline.io.certificate_files import NAMES
 from pipeline.io.run_folder import list_folders_with
 from pipeline.io.run_views import read_shot_record
 from pipeline.reporting.pages.certificate_page import FALLS
-from pipeline.reporting.text.number_sentences import NUMBER_NAMES
-from pipeline.reporting.text.session_sentences import name_number
+from pipeline.reporting.text.number_sentences import NUMBER_NAMES, name_number
 from pipeline.terminal import command_line
 from video.overlay.close_up import draw_close_up
 

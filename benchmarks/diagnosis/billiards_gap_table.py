@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.experiments.gapcheck.case_scores import PROBABILITY_BINS, Proportion
+from pipeline.experiments.gapcheck.blind_case import PROBABILITY_BINS, Proportion
 
 GOALS = (
     ("one", "one effect missing, natural strength: named", "goal 90 %"),

@@ -20,12 +20,12 @@ from benchmarks.diagnosis.gap_cases import GapCase, generate_cases
 from benchmarks.diagnosis.gap_trial import play_case
 from benchmarks.support.run_folder import ROOT
 from diagnosis.diagnose import diagnose
-from diagnosis.fitting.shot_split import ShotSplit, split_shots
+from diagnosis.fitting.shot_preparation import ShotSplit, split_shots
 from diagnosis.selection.hypotheses import compute_hypothesis_signatures, get_shot_information, ignore_progress
 from diagnosis.selection.study import Study, run_study
 from diagnosis.verdicts.verdict import DiagnosisReport
 from pipeline.io.track_folder_scene import build_gap_scene
-from pipeline.reporting.figures.gap_figures import AFTER, BEFORE, compute_error_growth
+from pipeline.reporting.pages.gap_page import AFTER, BEFORE, compute_error_growth
 
 CASE, SEED = "pair: flight, air drag and lift by spin", 2
 GREY = "#7b837f"

@@ -5,7 +5,7 @@
 
 Simulators that share no code with the diagnosis (worlds/slide.py, flight.py, pendulum.py) play 12 shots at 60 fps with
 noise of 0.3 px. Strengths are drawn per seed from natural ones (see
-pipeline/experiments/gapcheck/case_catalogue.py), or so weak that an effect is 4 to 6 standard deviations once
+pipeline/experiments/gapcheck/billiards_cases.py), or so weak that an effect is 4 to 6 standard deviations once
 everything else is adjusted. Every case is a row of FILE.csv and is skipped if it is already there; the tables are
 printed from all rows. Takes seconds per case; all questions with five seeds take hours.
 """

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.diagnosis.gap_trial import GapRow
-from pipeline.experiments.gapcheck.case_scores import PROBABILITY_BINS, Proportion
+from pipeline.experiments.gapcheck.blind_case import PROBABILITY_BINS, Proportion
 
 GOALS = (
     ("natural", "natural strength: named", 0.90), ("natural+", "or in a group that an oracle cannot separate", 0.97),

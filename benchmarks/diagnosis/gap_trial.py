@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.diagnosis.gap_cases import NEAR, GapCase
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.hypothesis_fits import linearize_fit
-from diagnosis.selection.signatures import compute_signatures
+from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.recording import Recording
 from models.core.typing import FloatArray

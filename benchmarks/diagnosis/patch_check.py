@@ -30,7 +30,7 @@ from benchmarks.support.row_files import append_row, read_rows
 from diagnosis.diagnose import diagnose
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.typing import FloatArray
-from pipeline.experiments.gapcheck.case_scores import Proportion
+from pipeline.experiments.gapcheck.blind_case import Proportion
 from pipeline.io.track_folder_scene import build_gap_scene
 
 SCENES = ("slide", "billiards")

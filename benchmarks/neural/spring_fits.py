@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from models.core.recording import record_points
 from models.estimation.springs.latent_inference import LatentSprings, infer_springs
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import SPRING_KINDS, simulate_double_pendulum
+from pipeline.experiments.thesis.thesis_scenes import SPRING_KINDS, simulate_double_pendulum
 
 CASES = [
     *((kind, fps, noise) for kind in ("soft", "medium") for fps, noise in ((30, 0.1), (30, 0.5), (15, 0.1))),

@@ -34,14 +34,20 @@ from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import AKIMA, CUBIC, LINEAR, MotionMethod, TrainingBudget
 from pipeline.experiments.thesis.compared_methods import (
     CONSTRAINT_NET,
+    PHYSICS,
     PRETRAINED_NET,
-    ArmsFit,
-    BoxesFit,
     build_methods,
 )
-from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, build_boxes_series
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import STARTS, build_pendulum_series, read_recorded_series
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, mean_squared_error
+from pipeline.experiments.thesis.thesis_scenes import (
+    SPEEDS,
+    STARTS,
+    ExperimentCase,
+    WithheldSeries,
+    build_boxes_series,
+    build_pendulum_series,
+    mean_squared_error,
+    read_recorded_series,
+)
 
 RATES = (60.0, 30.0, 15.0)
 # Length of the scenes of networks and boxes, and of springs, s; a fit may take as many CPU seconds as its scene.
@@ -139,7 +145,7 @@ def score_springs(kind: str, fps: int, noise: float, seeds: range) -> list[Sprin
 
 def score_boxes(speed: str, fps: float, seeds: range) -> list[MethodScores]:
     cases = [ExperimentCase("boxes", speed, fps, 0.0, seed) for seed in seeds]
-    return [score_method(BoxesFit(), build_boxes_series(case, SECONDS)) for case in cases]
+    return [score_method(PHYSICS["boxes"], build_boxes_series(case, SECONDS)) for case in cases]
 
 
 def measure_figures() -> list[Figure]:
@@ -193,7 +199,7 @@ def print_boxes(options: ThesisOptions) -> None:
     """Score the contact-aware fit of rigid bodies."""
     cells = []
     score_method(
-        BoxesFit(), build_boxes_series(ExperimentCase("boxes", SPEEDS[0], 30.0, 0.0, 0), 0.5)
+        PHYSICS["boxes"], build_boxes_series(ExperimentCase("boxes", SPEEDS[0], 30.0, 0.0, 0), 0.5)
     )  # compiled before the clock starts
     for speed in SPEEDS:
         for fps in RATES:
@@ -219,7 +225,7 @@ def print_real_pendulum(options: ThesisOptions) -> None:
     for apart in (13, 26):
         rows = [
             score_method(
-                ArmsFit(), read_recorded_series(ExperimentCase("real", start, 200 / apart, 0.0, 0), options.data)
+                PHYSICS["real"], read_recorded_series(ExperimentCase("real", start, 200 / apart, 0.0, 0), options.data)
             )
             for start in STARTS
         ]

@@ -1,11 +1,18 @@
-"""Windows of a fit, as long as possible: until a simulation is too sensitive to its start or diverges from the data."""
+"""Windows of a fit, as long as possible: until a simulation is too sensitive to its start or diverges from the data.
+
+A window starts from the places of all bodies. A recorder that stores a sample only after a body has moved leaves out a
+body at rest for seconds; its place is known nevertheless, from the samples before and after, and is added.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_window_model, fit_effects
-from diagnosis.fitting.rest_observations import add_rest_observations
 from diagnosis.fitting.window_continuation import extend_windows, merge_lost_windows
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
@@ -94,12 +101,11 @@ def fit_initial_windows(
     segments = split_into_segments(problem, recordings)
     if not segments:
         raise ValueError(f"a diagnosis needs shots of at least {MIN_ROWS} frames; there is none")
+    fit = partial(fit_effects, problem, names=names, forms=forms, guess=guess)
     if isinstance(problem.scene, ContactRichScene):
-        return merge_lost_windows(
-            problem,
-            fit_effects(problem, _split_at_rest(segments, problem.scene.initial_window_length), names, forms, guess),
-        )
-    fitted = _fit_long_segments(problem, segments, names, forms, guess)
+        short = _split_at_rest(segments, problem.scene.initial_window_length)
+        return merge_lost_windows(problem, fit(short))
+    fitted = _fit_long_segments(problem, segments, fit)
     for _ in range(_MAX_ROUNDS):
         shorter = _split_sensitive_segments(problem, fitted)
         if len(shorter) == len(fitted.segments):
@@ -124,30 +130,20 @@ def fit_longer_windows(problem: DiagnosisProblem, recordings: tuple[Recording, .
     return fit_adaptively(problem, recordings, like.names, like.forms, like.shared)
 
 
-def _split_segments(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
-    """Split segments into parts of about `span` seconds."""
-    return tuple(part for segment in segments for part in _split_segment(segment, span))
-
-
 def _fit_long_segments(
-    problem: DiagnosisProblem,
-    segments: tuple[Recording, ...],
-    names: tuple[str, ...],
-    forms: tuple[str, ...] | None,
-    guess: FloatArray | None,
+    problem: DiagnosisProblem, segments: tuple[Recording, ...], fit: Callable[..., EffectFit]
 ) -> EffectFit:
-    """Fit segments from `guess` and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
+    """Fit segments from a guess and, if the lack of fit is large, also from a fit of short parts; keep the better fit.
 
     Short parts hold too few contacts to be fitted in a wrong order; smooth paths need none.
     """
-    long_fit = fit_effects(problem, segments, names, forms, guess)
+    long_fit = fit(segments)
     if problem.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
-    short = _split_segments(segments, SHORT_SEGMENT_S)
+    short = tuple(part for segment in segments for part in _split_segment(segment, SHORT_SEGMENT_S))
     if len(short) == len(segments):
         return long_fit
-    short_fit = fit_effects(problem, short, names, forms, guess)
-    return min((long_fit, fit_effects(problem, segments, names, forms, short_fit.shared)), key=lambda one: one.cost)
+    return min((long_fit, fit(segments, guess=fit(short).shared)), key=lambda one: one.cost)
 
 
 def _split_at_rest(segments: tuple[Recording, ...], span: float) -> tuple[Recording, ...]:
@@ -208,3 +204,52 @@ def _split_at_row(segment: Recording, row: int) -> list[Recording]:
         return [segment]
     parts = [segment.select_rows(0, row), segment.select_rows(row, len(segment.t))]
     return parts if all(_has_enough_observations(part) for part in parts) else [segment]
+
+
+# m/s: mean speed between two samples up to which a body rests in between, but for its last steps.
+_REST_SPEED = 0.01
+# Rows at the start of a window in which a body at rest is observed: as many as show that it rests.
+_ROWS = 2
+
+
+def add_rest_observations(segment: Recording, firsts: IntArray) -> Recording:
+    """Add observations of bodies that rest in the first rows of a window and have no sample there.
+
+    They repeat other samples; all that are added for a body have together the information of one.
+
+    Args:
+        segment: Segment of a recording.
+        firsts: First row of each window, and the row after the last one.
+
+    Returns:
+        The segment with these observations; the same one where there are none.
+    """
+    positions, sigma = segment.positions.copy(), segment.sigma.copy()
+    for body in range(len(segment.bodies)):
+        rows = np.flatnonzero(segment.is_observed[:, body])
+        empty = [row for row in (firsts[:-1, None] + np.arange(_ROWS)).flat if not segment.is_observed[row, body]]
+        sources = {int(row): _find_rest_sample(segment, body, rows, int(row)) for row in empty}
+        sources = {row: source for row, source in sources.items() if source >= 0}
+        for row, source in sources.items():
+            positions[row, body] = segment.positions[source, body]
+            sigma[row, body] = segment.sigma[source, body] * np.sqrt(len(sources))
+    return replace(segment, positions=positions, sigma=sigma)
+
+
+def _find_rest_sample(segment: Recording, body: int, rows: IntArray, first: int) -> int:
+    """Find the sample, of those at `rows`, that shows where a body rests at row `first`; -1 where it may move."""
+    after = int(np.searchsorted(rows, first))
+    if after == 0:
+        return -1
+    is_still = after == 1 or _mean_speed(segment, body, rows[after - 2 : after]) < _REST_SPEED
+    if after == len(rows):
+        return int(rows[-1]) if is_still else -1
+    if not _mean_speed(segment, body, rows[after - 1 : after + 1]) < _REST_SPEED:
+        return -1
+    return int(rows[after - 1] if is_still else rows[after])
+
+
+def _mean_speed(segment: Recording, body: int, rows: IntArray) -> float:
+    """Compute the mean speed (m/s) of a body between two rows."""
+    way: FloatArray = segment.positions[rows[1], body] - segment.positions[rows[0], body]
+    return float(np.linalg.norm(way) / (segment.t[rows[1]] - segment.t[rows[0]]))

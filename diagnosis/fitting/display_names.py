@@ -138,18 +138,6 @@ def format_phase(name: str) -> str:
     return PHASES.get(name, f"in {_replace_underscores(name)}")
 
 
-def format_law(name: str) -> str:
-    """Format a published contact model by author and year.
-
-    Args:
-        name: Identifier, such as `han_2005`.
-
-    Returns:
-        The name with a capital letter, such as "Han 2005".
-    """
-    return _replace_underscores(name).capitalize()
-
-
 def format_growth_variable(name: str) -> str:
     """Format the variable with which a gap grows.
 

@@ -6,16 +6,17 @@ The floor is the error of a right model from the same start: measurement noise, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import factorial
 
 import numpy as np
 from scipy.stats import chi2
 
+from diagnosis.fitting.body_strengths import BodyFit, split_bodies
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
 from diagnosis.fitting.prediction_windows import (
-    Predictions,
+    Prediction,
     PredictionWindow,
     build_prediction_windows,
     predict_windows,
@@ -43,59 +44,105 @@ _INTERVAL_QUANTILES = (0.025, 0.975)
 class GapClosure:
     """How much of the gap one model closes relative to another."""
 
-    before: float
+    before: float = float("nan")
     """rms distance between prediction and observation, without the effects."""
-    after: float
+    after: float = float("nan")
     """The same with the effects."""
-    floor: float
+    floor: float = float("nan")
     """The same for a right model from the same starts; NaN where the noise is unknown."""
-    closed: float
+    closed: float = float("nan")
     """(before^2 - after^2) / (before^2 - floor^2), clipped to [-1, 1]; NaN where it is not resolved."""
-    interval: tuple[float, float]
+    interval: tuple[float, float] = (-1.0, 1.0)
     """95 % interval of `closed`."""
-    resolved: bool
+    resolved: bool = False
     """Whether the gap before exceeds the noise."""
     most_probability: float = float("nan")
     """Probability that more than half of the gap is closed; NaN where it is not resolved."""
 
 
-def estimate_noise_floor(
-    problem: DiagnosisProblem, windows: tuple[PredictionWindow, ...], like: EffectFit, predictions: Predictions
-) -> FloatArray:
-    """Estimate the squared error that a right model would have from the start states of the better model.
+UNKNOWN_CLOSURE = GapClosure()
 
-    It is the sum of the noise and the effect of the start errors. Start errors are measured with a fit of the whole
-    window. A wrong model would count its own error as a start error, so that no more is allowed than chance explains.
+
+@dataclass(frozen=True, slots=True)
+class PredictedShots:
+    """W windows of hold-out shots, and their predictions by two models."""
+
+    windows: tuple[PredictionWindow, ...]
+    before: tuple[Prediction, ...]
+    after: tuple[Prediction, ...]
+    floor: FloatArray
+    """(W,) sum of squared errors of a right model."""
+
+
+def predict_shots(
+    problem: DiagnosisProblem,
+    recordings: tuple[Recording, ...],
+    base: EffectFit,
+    better: EffectFit,
+    rng: np.random.Generator,
+    body_fit: BodyFit | None = None,
+) -> PredictedShots:
+    """Predict shots that two models were not fitted to.
 
     Args:
         problem: Scene and priors.
-        windows: W prediction windows.
-        like: Fit of the better model.
-        predictions: Predictions of the better model.
+        recordings: Other shots, with the noise estimate applied.
+        base: Fit of the simulator.
+        better: Fit of the better model.
+        rng: Random generator of the sampled starts.
+        body_fit: The better model with strengths of every body, where they differ; an unknown body has the mean
+            strengths of all.
 
     Returns:
-        (W,) sum of squared errors of each window.
+        The predictions.
     """
-    if not windows:
-        return np.zeros(0)
-    whole = fit_start_states(problem, tuple(one.segment for one in windows), like, predictions.starts)
-    off, surprise, free = np.zeros(len(windows)), 0.0, 0
-    for k, one in enumerate(windows):
+    recordings = recordings if body_fit is None else split_bodies(recordings)
+    windows = select_predictable(problem, build_prediction_windows(problem, recordings), better, rng)
+    after, floor = list[Prediction | None]([None] * len(windows)), np.zeros(len(windows))
+    bodies = [one.segment.bodies[0] if body_fit is not None else "" for one in windows]
+    for body in sorted(set(bodies)):
+        here = [k for k, name in enumerate(bodies) if name == body]
+        own_windows = tuple(windows[k] for k in here)
+        own = better if body_fit is None else replace(better, shared=body_fit.values_of(body))
+        predictions = predict_windows(problem, own_windows, own)
+        floor[here] = _estimate_noise_floor(problem, own_windows, own, predictions)
+        for k, one in zip(here, predictions, strict=True):
+            after[k] = one
+    return PredictedShots(windows, predict_windows(problem, windows, base), tuple(filter(None, after)), floor)
+
+
+def sum_squares(predictions: tuple[Prediction, ...]) -> FloatArray:
+    """Return the sum of squared errors (W,) of each prediction."""
+    return np.array([one.square for one in predictions])
+
+
+def _estimate_noise_floor(
+    problem: DiagnosisProblem,
+    windows: tuple[PredictionWindow, ...],
+    like: EffectFit,
+    predictions: tuple[Prediction, ...],
+) -> FloatArray:
+    """Estimate the squared error (W,) that a right model would have from the start states of the better model.
+
+    It is the sum of the noise and the effect of the start errors. Start errors are measured with a fit of the whole
+    window. A wrong model would count its own error as a start error, so that no more is allowed than chance explains.
+    """
+    whole = fit_start_states(
+        problem, tuple(one.segment for one in windows), like, tuple(one.start for one in predictions)
+    )
+    off, noise, surprise, free = np.zeros(len(windows)), np.zeros(len(windows)), 0.0, 0
+    for k, (one, predicted) in enumerate(zip(windows, predictions, strict=True)):
         path = problem.scene.predict_positions(one.segment, whole.starts[k], like.shared, like.forms)
-        off[k] = sum_squared_errors(one, predictions.paths[k] - path)
+        off[k] = sum_squared_errors(one, predicted.path - path)
+        noise[k] = path.shape[2] * float(np.square(one.segment.sigma[one.is_predicted]).sum())
         one_surprise, one_free = start_error_chi2(
-            whole.starts[k] - predictions.starts[k], predictions.covariances[k], whole.noise_start_covariances[k]
+            whole.starts[k] - predicted.start, predicted.covariance, whole.noise_start_covariances[k]
         )
         surprise, free = surprise + one_surprise, free + one_free
     granted = min(1.0, float(chi2.ppf(_START_ERROR_PROBABILITY, free)) / surprise) if surprise > 0 else 1.0
-    coordinates = predictions.paths[0].shape[2]
-    noise = [
-        coordinates * float(np.square(w.segment.sigma[w.start_rows :][w.segment.is_observed[w.start_rows :]]).sum())
-        for w in windows
-    ]
-    least = granted * off + np.array(noise)
+    least = granted * off + noise
     # the error of the right model is at most that of this one
-    return np.asarray(least * min(1.0, float(predictions.squares.sum()) / max(float(least.sum()), 1e-300)))
+    return np.asarray(least * min(1.0, float(sum_squares(predictions).sum()) / max(float(least.sum()), 1e-300)))
 
 
 def start_error_chi2(step: FloatArray, covariance: FloatArray, better_covariance: FloatArray) -> tuple[float, int]:
@@ -111,11 +158,6 @@ def start_error_chi2(step: FloatArray, covariance: FloatArray, better_covariance
     gained, turn = np.linalg.eigh(white @ (covariance - better_covariance) @ white.T)
     improved = gained > _MIN_VARIANCE_REDUCTION
     return float((np.square(turn.T @ white @ step)[improved] / gained[improved]).sum()), int(improved.sum())
-
-
-def count_predictions(windows: tuple[PredictionWindow, ...]) -> FloatArray:
-    """Count the predicted observations (W,) of each window."""
-    return np.array([one.segment.is_observed[one.start_rows :].sum() for one in windows], dtype=np.float64)
 
 
 def estimate_closure(
@@ -139,31 +181,25 @@ def estimate_closure(
     Returns:
         The closure; NaN where there is nothing to predict or the gap is not resolved.
     """
-    count = count_predictions(windows)
-    if not count.sum():
-        return GapClosure(float("nan"), float("nan"), float("nan"), float("nan"), (float("nan"), float("nan")), False)
-    total = count.sum()
+    total = sum(int(one.is_predicted.sum()) for one in windows)
+    if not total:
+        return UNKNOWN_CLOSURE
     b, a, f = (float(one.sum() / total) for one in (before, after, floor))
+    rms_before, rms_after, rms_floor = (float(np.sqrt(max(square, 0.0))) for square in (b, a, f))
     if np.isnan(f):
-        return GapClosure(_root(b), _root(a), float("nan"), float("nan"), (-1.0, 1.0), False)
+        return GapClosure(rms_before, rms_after)
     drawn = _draw_bootstrap_weights(windows, rng)
-    excess = drawn @ (before - floor)
-    resolved = bool(np.quantile(drawn @ (before - _NOISE_MARGIN * floor), _INTERVAL_QUANTILES[0]) > 0)
-    if not resolved:
-        return GapClosure(_root(b), _root(a), _root(f), float("nan"), (-1.0, 1.0), False)
+    if not np.quantile(drawn @ (before - _NOISE_MARGIN * floor), _INTERVAL_QUANTILES[0]) > 0:
+        return GapClosure(rms_before, rms_after, rms_floor)
     closed = float(np.clip((b - a) / (b - f), -limit, limit))
-    excess = excess + (drawn @ floor) * (_NOISE_MARGIN - 1) / 2 * rng.standard_normal(len(drawn))
+    excess = drawn @ (before - floor) + (drawn @ floor) * (_NOISE_MARGIN - 1) / 2 * rng.standard_normal(len(drawn))
     ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -limit, limit)
     low, high = np.quantile(ratios, _INTERVAL_QUANTILES)
     interval = (min(float(low), closed), max(float(high), closed))
     # with few blocks the next one may differ from all of them: Laplace's rule of succession
-    most = (float((ratios > 0.5).mean()) * _count_blocks(windows) + 1) / (_count_blocks(windows) + 2)
-    return GapClosure(_root(b), _root(a), _root(f), closed, interval, True, most)
-
-
-def _root(square: float) -> float:
-    """Take the square root of a mean square."""
-    return float(np.sqrt(max(square, 0.0)))
+    blocks = len(_group_into_blocks(windows))
+    most = (float((ratios > 0.5).mean()) * blocks + 1) / (blocks + 2)
+    return GapClosure(rms_before, rms_after, rms_floor, closed, interval, True, most)
 
 
 def _draw_bootstrap_weights(windows: tuple[PredictionWindow, ...], rng: np.random.Generator) -> FloatArray:
@@ -185,36 +221,17 @@ def _group_into_blocks(windows: tuple[PredictionWindow, ...]) -> list[IntArray]:
     return [np.array([k]) for k in range(len(shots))]
 
 
-def _count_blocks(windows: tuple[PredictionWindow, ...]) -> int:
-    """Count the blocks of windows."""
-    return len(_group_into_blocks(windows))
-
-
 def measure_closure(
     problem: DiagnosisProblem,
     recordings: tuple[Recording, ...],
     base: EffectFit,
     better: EffectFit,
     rng: np.random.Generator,
+    body_fit: BodyFit | None = None,
 ) -> GapClosure:
-    """Measure how much of the gap a better model closes on recordings that it was not fitted to.
-
-    Args:
-        problem: Scene and priors.
-        recordings: Other shots, with the noise estimate applied.
-        base: Fit of the simulator.
-        better: Fit of the better model.
-        rng: Random generator.
-
-    Returns:
-        The closure.
-    """
-    foreseen = select_predictable(problem, build_prediction_windows(problem, recordings), better, rng)
-    windows = foreseen.windows
-    before, after = (predict_windows(problem, windows, one, foreseen.starts) for one in (base, better))
-    return estimate_closure(
-        windows, before.squares, after.squares, estimate_noise_floor(problem, windows, better, after), rng
-    )
+    """Measure how much of the gap a better model closes on shots that it was not fitted to, as `predict_shots`."""
+    shots = predict_shots(problem, recordings, base, better, rng, body_fit)
+    return estimate_closure(shots.windows, sum_squares(shots.before), sum_squares(shots.after), shots.floor, rng)
 
 
 def shapley_shares(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.fitting.noise_whitening import WhitenedModel, build_noise_chain
+from diagnosis.fitting.shot_preparation import WhitenedModel, build_noise_chain
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.fitting.diagnosis_windows import MIN_ROWS, split_into_segments
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS, add_rest_observations, split_into_segments
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
-from diagnosis.fitting.rest_observations import add_rest_observations
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import ContactRichScene
@@ -34,6 +33,8 @@ class PredictionWindow:
 
     segment: Recording
     start_rows: int
+    start: FloatArray | None = None
+    """(S,) start state from an earlier fit, as an initial guess."""
 
     @property
     def is_predicted(self) -> BoolArray:
@@ -44,26 +45,17 @@ class PredictionWindow:
 
 
 @dataclass(frozen=True, slots=True)
-class PredictableWindows:
-    """Windows, and their start states, that can be predicted."""
+class Prediction:
+    """Prediction of a window by one model."""
 
-    windows: tuple[PredictionWindow, ...]
-    starts: tuple[FloatArray, ...]
-    """Start state (S,) of each window."""
-
-
-@dataclass(frozen=True, slots=True)
-class Predictions:
-    """Predictions of all windows of the hold-out shots by one model."""
-
-    starts: tuple[FloatArray, ...]
-    """Start state (S,) of each window, fitted to its first rows."""
-    covariances: tuple[FloatArray, ...]
-    """Covariance (S, S) of each start, from the noise of the observations alone."""
-    paths: tuple[FloatArray, ...]
-    """Predicted positions (T, N, D) of each window."""
-    squares: FloatArray
-    """(W,) sum of squared errors over the predicted observations of a window."""
+    start: FloatArray
+    """(S,) start state, fitted to the first rows."""
+    covariance: FloatArray
+    """(S, S) of the start, from the noise of the observations alone."""
+    path: FloatArray
+    """(T, N, D) predicted positions."""
+    square: float
+    """Sum of squared errors over the predicted observations."""
 
 
 def build_prediction_windows(
@@ -91,22 +83,20 @@ def build_prediction_windows(
                 whole = add_rest_observations(segment, np.array([first, len(segment.t)]))
             windows.append(PredictionWindow(whole.select_rows(first, end), start_rows))
             first += max((end - first) // 2, start_rows)
-    moving = [
-        one
-        for one in windows
-        if one.segment.is_observed[: one.start_rows].any(axis=0).all() and _has_motion(one.segment)
-    ]
-    return tuple(one for one in moving if _has_same_start_layout(problem, one))
+    return tuple(one for one in windows if _is_usable(problem, one))
 
 
-def _has_same_start_layout(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
-    """Return whether the first rows and the whole window have start states of the same layout.
+def _is_usable(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
+    """Return whether a body moves, every one is observed at the start, and start states have the layout of the whole.
 
     A body may be at rest in the first rows and move in later ones.
     """
-    segments = (one.segment.select_rows(0, one.start_rows), one.segment)
+    start = one.segment.select_rows(0, one.start_rows)
+    if not start.is_observed.any(axis=0).all() or _find_displacements(one.segment).sum() < MIN_ROWS:
+        return False
     first, whole = (
-        problem.scene.build_model((segment,), problem.simulator_forms).windows[0].start for segment in segments
+        problem.scene.build_model((segment,), problem.simulator_forms).windows[0].start
+        for segment in (start, one.segment)
     )
     return bool(first.shape == whole.shape)
 
@@ -118,11 +108,6 @@ def _count_start_rows(problem: DiagnosisProblem, segment: Recording) -> int:
     return max(START_FRAMES, int(np.searchsorted(segment.t, segment.t[0] + problem.scene.initial_window_length)))
 
 
-def _has_motion(segment: Recording) -> bool:
-    """Return whether a body moves more than the noise."""
-    return bool(_find_displacements(segment).sum() >= MIN_ROWS)
-
-
 def _find_displacements(segment: Recording) -> BoolArray:
     """Return a mask (T, N) of bodies that are away from their median position by more than the noise."""
     middle = np.nanmedian(segment.positions, axis=0)
@@ -131,7 +116,7 @@ def _find_displacements(segment: Recording) -> BoolArray:
 
 def select_predictable(
     problem: DiagnosisProblem, windows: tuple[PredictionWindow, ...], like: EffectFit, rng: np.random.Generator
-) -> PredictableWindows:
+) -> tuple[PredictionWindow, ...]:
     """Select the windows that the better model can predict from their first rows, and fit their start states.
 
     In a contact-rich scene, a contact turns micrometres of start error into metres. Starts are sampled from their
@@ -144,39 +129,35 @@ def select_predictable(
         rng: Random generator of the sampled starts.
 
     Returns:
-        Windows, NaN where a body cannot be predicted, and their start states.
+        Windows with their start states, NaN where a body cannot be predicted.
     """
     if not windows:
-        return PredictableWindows((), ())
-    states = _fit_window_starts(problem, windows, like, None)
+        return ()
+    states = _fit_window_starts(problem, windows, like)
+    windows = tuple(replace(one, start=start) for one, start in zip(windows, states.starts, strict=True))
     if not isinstance(problem.scene, ContactRichScene):
-        return PredictableWindows(windows, states.starts)
-    predictable, starts, error = [], [], float(np.sqrt(like.lack_of_fit))
-    for one, start in zip(windows, states.starts, strict=True):
+        return windows
+    predictable, error = [], float(np.sqrt(like.lack_of_fit))
+    for one in windows:
         # separately: the misfit of one window must not widen the covariance of others
-        own = _fit_window_starts(problem, (one,), like, (start,))
+        own = _fit_window_starts(problem, (one,), like)
         spread = _estimate_prediction_spread(problem, one.segment, like, own, rng)
         limit = _MAX_START_SPREAD * error * np.median(one.segment.sigma[one.segment.is_observed])
         lost = np.logical_or.accumulate(~(spread <= limit), axis=0)
         lost |= _find_displacements(one.segment).sum(axis=0) < MIN_ROWS
         lost[: one.start_rows] = False
-        left = replace(
-            one, segment=replace(one.segment, positions=np.where(lost[..., None], np.nan, one.segment.positions))
-        )
-        if left.segment.is_observed[left.start_rows :].any():
-            predictable.append(left)
-            starts.append(own.starts[0])
-    return PredictableWindows(tuple(predictable), tuple(starts))
+        segment = replace(one.segment, positions=np.where(lost[..., None], np.nan, one.segment.positions))
+        if segment.is_observed[one.start_rows :].any():
+            predictable.append(replace(one, segment=segment, start=own.starts[0]))
+    return tuple(predictable)
 
 
-def _fit_window_starts(
-    problem: DiagnosisProblem,
-    windows: tuple[PredictionWindow, ...],
-    like: EffectFit,
-    starts: tuple[FloatArray, ...] | None,
-) -> EffectFit:
+def _fit_window_starts(problem: DiagnosisProblem, windows: tuple[PredictionWindow, ...], like: EffectFit) -> EffectFit:
     """Fit the start states of windows to their first rows."""
-    return fit_start_states(problem, tuple(one.segment.select_rows(0, one.start_rows) for one in windows), like, starts)
+    starts = tuple(one.start for one in windows if one.start is not None)
+    return fit_start_states(
+        problem, tuple(one.segment.select_rows(0, one.start_rows) for one in windows), like, starts or None
+    )
 
 
 def _estimate_prediction_spread(
@@ -192,33 +173,25 @@ def _estimate_prediction_spread(
 
 
 def predict_windows(
-    problem: DiagnosisProblem,
-    windows: tuple[PredictionWindow, ...],
-    like: EffectFit,
-    starts: tuple[FloatArray, ...] | None = None,
-) -> Predictions:
-    """Predict windows with the model and the parameters of a fit.
+    problem: DiagnosisProblem, windows: tuple[PredictionWindow, ...], like: EffectFit
+) -> tuple[Prediction, ...]:
+    """Predict windows with the model and the parameters of a fit, from start states fitted to the first rows.
 
     Args:
         problem: Scene and priors.
-        windows: W prediction windows.
+        windows: Prediction windows.
         like: Fit of the model.
-        starts: Start state (S,) of each window from an earlier fit, as an initial guess.
 
     Returns:
-        Predictions, from start states that were fitted to the first rows.
+        One prediction per window.
     """
     if not windows:
-        return Predictions((), (), (), np.zeros(0))
-    states = _fit_window_starts(problem, windows, like, starts)
-    paths = tuple(
-        problem.scene.predict_positions(one.segment, start, like.shared, like.forms)
-        for one, start in zip(windows, states.starts, strict=True)
-    )
-    squares = np.array(
-        [sum_squared_errors(one, path - one.segment.positions) for one, path in zip(windows, paths, strict=True)]
-    )
-    return Predictions(states.starts, states.noise_start_covariances, paths, squares)
+        return ()
+    states, predictions = _fit_window_starts(problem, windows, like), []
+    for one, start, covariance in zip(windows, states.starts, states.noise_start_covariances, strict=True):
+        path = problem.scene.predict_positions(one.segment, start, like.shared, like.forms)
+        predictions.append(Prediction(start, covariance, path, sum_squared_errors(one, path - one.segment.positions)))
+    return tuple(predictions)
 
 
 def sum_squared_errors(one: PredictionWindow, miss: FloatArray) -> float:

@@ -52,7 +52,8 @@ def extend_windows(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:
         pairs = _find_mergeable_pairs(problem, fitted, ends)
         if not len(pairs):
             mean = np.divide(*_window_costs(problem, fitted).sum(axis=0))
-            return _restart_all_windows(problem, fitted) if mean < _GOOD_COST else fitted
+            # hidden spin has several nearly right solutions; the residuals of a wrong one would be taken for an effect
+            return adopt_better_starts(problem, fitted, fitted.starts, True) if mean < _GOOD_COST else fitted
         merged = refit_effects(problem, *_merge_pairs(fitted, pairs, fitted.starts))
         failed = _find_failed_merges(problem, merged, pairs, usual)
         if failed.any():
@@ -213,28 +214,6 @@ def _select_items(all_of_them: tuple[Item, ...], places: np.ndarray) -> tuple[It
     return tuple(all_of_them[k] for k in places)
 
 
-def _restart_all_windows(problem: DiagnosisProblem, fitted: EffectFit) -> EffectFit:
-    """Restart all windows from their initial guesses, with fixed parameters.
-
-    Hidden spin has several nearly right solutions; the residuals of a wrong one would be taken for an effect.
-    """
-    return _adopt_starts(problem, fitted, np.arange(len(fitted.segments)), fitted.starts, retry_guesses=True)
-
-
-def adopt_better_starts(problem: DiagnosisProblem, fitted: EffectFit, starts: tuple[FloatArray, ...]) -> EffectFit:
-    """Refit a hypothesis from other start states in the shots where they give a better fit.
-
-    Args:
-        problem: Scene and priors.
-        fitted: Fit of the hypothesis.
-        starts: Start state (S,) of each window, from another fit.
-
-    Returns:
-        The better of both fits.
-    """
-    return _adopt_starts(problem, fitted, np.arange(len(fitted.segments)), starts, retry_guesses=False)
-
-
 def find_unreachable_shots(problem: DiagnosisProblem, fitted: EffectFit) -> tuple[int, ...]:
     """Find shots that no simulation comes near, although most others are explained.
 
@@ -259,27 +238,29 @@ def _is_unreachable(mean: FloatArray) -> BoolArray:
     return np.asarray((mean > _UNREACHABLE_COST) & (mean > _UNREACHABLE_RATIO * np.median(mean)))
 
 
-def _adopt_starts(
-    problem: DiagnosisProblem,
-    fitted: EffectFit,
-    places: np.ndarray,
-    others: tuple[FloatArray, ...],
-    retry_guesses: bool,
+def adopt_better_starts(
+    problem: DiagnosisProblem, fitted: EffectFit, starts: tuple[FloatArray, ...], retry_guesses: bool = False
 ) -> EffectFit:
-    """Fit the start states of the windows `places` from `others` and keep them in shots that improve; then refit."""
+    """Refit a hypothesis from other start states in the shots where they give a better fit.
+
+    Args:
+        problem: Scene and priors.
+        fitted: Fit of the hypothesis.
+        starts: Start state (S,) of each window, from another fit.
+        retry_guesses: Also try the initial guesses of the windows.
+
+    Returns:
+        The better of both fits.
+    """
     costs, shots = _window_costs(problem, fitted), np.array([segment.shot for segment in fitted.segments])
-    chosen = tuple(fitted.segments[k] for k in places)
-    fresh = fit_start_states(problem, chosen, fitted, tuple(others[k] for k in places), retry_guesses=retry_guesses)
-    now, starts, better = _window_costs(problem, fresh), list(fitted.starts), False
-    for shot in np.unique(shots[places]):
-        here = shots[places] == shot
-        if now[here, 0].sum() < costs[places[here], 0].sum():
-            better = True
-            for k, start in zip(places[here], np.array(fresh.starts, dtype=object)[here], strict=True):
-                starts[k] = np.asarray(start, dtype=np.float64)
-    if not better:
+    fresh = fit_start_states(problem, fitted.segments, fitted, starts, retry_guesses)
+    now, chosen = _window_costs(problem, fresh), list(fitted.starts)
+    improved = [shot for shot in np.unique(shots) if now[shots == shot, 0].sum() < costs[shots == shot, 0].sum()]
+    for k in np.flatnonzero(np.isin(shots, improved)):
+        chosen[k] = fresh.starts[k]
+    if not improved:
         return fitted
-    refitted = refit_effects(problem, fitted.segments, fitted, tuple(starts))
+    refitted = refit_effects(problem, fitted.segments, fitted, tuple(chosen))
     return refitted if refitted.cost < fitted.cost else fitted
 
 

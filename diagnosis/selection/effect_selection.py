@@ -14,12 +14,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.fitting.hypothesis_fits import COARSE_FIT, FULL_FIT, DiagnosisProblem, EffectFit, fit_effects
-from diagnosis.fitting.shot_split import MIN_SHOTS_FOR_SELECTION
+from diagnosis.fitting.shot_preparation import MIN_SHOTS_FOR_SELECTION
 from diagnosis.fitting.window_continuation import restart_poor_shots
 from diagnosis.selection.hypotheses import (
     EffectSearch,
     Hypothesis,
     ProgressCallback,
+    Signatures,
     compute_hypothesis_signatures,
     get_shot_information,
     ignore_progress,
@@ -32,7 +33,6 @@ from diagnosis.selection.hypothesis_trials import (
     restart_poor_windows,
     try_hypothesis,
 )
-from diagnosis.selection.signatures import Signatures
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import correct_for_choices
@@ -95,7 +95,10 @@ def search_effects(
             extended, further = now.names, longer(now.fitted)
             if len(further.segments) < len(now.fitted.segments):
                 search = _continue_on_longer_windows(search, Hypothesis(now.names, further))
-                now = _select_no_larger(search, search.hypotheses[now.names])
+                now = search.hypotheses[now.names]
+                best = search.select_best()
+                is_smaller = best.size < now.size and not best.names < now.names and needs_all_effects(search, best)
+                now = best if is_smaller else _select_of_size(search, now.size) or now
         else:
             break
     return search
@@ -157,14 +160,6 @@ def find_substitutes(search: EffectSearch, best: Hypothesis) -> set[frozenset[st
         if others:
             substitutes.add(_refit_from_starts(search, max(others, key=search.log_evidence), best).names)
     return substitutes
-
-
-def _select_no_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis:
-    """Select the best hypothesis in which every effect is needed, of the size of `now` or smaller."""
-    best = search.select_best()
-    if best.size < now.size and not best.names < now.names and needs_all_effects(search, best):
-        return best
-    return _select_of_size(search, now.size) or now
 
 
 def _find_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
@@ -330,28 +325,24 @@ def effect_p_value(search: EffectSearch, hypothesis: Hypothesis, name: str) -> f
 
 def propose_hypotheses(search: EffectSearch, now: Hypothesis) -> list[frozenset[str]]:
     """Propose larger hypotheses by predicted gain, with other contact models and, from no effects, also a pair."""
-    effect_signatures = compute_hypothesis_signatures(search, now)
+    problem, signatures = search.problem, compute_hypothesis_signatures(search, now)
     gains = _predict_gains(search, now)
     first = [name for name in _rank_effects(gains) if gains[name] > _MIN_PREDICTED_GAIN or not now.names]
     if now.fitted.lack_of_fit > POOR_LACK_OF_FIT:
-        acting = (name for name in gains if effect_signatures.raw[search.problem.mask((name,))].any())
-        first += [name for name in acting if name not in first and _has_natural_strength(search.problem, name)]
-    forms = [choice.name for choice in search.problem.scene.alternatives if choice.name not in now.names]
-    forms = (
-        [] if now.names and _leaves_only_noise(search, now) else forms
-    )  # effects that leave only noise replace a form
+        # effects that act here and have a usual strength in the literature
+        is_natural = problem.natural != problem.neutral(problem.simulator_forms)
+        masks = {name: problem.mask((name,)) for name in gains if name not in first}
+        first += [name for name, mask in masks.items() if signatures.raw[mask].any() and is_natural[mask].any()]
+    forms = [choice.name for choice in problem.scene.alternatives if choice.name not in now.names]
+    if now.names and now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now):
+        forms = []  # effects that leave only noise replace a form
     proposals = [now.names | {name} for name in (*first, *forms)]
-    if not now.names:
-        pairs = sorted(
-            combinations(gains, 2), key=lambda two: _predict_gain(search, effect_signatures, two), reverse=True
-        )
-        proposals += [frozenset(two) for two in pairs[:1] if _is_pair_better(search, effect_signatures, two, gains)]
+    if not now.names and len(gains) > 1:
+        pairs = {two: _predict_gain(search, signatures, two) for two in combinations(gains, 2)}
+        best = max(pairs, key=pairs.__getitem__)
+        # neither effect would be found alone
+        proposals += [frozenset(best)] if pairs[best] > _PAIR_GAIN_RATIO * max(gains.values()) + 20.0 else []
     return proposals
-
-
-def _leaves_only_noise(search: EffectSearch, now: Hypothesis) -> bool:
-    """Return whether a hypothesis leaves only noise, and all shots agree about its strengths."""
-    return now.fitted.lower_excess_cost == 0 and _do_shots_agree(search, now)
 
 
 def _predict_gains(search: EffectSearch, now: Hypothesis) -> dict[str, float]:
@@ -367,19 +358,6 @@ def _predict_gains(search: EffectSearch, now: Hypothesis) -> dict[str, float]:
 def _rank_effects(gains: dict[str, float]) -> list[str]:
     """Return the effects with the largest predicted gains."""
     return sorted(gains, key=lambda name: gains[name], reverse=True)[:REFITS_PER_STEP]
-
-
-def _has_natural_strength(problem: DiagnosisProblem, name: str) -> bool:
-    """Return whether an effect has a usual strength in the literature."""
-    mask = problem.mask((name,))
-    return bool((problem.natural != problem.neutral(problem.simulator_forms))[mask].any())
-
-
-def _is_pair_better(
-    search: EffectSearch, effect_signatures: Signatures, two: tuple[str, ...], gains: dict[str, float]
-) -> bool:
-    """Return whether the predicted gain of a pair is so large that neither effect would be found alone."""
-    return _predict_gain(search, effect_signatures, two) > _PAIR_GAIN_RATIO * max(gains.values()) + 20.0
 
 
 def _predict_gain(search: EffectSearch, effect_signatures: Signatures, names: tuple[str, ...]) -> float:

@@ -26,7 +26,7 @@ from diagnosis.selection.hypotheses import (
     get_shot_information,
 )
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, agreement_p_value
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import FloatArray
 
 # chi2 gain from which a hypothesis explains something.
 CLEAR_GAIN = 50.0
@@ -51,8 +51,13 @@ _ABSORBED_STRENGTH_SHARE = 0.5
 def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis) -> Hypothesis:
     """Fit a hypothesis from a near one, unless a good fit exists."""
     existing = search.hypotheses.get(names)
-    if existing is not None and not _is_worse_than_subset(search, existing, near):
-        return existing
+    if existing is not None:
+        # worse than with fewer effects, and not started from that fit: it is on a wrong path
+        added = existing.names - near.names
+        nested = near.names < existing.names and not any(one.name in added for one in search.problem.scene.alternatives)
+        alike = existing.fitted.segments is near.fitted.segments and not search.has_shared_starts(near, existing)
+        if not (nested and alike and existing.fitted.cost > near.fitted.cost):
+            return existing
     search.report_step("trying", names)
     problem = search.problem
     effects = find_added_effects(problem, names)
@@ -63,14 +68,6 @@ def try_hypothesis(search: EffectSearch, names: frozenset[str], near: Hypothesis
         return search.replace_fit(existing, min(existing.fitted, best, key=lambda fitted: fitted.cost))
     search.hypotheses[names] = Hypothesis(names, best)
     return search.hypotheses[names]
-
-
-def _is_worse_than_subset(search: EffectSearch, existing: Hypothesis, near: Hypothesis) -> bool:
-    """Return whether a fit is worse than one with fewer effects and was not started from it: it is on a wrong path."""
-    added = existing.names - near.names
-    nested = near.names < existing.names and not any(one.name in added for one in search.problem.scene.alternatives)
-    alike = existing.fitted.segments is near.fitted.segments and not search.has_shared_starts(near, existing)
-    return nested and alike and existing.fitted.cost > near.fitted.cost
 
 
 def find_added_effects(problem: DiagnosisProblem, names: frozenset[str]) -> tuple[str, ...]:
@@ -133,7 +130,11 @@ def _fit_coarsely(
     active = problem.mask((*problem.scene.simulator_effects, *effects))
     current, guess = (np.where(active, one, problem.neutral(forms)) for one in (near.fitted.shared, guess))
     guess = guess if can_simulate(problem, near.fitted, forms, guess) else current
-    starts = _predict_starts(search, near, forms, guess, active)
+    # those of the near fit, shifted with the active parameters where that is closer: a spin that an effect consumes
+    # early could not be recovered from unshifted starts
+    shift = np.where(active, guess - near.fitted.shared, 0.0)
+    moved = get_shot_information(search, near).shift_starts(near.fitted.starts, shift)
+    starts = select_best_starts(problem, near.fitted, forms, guess, [near.fitted.starts, moved])
     fitted = fit_effects(problem, segments, effects, forms, guess, starts, COARSE_FIT)
     # a long step can put some windows on wrong paths
     if near.names <= names and alike and fitted.cost > near.fitted.cost:
@@ -144,18 +145,6 @@ def _fit_coarsely(
         from_guesses = fit_effects(problem, segments, effects, forms, natural, None, COARSE_FIT)
         fitted = min(fitted, from_guesses, key=lambda one: one.cost)
     return fitted
-
-
-def _predict_starts(
-    search: EffectSearch, near: Hypothesis, forms: tuple[str, ...], guess: FloatArray, active: BoolArray
-) -> tuple[FloatArray, ...]:
-    """Predict start states for other parameters (P,): those of a fit, shifted with `active` ones where that is closer.
-
-    A spin that an effect consumes early could not be recovered from unshifted starts.
-    """
-    fitted = near.fitted
-    moved = get_shot_information(search, near).shift_starts(fitted.starts, np.where(active, guess - fitted.shared, 0.0))
-    return select_best_starts(search.problem, fitted, forms, guess, [fitted.starts, moved])
 
 
 def _iterate_detailed_fits(problem: DiagnosisProblem, fitted: EffectFit, names: frozenset[str]) -> Iterator[EffectFit]:
@@ -178,11 +167,9 @@ def add_details(search: EffectSearch, one: Hypothesis) -> Hypothesis:
 
 def restart_poor_windows(search: EffectSearch, one: Hypothesis) -> Hypothesis:
     """Restart the windows of a hypothesis with systematic residuals."""
-    return (
-        one
-        if one.fitted.lack_of_fit <= POOR_LACK_OF_FIT
-        else search.replace_fit(one, restart_while_improving(search.problem, one.fitted))
-    )
+    if one.fitted.lack_of_fit <= POOR_LACK_OF_FIT:
+        return one
+    return search.replace_fit(one, restart_while_improving(search.problem, one.fitted))
 
 
 def restart_disagreeing_shots(search: EffectSearch) -> None:

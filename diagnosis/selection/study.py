@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from diagnosis.bodies.body_strengths import (
+from diagnosis.fitting.body_strengths import (
     BodyFit,
     compute_body_residuals,
     fit_body_strengths,
     linearize_bodies,
-    measure_body_closure,
 )
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows, fit_longer_windows, split_into_segments
-from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
-from diagnosis.fitting.gap_closure import GapClosure, measure_closure
+from diagnosis.fitting.fit_residuals import FitResiduals, ResidualStructure, compute_residuals, find_structure
+from diagnosis.fitting.gap_closure import measure_closure
 from diagnosis.fitting.hypothesis_fits import (
     COARSE_FIT,
     FULL_FIT,
@@ -30,9 +27,14 @@ from diagnosis.fitting.hypothesis_fits import (
     linearize_fit,
     refit_effects,
 )
-from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
-from diagnosis.fitting.residual_structure import ResidualStructure, find_structure
-from diagnosis.fitting.shot_split import ShotSplit, find_common_duration, shorten_recordings
+from diagnosis.fitting.shot_preparation import (
+    NoiseEstimate,
+    ShotSplit,
+    apply_noise_estimate,
+    estimate_noise,
+    find_common_duration,
+    shorten_recordings,
+)
 from diagnosis.fitting.window_continuation import find_unreachable_shots
 from diagnosis.selection.effect_selection import fit_without_effect, search_effects, select_hypothesis
 from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis, ProgressCallback
@@ -41,7 +43,7 @@ from diagnosis.selection.unknown_effects import (
     MIN_EXPLAINED_SHARE,
     UnknownEvidence,
     agreement_p_value,
-    assess_unknown,
+    estimate_explained_share,
     measure_law_share,
     min_selection_gain,
 )
@@ -126,8 +128,8 @@ def run_study(
     search = _run_search(problem, (*first, *second), on_progress)
     if isinstance(scene, ContactRichScene):
         restart_disagreeing_shots(search)
-    choice = _compare_with_body_strengths(problem, search, confirm_effects(problem, search, first, second))
-    best, body_fit = choice.best, choice.body_fit
+    confirmed = confirm_effects(search, first, second)
+    best, body_fit, refuted = _compare_with_body_strengths(search, confirmed)
     base, full = search.simulator_fit, best.fitted
     linearized_base, linearized_full = linearize_fit(problem, base), linearize_fit(problem, full)
     residuals_before = compute_residuals(problem, base, linearized_base, rng)
@@ -137,8 +139,8 @@ def run_study(
     is_noise_known = noise.is_measured or all(one.is_sigma_stated for one in (*first, *second))
     scale = residuals_after.scale if is_noise_known else 1.0
     agreement = agreement_p_value(*((one.shot_information, fitted) for fitted, one in bodies))
-    assess = partial(assess_unknown, structure_after, scale, agreement, linearized_full.shot_information)
-    unknown_evidence = _assess_doubt(problem, first, second, search, best, (base, full), body_fit, assess, rng)
+    evidence = UnknownEvidence(structure_after.p_value, scale, agreement)
+    unknown_evidence = _test_best(search, best, body_fit, (first, second), evidence, linearized_full, rng)
     usable_shots = tuple(sorted(one.shot for one in (*first, *second) if len(split_into_segments(problem, (one,)))))
     return Study(
         problem,
@@ -156,7 +158,7 @@ def run_study(
         structure_after,
         unknown_evidence,
         body_fit,
-        choice.refuted,
+        refuted,
     )
 
 
@@ -175,41 +177,30 @@ def _run_search(
     return search
 
 
-def _assess_doubt(
-    problem: DiagnosisProblem,
-    first: tuple[Recording, ...],
-    second: tuple[Recording, ...],
+def _test_best(
     search: EffectSearch,
     best: Hypothesis,
-    fits: tuple[EffectFit, EffectFit],
     body_fit: BodyFit | None,
-    assess: Callable[[EffectFit, EffectFit, GapClosure | None, bool], UnknownEvidence],
+    shots: tuple[tuple[Recording, ...], tuple[Recording, ...]],
+    evidence: UnknownEvidence,
+    linearized: LinearizedFit,
     rng: np.random.Generator,
 ) -> UnknownEvidence:
-    """Assess the evidence for an unknown effect: residuals of `best`, and its gain on `second` shots.
-
-    `assess` has the residuals and the agreement of shots already.
-    """
-    base, full = fits
+    """Add what the best hypothesis explains, and its gain on selection shots, to the evidence for an unknown effect."""
+    problem, base, full, (first, second) = search.problem, search.simulator_fit, best.fitted, shots
     if not best.names:
-        return assess(base, full, None, True)
+        share, most = estimate_explained_share(base, full, linearized.shot_information, None)
+        return replace(evidence, explained_share=share, most_probability=most)
     before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
     )
     body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
-    ahead = (
-        measure_closure(problem, second or first, before, after, rng)
-        if body_after is None
-        else measure_body_closure(problem, second or first, before, after, body_after, rng)
-    )
-    evidence = assess(search.base.fitted, full, ahead, gains)
-    if not (
-        evidence.has_systematic_residuals
-        and evidence.explained_share > MIN_EXPLAINED_SHARE
-        and second
-        and problem.probes
-    ):
+    ahead = measure_closure(problem, second or first, before, after, rng, body_after)
+    share, most = estimate_explained_share(search.base.fitted, full, linearized.shot_information, ahead)
+    evidence = replace(evidence, explained_share=share, most_probability=most, selection_gains=gains)
+    is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE
+    if not (is_named and second and problem.probes):
         return evidence
     return replace(evidence, generic_law_share=_measure_generic_law_share(problem, full, second, after))
 
@@ -225,26 +216,21 @@ def _measure_generic_law_share(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class BodyChoice:
-    """The best hypothesis, with strengths of every body where they differ."""
-
-    best: Hypothesis
-    body_fit: BodyFit | None
-    """None where all bodies may have the same strengths."""
-    refuted: frozenset[str] = frozenset()
-    """Effects that are worse in place of one whose strength differs, each with strengths of every body."""
-
-
-def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch, best: Hypothesis) -> BodyChoice:
+def _compare_with_body_strengths(
+    search: EffectSearch, best: Hypothesis
+) -> tuple[Hypothesis, BodyFit | None, frozenset[str]]:
     """Replace an effect whose strength differs between bodies by a rival that explains every body better.
 
     With strengths that all bodies share, each law leaves the differences between bodies, and the law that leaves less
     of them is not the right one.
+
+    Returns:
+        The best hypothesis; the same with strengths of every body, None where all bodies may have the same; and the
+        effects that are worse in place of one whose strength differs.
     """
-    body_fit = fit_body_strengths(problem, best.fitted)
+    problem, body_fit = search.problem, fit_body_strengths(search.problem, best.fitted)
     if body_fit is None:
-        return BodyChoice(best, None)
+        return best, None, frozenset()
     fits: dict[str, tuple[Hypothesis, BodyFit]] = {}
     for name in sorted(best.names):
         mask = problem.mask((name,))
@@ -260,10 +246,10 @@ def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch
             if its_fit is not None:
                 fits[other] = swapped, its_fit
     if not fits:
-        return BodyChoice(best, body_fit)
-    noise = min(own.lack_of_fit for _, own in fits.values())
+        return best, body_fit, frozenset()
+    noise = min(own.shooting.inflation for _, own in fits.values())
     evidence = {
-        name: -0.5 * own.cost / noise - 0.5 * own.parameter_count * float(np.log(one.fitted.value_count))
+        name: -0.5 * own.shooting.cost / noise - 0.5 * len(own.shooting.shared) * float(np.log(one.fitted.value_count))
         for name, (one, own) in fits.items()
     }
     first = max(evidence, key=evidence.__getitem__)
@@ -271,16 +257,13 @@ def _compare_with_body_strengths(problem: DiagnosisProblem, search: EffectSearch
     chosen = fits[first][0]
     if chosen is not best:
         body_fit = fit_body_strengths(problem, chosen.fitted)
-    return BodyChoice(chosen, body_fit, refuted - chosen.names)
+    return chosen, body_fit, refuted - chosen.names
 
 
-def confirm_effects(
-    problem: DiagnosisProblem, search: EffectSearch, first: tuple[Recording, ...], second: tuple[Recording, ...]
-) -> Hypothesis:
+def confirm_effects(search: EffectSearch, first: tuple[Recording, ...], second: tuple[Recording, ...]) -> Hypothesis:
     """Drop effects that `second` shots do not confirm, with strengths from the `first` shots.
 
     Args:
-        problem: Scene and priors.
         search: The finished search.
         first: Fitting shots.
         second: Selection shots; if empty, each shot is tested with strengths from the others.
@@ -288,7 +271,7 @@ def confirm_effects(
     Returns:
         The hypothesis of the effects that remain.
     """
-    best, split = select_hypothesis(search), split_folds(first, second)
+    problem, best, split = search.problem, select_hypothesis(search), split_folds(first, second)
     while split and best.size > 1:
         gains = dict.fromkeys(sorted(best.names), 0.0)
         # a fit without an effect converges slowly; a coarse fit favours no hypothesis, as it starts from all shots

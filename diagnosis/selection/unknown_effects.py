@@ -14,7 +14,6 @@ from scipy.stats import chi2, norm
 
 from diagnosis.fitting.gap_closure import GapClosure
 from diagnosis.fitting.hypothesis_fits import EffectFit, ShotInformation
-from diagnosis.fitting.residual_structure import ResidualStructure
 
 # p-value below which residuals are systematic.
 SUSPICIOUS_P_VALUE = 0.005
@@ -44,13 +43,13 @@ class UnknownEvidence:
     """Size of the residuals relative to the noise; 1 where the size of the noise is unknown."""
     agreement_p_value: float
     """p-value of equal parameters in all shots."""
-    explained_share: float
+    explained_share: float = 0.0
     """Share of the simulator's systematic misfit that the named effects explain; 1 where there was none."""
-    most_probability: float
+    most_probability: float = 0.0
     """Probability that the named effects explain more than half."""
-    selection_gains: bool
+    selection_gains: bool = True
     """Whether selection shots gained from the effects."""
-    generic_law_share: float
+    generic_law_share: float = float("nan")
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
 
     @property
@@ -135,34 +134,14 @@ def estimate_explained_share(
     The misfit is the error of predictions where that exceeds noise, else the cost of the fit. Its remainder is
     systematic where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
     """
+    if not best.names and best.forms == base.forms:
+        return 0.0, 0.0
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.most_probability
     total, free = _disagreement_chi2(shot_information, best)
     excess = base.cost - best.cost + max(best.systematic_cost, total - free)
     share = 1.0 if excess <= 0 else float(np.clip((base.cost - best.cost) / excess, 0.0, 1.0))
     return share, share
-
-
-def assess_unknown(
-    left: ResidualStructure,
-    scale: float,
-    agreement: float,
-    shot_information: ShotInformation,
-    base: EffectFit,
-    best: EffectFit,
-    ahead: GapClosure | None,
-    selection_gains: bool,
-) -> UnknownEvidence:
-    """Assess all three signs for the best hypothesis on fitting and selection shots.
-
-    `agreement` is the p-value of equal parameters in all shots, of each body where bodies differ.
-    """
-    shares = (
-        estimate_explained_share(base, best, shot_information, ahead)
-        if best.names or best.forms != base.forms
-        else (0.0, 0.0)
-    )
-    return UnknownEvidence(left.p_value, scale, agreement, *shares, selection_gains, float("nan"))
 
 
 def measure_law_share(before: EffectFit, after: EffectFit) -> float:

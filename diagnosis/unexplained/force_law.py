@@ -1,19 +1,156 @@
-"""The law of a force that a model lacks: with which quantity it varies, as a curve and as the nearest short formula.
+"""The force that a model lacks: its acceleration on short pieces of motion, what it varies with, and its formula.
 
-Every law is judged on shots that it was not fitted to, so that a flexible curve has no advantage over a short formula.
+Such a force bends the residuals of a path: their second derivative is the acceleration that it causes, whatever its
+law. It is measured piece by piece with a parabola, on pieces without a contact, with an error that follows from the
+noise alone. Every law is judged on shots that it was not fitted to, so that a flexible curve has no advantage over a
+short formula.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
-from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
+from diagnosis.fitting.diagnosis_windows import MIN_ROWS
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states
+from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.gap_scenes.gap_scene import ContactRichScene, Covariates
+
+# Number of pieces of a window; their length is limited by the next two.
+_PIECES = 4
+# Least and largest number of rows of a piece: a parabola leaves six degrees of freedom of the least.
+_MIN_PIECE_ROWS, _MAX_PIECE_ROWS = 9, 30
+# Phases in which a residual is no measure of a force: an impulse acts, or nothing moves.
+_CONTACT_PHASES = ("ball_contact", "cushion_contact", "wall_contact", "rest")
+
+
+@dataclass(frozen=True, slots=True)
+class ExcessAcceleration:
+    """Acceleration that a model lacks, in M pieces of motion with D coordinates."""
+
+    values: FloatArray
+    """(M, D) in the unit of the scene per s^2."""
+    sigma: FloatArray
+    """(M,) standard deviation of each coordinate, from the noise alone."""
+    shot: IntArray
+    """(M,) index of the shot."""
+    t: FloatArray
+    """(M,) s since the start of the shot."""
+    position: FloatArray
+    """(M, D) in the unit of the scene."""
+    velocity: FloatArray
+    """(M, D) in the unit of the scene per s."""
+
+    @property
+    def speed(self) -> FloatArray:
+        """(M,) in the unit of the scene per s."""
+        return np.asarray(np.linalg.norm(self.velocity, axis=1))
+
+    def select(self, chosen: BoolArray) -> ExcessAcceleration:
+        """Return the chosen (M,) pieces."""
+        return ExcessAcceleration(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def project(self, directions: FloatArray) -> FloatArray:
+        """Return the components (M,) along unit vectors (M, D)."""
+        return np.asarray((self.values * directions).sum(axis=1))
+
+
+def measure_excess_acceleration(problem: DiagnosisProblem, fitted: EffectFit) -> ExcessAcceleration:
+    """Measure the acceleration that the model of a fit lacks.
+
+    Args:
+        problem: Scene and noise.
+        fitted: The fit.
+
+    Returns:
+        Accelerations of all pieces; none where every window is too short.
+    """
+    if not isinstance(problem.scene, ContactRichScene):
+        # a force that pulls back changes the residuals of a long path; a piece with a start of its own stays near it
+        pieces = tuple(
+            piece
+            for segment, start in zip(fitted.segments, fitted.starts, strict=True)
+            for piece in _cut_pieces(segment, _find_contact_rows(problem, segment, start, fitted))
+        )
+        fitted = fit_start_states(problem, pieces, fitted) if pieces else fitted
+    correlated = np.sqrt((1 + problem.correlation) / (1 - problem.correlation))
+    rows: list[tuple[FloatArray, float, int, float, FloatArray, FloatArray]] = []
+    for segment, start in zip(fitted.segments, fitted.starts, strict=True):
+        path = problem.scene.predict_positions(segment, start, fitted.shared, fitted.forms)
+        covariates = problem.scene.observation_covariates(segment, start, fitted.shared, fitted.forms)
+        rows += _measure_pieces(segment, path, covariates, float(correlated))
+    values, sigma, shot, t, position, velocity = (
+        zip(*rows, strict=True) if rows else (np.empty((0, 1)), (), (), (), np.empty((0, 1)), np.empty((0, 1)))
+    )
+    return ExcessAcceleration(
+        np.array(values), np.array(sigma), np.array(shot, np.int64), np.array(t), np.array(position), np.array(velocity)
+    )
+
+
+def _find_contact_rows(
+    problem: DiagnosisProblem, segment: Recording, start: FloatArray, fitted: EffectFit
+) -> list[int]:
+    """Find the rows of a segment before which a body meets a wall, in order."""
+    since = problem.scene.observation_covariates(segment, start, fitted.shared, fitted.forms).since_contact
+    rows, bodies = np.nonzero(segment.is_observed)
+    contact_rows: set[int] = set()
+    for body in range(len(segment.bodies)):
+        own = np.flatnonzero(bodies == body)
+        last = np.nan_to_num(segment.t[rows[own]] - since[own], nan=-np.inf)
+        contact_rows.update(int(row) for row in rows[own[1:]][last[1:] > last[:-1] + 1e-9])
+    return sorted(contact_rows)
+
+
+def _cut_pieces(segment: Recording, contacts: list[int]) -> list[Recording]:
+    """Cut a segment between its contacts into pieces in which every body is observed often enough."""
+    pieces = []
+    for first, end in pairwise([0, *contacts, len(segment.t)]):
+        length = min(_piece_length(len(segment.t)), max(end - first, _MIN_PIECE_ROWS))
+        pieces += [segment.select_rows(k, k + length) for k in range(first, end - length + 1, length)]
+    return [one for one in pieces if (one.is_observed.sum(axis=0) >= MIN_ROWS).all()]
+
+
+def _piece_length(rows: int) -> int:
+    """Return the number of rows of the pieces of a window."""
+    return int(np.clip(rows // _PIECES, _MIN_PIECE_ROWS, _MAX_PIECE_ROWS))
+
+
+def _measure_pieces(
+    segment: Recording, path: FloatArray, covariates: Covariates, correlated: float
+) -> list[tuple[FloatArray, float, int, float, FloatArray, FloatArray]]:
+    """Measure the pieces of one window: acceleration, sigma, shot, time, position and velocity of each."""
+    rows, bodies = np.nonzero(segment.is_observed)
+    phases: NDArray[np.str_] = np.array(covariates.phase)
+    length, measured = _piece_length(len(segment.t)), []
+    for body in range(len(segment.bodies)):
+        own = np.flatnonzero(bodies == body)
+        for k in range(0, len(own) - length + 1, length):
+            here = own[k : k + length]
+            t = segment.t[rows[here]]
+            if np.isin(phases[here], _CONTACT_PHASES).any() or not np.isfinite(path[rows[here], body]).all():
+                continue
+            span = float(np.ptp(t))
+            weights = 2 * np.linalg.pinv(np.vander((t - t.mean()) / span, 3))[0] / span**2  # of a second derivative
+            miss = segment.positions[rows[here], body] - path[rows[here], body]
+            measured.append(
+                (
+                    weights @ miss,
+                    float(np.linalg.norm(weights) * segment.sigma[rows[here], body].mean() * correlated),
+                    segment.shot,
+                    float(t.mean()),
+                    covariates.position[here].mean(axis=0),
+                    covariates.velocity[here].mean(axis=0),
+                )
+            )
+    return measured
+
 
 # Share of the unexplained force, on other shots, from which a law is reported: half of its rms is then the law's.
 MIN_LAW_SHARE = 0.25
@@ -84,11 +221,11 @@ def find_force_law(excess: ExcessAcceleration, coordinates: tuple[str, ...]) -> 
     success, direction, variable, values, at = max(clear, key=lambda one: one[0].share)
     if success.share < MIN_LAW_SHARE:
         return None
-    formula, fit = _find_formula(values, excess.sigma, at, group, success.share)
+    fit = _find_formula(values, excess.sigma, at, group, success.share)
+    law, formula = fit(values, _robust_weights(values, excess.sigma), at)
     points = _average_in_bins(values, excess.sigma, at)
     even = np.linspace(points[0][0], points[0][-1], _CURVE_POINTS)
-    curve = np.stack([even, fit(values, _robust_weights(values, excess.sigma), at)(even)])
-    return ForceLaw(direction, variable, *points, curve, formula, success.share)
+    return ForceLaw(direction, variable, *points, np.stack([even, law(even)]), formula, success.share)
 
 
 def _iterate_components(excess: ExcessAcceleration, coordinates: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
@@ -109,8 +246,8 @@ def _iterate_variables(excess: ExcessAcceleration, coordinates: tuple[str, ...])
 
 
 Law = Callable[[FloatArray], FloatArray]
-# Fits a law to values (M,), their weights (M,) and the variable (M,).
-LawFit = Callable[[FloatArray, FloatArray, FloatArray], Law]
+# Fits a law, and its formula, to values (M,), their weights (M,) and the variable (M,).
+LawFit = Callable[[FloatArray, FloatArray, FloatArray], tuple[Law, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +266,7 @@ def _measure_law(values: FloatArray, sigma: FloatArray, at: FloatArray, group: I
     before, left = float(weights @ np.square(values)), 0.0
     for number in np.unique(group):
         tested: BoolArray = group == number
-        law = fit(values[~tested], weights[~tested], at[~tested])
+        law, _ = fit(values[~tested], weights[~tested], at[~tested])
         left += float(weights[tested] @ np.square(values[tested] - law(at[tested])))
     excess = before - float(weights @ np.square(sigma))
     return LawSuccess(before - left, (before - left) / excess if excess > 0 else 0.0)
@@ -141,32 +278,52 @@ def _robust_weights(values: FloatArray, sigma: FloatArray) -> FloatArray:
     return np.asarray(1 / (np.square(sigma) + scatter))
 
 
-def _fit_curve(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
-    """Fit a polynomial that stands for any smooth curve; beyond the fitted range it is constant."""
+def _fit_curve(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[Law, str]:
+    """Fit a polynomial that stands for any smooth curve and has no formula; beyond the fitted range it is constant."""
     low, high = float(at.min()), float(at.max())
     # with `full`, equal places give the flattest of the curves that fit, without a warning
     curve, _ = np.polynomial.Polynomial.fit(at, values, _CURVE_DEGREE, w=np.sqrt(weights), full=True)
-    return lambda u: np.asarray(curve(np.clip(u, low, high)))
+    return lambda u: np.asarray(curve(np.clip(u, low, high))), ""
 
 
-def _fit_constant(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
+def _fit_constant(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[Law, str]:
     c = _fit_factor(values, weights, np.ones(len(at)))
-    return lambda u: np.full(len(u), c)
+    return lambda u: np.full(len(u), c), f"a = {c:.3g}"
 
 
-def _fit_power(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
-    c, n = _fit_power_numbers(values, weights, at)
-    return lambda u: c * _signed_power(u, n)
+def _fit_power(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[Law, str]:
+    """Fit the factor and the exponent of a power."""
+
+    def power(u: FloatArray, n: float) -> FloatArray:  # sign(u) |u|^n, bounded near zero
+        return np.asarray(np.sign(u) * np.maximum(np.abs(u), 1e-6) ** n)
+
+    c, n = _fit_shape(values, weights, lambda n: power(at, n), (-_MAX_POWER, _MAX_POWER))
+    return lambda u: c * power(u, n), f"a = {c:.3g} u^{n:.2f}"
 
 
-def _fit_saturation(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
-    c, middle = _fit_saturation_numbers(values, weights, at)
-    return lambda u: c * u / (np.abs(u) + middle)
-
-
-def _fit_line(values: FloatArray, weights: FloatArray, at: FloatArray) -> Law:
+def _fit_line(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[Law, str]:
     slope, offset = np.polyfit(at, values, 1, w=np.sqrt(weights))
-    return lambda u: slope * u + offset
+    return lambda u: slope * u + offset, f"a = {slope:.3g} u {'-' if offset < 0 else '+'} {abs(offset):.3g}"
+
+
+def _fit_saturation(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[Law, str]:
+    """Fit the limit of a saturating law, and the value of the variable at which half of it is reached."""
+    largest = float(np.abs(at).max())
+    c, middle = _fit_shape(values, weights, lambda middle: at / (np.abs(at) + middle), (1e-3 * largest, largest))
+    return lambda u: c * u / (np.abs(u) + middle), f"a = {c:.3g} u / (|u| + {middle:.2g})"
+
+
+def _fit_shape(
+    values: FloatArray, weights: FloatArray, shape: Callable[[float], FloatArray], bounds: tuple[float, float]
+) -> tuple[float, float]:
+    """Fit the factor and the one parameter, within bounds, of a shape (M,)."""
+
+    def misfit(parameter: float) -> float:
+        own = shape(parameter)
+        return float(weights @ np.square(values - _fit_factor(values, weights, own) * own))
+
+    best = float(minimize_scalar(misfit, bounds=bounds, method="bounded").x)
+    return _fit_factor(values, weights, shape(best)), best
 
 
 def _fit_factor(values: FloatArray, weights: FloatArray, shape: FloatArray) -> float:
@@ -174,60 +331,16 @@ def _fit_factor(values: FloatArray, weights: FloatArray, shape: FloatArray) -> f
     return float((weights * shape) @ values / max(float((weights * shape) @ shape), 1e-300))
 
 
-def _signed_power(u: FloatArray, n: float) -> FloatArray:
-    """Return sign(u) |u|^n, bounded near zero."""
-    return np.asarray(np.sign(u) * np.maximum(np.abs(u), 1e-6) ** n)
+# The most usual first.
+_FORMULAS: tuple[LawFit, ...] = (_fit_constant, _fit_power, _fit_line, _fit_saturation)
 
 
-def _fit_power_numbers(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[float, float]:
-    """Fit the factor and the exponent of a power."""
-
-    def misfit(n: float) -> float:
-        shape = _signed_power(at, n)
-        return float(weights @ np.square(values - _fit_factor(values, weights, shape) * shape))
-
-    n = float(minimize_scalar(misfit, bounds=(-_MAX_POWER, _MAX_POWER), method="bounded").x)
-    return _fit_factor(values, weights, _signed_power(at, n)), n
-
-
-def _fit_saturation_numbers(values: FloatArray, weights: FloatArray, at: FloatArray) -> tuple[float, float]:
-    """Fit the limit of a saturating law, and the value of the variable at which half of it is reached."""
-    largest = float(np.abs(at).max())
-
-    def misfit(middle: float) -> float:
-        shape = at / (np.abs(at) + middle)
-        return float(weights @ np.square(values - _fit_factor(values, weights, shape) * shape))
-
-    middle = float(minimize_scalar(misfit, bounds=(1e-3 * largest, largest), method="bounded").x)
-    return _fit_factor(values, weights, at / (np.abs(at) + middle)), middle
-
-
-def _find_formula(
-    values: FloatArray, sigma: FloatArray, at: FloatArray, group: IntArray, curve_share: float
-) -> tuple[str, LawFit]:
-    """Find the shortest formula that explains nearly as much as a curve on other shots; else none, and the curve."""
-    weights = _robust_weights(values, sigma)
-    families: tuple[tuple[LawFit, Callable[[], str]], ...] = (
-        (_fit_constant, lambda: f"a = {_fit_factor(values, weights, np.ones(len(at))):.3g}"),
-        (_fit_power, lambda: "a = {:.3g} u^{:.2f}".format(*_fit_power_numbers(values, weights, at))),
-        (_fit_line, lambda: _format_line(*np.polyfit(at, values, 1, w=np.sqrt(weights)))),
-        (
-            _fit_saturation,
-            lambda: "a = {:.3g} u / (|u| + {:.2g})".format(*_fit_saturation_numbers(values, weights, at)),
-        ),
-    )
-    shares = [_measure_law(values, sigma, at, group, fit).share for fit, _ in families]
+def _find_formula(values: FloatArray, sigma: FloatArray, at: FloatArray, group: IntArray, curve_share: float) -> LawFit:
+    """Find the shortest formula that explains nearly as much as a curve on other shots; else the curve."""
+    shares = [_measure_law(values, sigma, at, group, fit).share for fit in _FORMULAS]
     if max(shares) < _NEARLY_AS_GOOD * curve_share:
-        return "", _fit_curve
-    return next(
-        (describe(), fit)
-        for share, (fit, describe) in zip(shares, families, strict=True)
-        if share >= _ALIKE * max(shares)
-    )
-
-
-def _format_line(slope: float, offset: float) -> str:
-    return f"a = {slope:.3g} u {'-' if offset < 0 else '+'} {abs(offset):.3g}"
+        return _fit_curve
+    return next(fit for share, fit in zip(shares, _FORMULAS, strict=True) if share >= _ALIKE * max(shares))
 
 
 def _average_in_bins(

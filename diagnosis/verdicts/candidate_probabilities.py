@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.bodies.body_strengths import BodyFit
+from diagnosis.fitting.body_strengths import BodyFit, estimate_shot_steps, measure_scatter
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, ShotInformation
-from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
-from diagnosis.selection.hypotheses import REFUTED_RIVAL_LOG_EVIDENCE, EffectSearch, Hypothesis
-from diagnosis.selection.signatures import (
+from diagnosis.selection.hypotheses import (
     INSEPARABLE_CORRELATION,
+    REFUTED_RIVAL_LOG_EVIDENCE,
+    EffectSearch,
+    Hypothesis,
     Signatures,
     absorb_by_free,
     compute_signatures,
@@ -19,25 +20,11 @@ from diagnosis.selection.signatures import (
     whitening_directions,
 )
 from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvidence
-from diagnosis.verdicts.verdict import BodyStrength, CandidateEffect, Strength
+from diagnosis.verdicts.verdict import BodyStrength, Strength
 from models.core.typing import BoolArray, FloatArray
 
 # Largest number of names in a group.
 _MAX_GROUP = 3
-
-
-@dataclass(frozen=True, slots=True)
-class NamedEffect:
-    """What the shots say of an effect of the best hypothesis."""
-
-    group: tuple[str, ...]
-    """The effect itself, and those that these data cannot separate from it."""
-    sign_flip_p_value: float
-    """See `flip_signs`."""
-    sign_flip_limit: float = float("nan")
-    """Smallest such probability that so many shots allow."""
-    per_body: tuple[BodyStrength, ...] = ()
-    """Strengths of each body; empty where all bodies may have the same."""
 
 
 def compute_probabilities(search: EffectSearch, best: Hypothesis, evidence: UnknownEvidence) -> dict[str, float]:
@@ -120,25 +107,28 @@ def summarize_strengths(
     sigma[fitted.free] = fitted.shooting.sigma
     is_prior_only = np.zeros(len(problem.priors), bool)
     is_prior_only[fitted.free] = fitted.shooting.prior_only
-    chosen = np.flatnonzero(problem.mask(names))
     return tuple(
-        Strength(
-            problem.priors[k].name.split(".", 1)[1],
-            problem.priors[k].unit,
-            float(fitted.shared[k]),
-            float(sigma[k]),
-            float(detectable[k]),
-            bool(is_prior_only[k]),
-            0.0 if shot_spreads is None else float(shot_spreads[k]),
-            0.0 if body_spreads is None else float(body_spreads[k]),
+        replace(
+            _summarize_parameter(problem, k, fitted.shared, sigma, detectable),
+            prior_only=bool(is_prior_only[k]),
+            shot_spread=0.0 if shot_spreads is None else float(shot_spreads[k]),
+            body_spread=0.0 if body_spreads is None else float(body_spreads[k]),
         )
-        for k in chosen
+        for k in np.flatnonzero(problem.mask(names)).tolist()
     )
+
+
+def _summarize_parameter(
+    problem: DiagnosisProblem, k: int, values: FloatArray, sigma: FloatArray, detectable: FloatArray
+) -> Strength:
+    """Summarize parameter number k from values, sigmas and detectable strengths (P,) of all parameters."""
+    name, prior = problem.priors[k].name.split(".", 1)[1], problem.priors[k]
+    return Strength(name, prior.unit, float(values[k]), float(sigma[k]), float(detectable[k]))
 
 
 def summarize_bodies(problem: DiagnosisProblem, body_fit: BodyFit, name: str) -> tuple[BodyStrength, ...]:
     """Summarize the strengths of an effect on each body; empty where all bodies may have the same."""
-    chosen = np.flatnonzero(problem.mask((name,)) & body_fit.own)
+    chosen, unknown = np.flatnonzero(problem.mask((name,)) & body_fit.own), np.full(len(body_fit.own), np.nan)
     if not len(chosen):
         return ()
     return tuple(
@@ -146,41 +136,11 @@ def summarize_bodies(problem: DiagnosisProblem, body_fit: BodyFit, name: str) ->
             body,
             len({segment.shot for segment in body_fit.segments if segment.bodies == (body,)}),
             tuple(
-                Strength(
-                    problem.priors[k].name.split(".", 1)[1],
-                    problem.priors[k].unit,
-                    float(body_fit.shared[number, k]),
-                    float(body_fit.sigma[number, k]),
-                    float("nan"),
-                )
-                for k in chosen
+                _summarize_parameter(problem, k, body_fit.shared[number], body_fit.sigma[number], unknown)
+                for k in chosen.tolist()
             ),
         )
         for number, body in enumerate(body_fit.bodies)
-    )
-
-
-def rank_candidates(
-    probabilities: dict[str, float],
-    named_effects: dict[str, NamedEffect],
-    parameter_strengths: dict[str, tuple[Strength, ...]],
-    fitted_beside: dict[str, tuple[str, ...] | None],
-) -> tuple[CandidateEffect, ...]:
-    """Rank candidates, most probable first."""
-    order = sorted(probabilities, key=lambda name: probabilities[name], reverse=True)
-    return tuple(
-        CandidateEffect(
-            name,
-            probabilities[name],
-            one.group,
-            parameter_strengths.get(name, ()),
-            one.sign_flip_p_value,
-            one.sign_flip_limit,
-            fitted_beside.get(name),
-            one.per_body,
-        )
-        for name in order
-        for one in (named_effects.get(name, NamedEffect((name,), float("nan"))),)
     )
 
 

@@ -6,44 +6,41 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.bodies.body_strengths import predict_bodies, split_bodies
 from diagnosis.fitting.fit_residuals import compute_residuals
-from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor, shapley_shares
-from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
-from diagnosis.fitting.noise_estimation import SEGMENT_FRAMES
-from diagnosis.fitting.prediction_windows import (
-    HORIZON_S,
-    PredictableWindows,
-    build_prediction_windows,
-    predict_windows,
-    select_predictable,
+from diagnosis.fitting.gap_closure import (
+    GapClosure,
+    PredictedShots,
+    estimate_closure,
+    predict_shots,
+    shapley_shares,
+    sum_squares,
 )
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
+from diagnosis.fitting.prediction_windows import HORIZON_S, predict_windows
+from diagnosis.fitting.shot_preparation import SEGMENT_FRAMES
 from diagnosis.selection.effect_selection import fit_without_effect
+from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
-from diagnosis.selection.signatures import compute_signatures
 from diagnosis.selection.study import Study
-from diagnosis.unexplained.excess_acceleration import ExcessAcceleration, measure_excess_acceleration
-from diagnosis.unexplained.force_law import find_force_law
-from diagnosis.unexplained.local_patch import find_local_patch
-from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
+from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law, measure_excess_acceleration
+from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
-    NamedEffect,
     compute_probabilities,
     estimate_shot_spreads,
     find_group,
     flip_signs,
     put_answer_first,
-    rank_candidates,
     smallest_p_value,
     summarize_bodies,
     summarize_strengths,
 )
-from diagnosis.verdicts.experiment_design import (
+from diagnosis.verdicts.gap_localisation import (
+    describe_structure,
     design_detecting_experiment,
     design_separating_experiment,
     design_unknown_experiment,
+    localise_gap,
 )
-from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
 from diagnosis.verdicts.verdict import (
     CandidateEffect,
     DiagnosisReport,
@@ -79,18 +76,39 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     verdict, named_effects, film = _decide_verdict(study, patch_fit)
     gap, per_effect = _measure_gap(study, recordings, rng)
     unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
-    unconfirmed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if verdict in ("effects", "group") and gap.closure.resolved and gap.closure.interval[0] <= 0:
-        verdict, unconfirmed = _withdraw_effects(study, gap.closure, unexplained)
-    named = best.names if verdict in ("effects", "group") else ()
-    phases = frozenset(phase for name in named for phase in _effect_phases(scene, name))
+        verdict, notes = _withdraw_effects(study, gap.closure, unexplained)
+    film_next = (
+        f"Film more: {notes[0]}."
+        if verdict == "undecidable"
+        else _recommend_experiment(study, verdict, film, unexplained)
+    )
+    if np.isfinite(study.used_duration):  # of the search; hold-out shots are always predicted as a whole
+        notes += (f"the search used the first {study.used_duration:.1f} s of each shot",)
+    if patch_fit is not None:
+        notes += (_PATCH_NOTE,)
+    named = best.names if verdict in ("effects", "group") else frozenset[str]()
+    # the candidates, among them `none` and `unknown`, that the verdict names
+    answer = named or frozenset({verdict} & {"none", "unknown"})
+    acting = {choice.name: choice.phases for choice in scene.alternatives}
+    acting |= {effect.name: effect.phases for effect in scene.effects if effect.phases}
+    phases = frozenset(phase for name in named for phase in acting.get(name, ()))
+    closed = {one.effect: one.closed for one in per_effect}
+    by_closure = tuple(sorted(best.names, key=lambda name: (-closed.get(name, 0.0), name)))
+    used = {segment.shot for segment in study.search.initial.fitted.segments}
+    omitted = (
+        f"shot {shot} was left out: no simulated path comes near its observations"
+        for shot in study.usable_shots
+        if shot not in used
+    )
     detectable = _detectable_strengths(study)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
         verdict=verdict,
-        effects=_order_effects(best.names, per_effect) if verdict == "effects" else (),
-        candidates=_build_candidates(study, named_effects, detectable, _select_answer(verdict, best.names)),
+        effects=by_closure if verdict == "effects" else (),
+        candidates=_build_candidates(study, named_effects, detectable, answer),
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
         per_effect=per_effect,
@@ -98,14 +116,10 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         fitted=_summarize_all_strengths(study, study.full if patch_fit is None else patch_fit.fitted, detectable),
         forms=study.full.forms,
         unidentifiable=(*scene.gauges, *_find_unidentifiable(study.problem, detectable, frozenset(study.full.names))),
-        not_tested=(*scene.not_tested, *_list_omitted_shots(study)),
-        film_next=(
-            f"Film more: {unconfirmed[0]}."
-            if verdict == "undecidable"
-            else _recommend_experiment(study, verdict, film, unexplained)
-        ),
+        not_tested=(*scene.not_tested, *omitted),
+        film_next=film_next,
         p_value=study.structure_before.p_value,
-        notes=(*unconfirmed, *_note_shortened_shots(study), *(() if patch_fit is None else (_PATCH_NOTE,))),
+        notes=notes,
     )
 
 
@@ -154,30 +168,7 @@ def _fit_patch(study: Study, excess: ExcessAcceleration) -> PatchFit | None:
     return min(fits, key=compute_criterion, default=None)
 
 
-def _note_shortened_shots(study: Study) -> tuple[str, ...]:
-    """Note that the search used a part of long shots; hold-out shots are always predicted as a whole."""
-    if not np.isfinite(study.used_duration):
-        return ()
-    return (f"the search used the first {study.used_duration:.1f} s of each shot",)
-
-
-def _order_effects(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[str, ...]:
-    """Order named effects by the share of the gap that they close; by name where it was not measured."""
-    closed = {one.effect: one.closed for one in per_effect}
-    return tuple(sorted(names, key=lambda name: (-closed.get(name, 0.0), name)))
-
-
-def _list_omitted_shots(study: Study) -> tuple[str, ...]:
-    """List the shots that were omitted from the search."""
-    used = {segment.shot for segment in study.search.initial.fitted.segments}
-    return tuple(
-        f"shot {shot} was left out: no simulated path comes near its observations"
-        for shot in study.usable_shots
-        if shot not in used
-    )
-
-
-def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, dict[str, NamedEffect], str]:
+def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, dict[str, CandidateEffect], str]:
     """Return the verdict, what the shots say of every named effect, and the experiment that would separate a group.
 
     A patch that explains more without the best effects refutes them.
@@ -190,16 +181,13 @@ def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, 
         effect_signatures = compute_signatures(
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
-        named_effects[name] = NamedEffect(
-            tuple(
-                one
-                for one in find_group(study.search, best, name, effect_signatures)
-                if one not in study.refuted_by_bodies
-            ),
+        alike = find_group(study.search, best, name, effect_signatures)
+        named_effects[name] = CandidateEffect(
+            name, 0.0, tuple(one for one in alike if one not in study.refuted_by_bodies), (),
             flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
             smallest_p_value(len(linearized.shot_information.shots)),
-            () if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
-        )
+            per_body=() if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
+        )  # fmt: skip
         alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
         if len(alike) > 1 and not film:
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
@@ -232,43 +220,26 @@ def _typical_strengths(problem: DiagnosisProblem) -> FloatArray:
     return _MEDIAN_SIGMAS * np.array([prior.sigma for prior in problem.priors])
 
 
-def _effect_phases(scene: GapScene, name: str) -> tuple[str, ...]:
-    """Return the phases in which an effect or a contact model acts."""
-    by_name = {effect.name: effect.phases for effect in scene.effects}
-    return by_name.get(name, ()) or {choice.name: choice.phases for choice in scene.alternatives}.get(name, ())
-
-
 def _build_candidates(
-    study: Study, named_effects: dict[str, NamedEffect], detectable: FloatArray, answer: frozenset[str]
+    study: Study, named_effects: dict[str, CandidateEffect], detectable: FloatArray, answer: frozenset[str]
 ) -> tuple[CandidateEffect, ...]:
-    """Build the ranked candidates."""
-    problem = study.problem
+    """Build the candidates, most probable first."""
+    problem, body_fit = study.problem, study.body_fit
     shot_spreads, body_spreads = estimate_shot_spreads(study.linearized.shot_information, study.full), None
-    if study.body_fit is not None:
-        body_spreads = study.body_fit.spread
-        shot_spreads = np.where(study.body_fit.own, study.body_fit.shot_spread, shot_spreads)
-    fits = {name: _select_fit_with(study, name) for name in problem.candidates}
-    parameter_strengths = {
-        name: summarize_strengths(
-            problem,
-            fits[name][0],
-            detectable,
-            (name,),
-            *((shot_spreads, body_spreads) if name in study.best.names else ()),
-        )
-        for name in problem.candidates
-    }
+    if body_fit is not None:
+        shot_spreads, body_spreads = np.where(body_fit.own, body_fit.shot_spread, shot_spreads), body_fit.spread
     probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
-    beside = {name: names for name, (_, names) in fits.items()}
     probabilities = put_answer_first(probabilities, answer) if answer else probabilities
-    return rank_candidates(probabilities, named_effects, parameter_strengths, beside)
-
-
-def _select_answer(verdict: Verdict, names: frozenset[str]) -> frozenset[str]:
-    """Select the candidates, among them `none` and `unknown`, that a verdict names; empty where it names none."""
-    if verdict in ("effects", "group"):
-        return names
-    return frozenset() if verdict == "undecidable" else frozenset({"none" if verdict == "none" else "unknown"})
+    candidates = []
+    for name in sorted(probabilities, key=probabilities.__getitem__, reverse=True):
+        one = named_effects.get(name, CandidateEffect(name, 0.0, (name,), ()))
+        if name in problem.candidates:
+            fitted, beside = _select_fit_with(study, name)
+            spreads = (shot_spreads, body_spreads) if name in study.best.names else ()
+            strengths = summarize_strengths(problem, fitted, detectable, (name,), *spreads)
+            one = replace(one, strengths=strengths, fitted_beside=beside)
+        candidates.append(replace(one, probability=probabilities[name]))
+    return tuple(candidates)
 
 
 def _detectable_strengths(study: Study) -> FloatArray:
@@ -317,30 +288,21 @@ def _measure_gap(
     study: Study, recordings: tuple[Recording, ...], rng: np.random.Generator
 ) -> tuple[Gap, tuple[EffectShare, ...]]:
     """Measure the gap on hold-out shots before and after, and the share of each effect."""
-    problem, full, body_fit, reference = study.problem, study.full, study.body_fit, study.residuals_after.reference
-    recordings = recordings if body_fit is None else split_bodies(recordings)
-    predictable = select_predictable(
-        problem, build_prediction_windows(problem, recordings) if recordings else (), full, rng
-    )
-    windows = predictable.windows
-    before, after = (predict_windows(problem, windows, one, predictable.starts) for one in (study.base, full))
-    least = estimate_noise_floor(problem, windows, full, after)
-    if body_fit is not None and windows:
-        after, least = predict_bodies(problem, windows, full, body_fit, predictable.starts)
-    reason = _explain_unknown_floor(study, recordings)
+    reference, reason = study.residuals_after.reference, _explain_unknown_floor(study, recordings)
+    shots = predict_shots(study.problem, recordings, study.base, study.full, rng, study.body_fit)
     if reason:
-        least = np.full(len(windows), np.nan)
-    closure = estimate_closure(windows, before.squares, after.squares, least, rng)
+        shots = replace(shots, floor=np.full(len(shots.windows), np.nan))
+    windows = shots.windows
+    closure = estimate_closure(windows, sum_squares(shots.before), sum_squares(shots.after), shots.floor, rng)
     if not study.best.names and not study.unknown_evidence.has_systematic_residuals:
         closure = replace(closure, closed=float("nan"), interval=(-1.0, 1.0), resolved=False)
-    shots = tuple(sorted({one.segment.shot for one in windows}))
     horizon = max((float(one.segment.t[-1] - one.segment.t[one.start_rows - 1]) for one in windows), default=HORIZON_S)
+    before, after = (tuple(one.path for one in predictions) for predictions in (shots.before, shots.after))
     gap = Gap(
-        f"rms_{reference.unit}", min(horizon, HORIZON_S), shots, closure,
-        windows, before.paths, after.paths, reason,
-        reference.coordinates if windows else (),
+        f"rms_{reference.unit}", min(horizon, HORIZON_S), tuple(sorted({one.segment.shot for one in windows})), closure,
+        windows, before, after, reason, reference.coordinates if windows else (),
     )  # fmt: skip
-    return gap, _share_closure(study, predictable, before.squares, after.squares, least, closure, rng)
+    return gap, _share_closure(study, shots, closure, rng)
 
 
 def _explain_unknown_floor(study: Study, recordings: tuple[Recording, ...]) -> str:
@@ -354,25 +316,19 @@ def _explain_unknown_floor(study: Study, recordings: tuple[Recording, ...]) -> s
 
 
 def _share_closure(
-    study: Study,
-    predictable: PredictableWindows,
-    before: FloatArray,
-    after: FloatArray,
-    least: FloatArray,
-    closure: GapClosure,
-    rng: np.random.Generator,
+    study: Study, shots: PredictedShots, closure: GapClosure, rng: np.random.Generator
 ) -> tuple[EffectShare, ...]:
     """Share the closure among the named effects; where none is named, measure what the best one would close."""
-    windows, starts = predictable.windows, predictable.starts
     names = tuple(sorted(study.best.names))
     if not closure.resolved:
         return ()
-    squares = {frozenset[str](): before, frozenset(names): after}
+    before = sum_squares(shots.before)
+    squares = {frozenset[str](): before, frozenset(names): sum_squares(shots.after)}
 
     def squares_with(chosen: frozenset[str]) -> FloatArray:
         if chosen not in squares:
             one = try_hypothesis(study.search, chosen, study.search.base)
-            squares[chosen] = predict_windows(study.problem, windows, one.fitted, starts).squares
+            squares[chosen] = sum_squares(predict_windows(study.problem, shots.windows, one.fitted))
         return squares[chosen]
 
     if not names:
@@ -380,8 +336,8 @@ def _share_closure(
         names = tuple(max(single, key=study.search.log_evidence).names) if single else ()
     effect_shares = []
     for name, part in shapley_shares(names, squares_with).items():
-        one = estimate_closure(windows, before, before - part, least, rng, limit=float("inf"))
-        alone = estimate_closure(windows, before, squares_with(frozenset({name})), least, rng)
+        one = estimate_closure(shots.windows, before, before - part, shots.floor, rng, limit=float("inf"))
+        alone = estimate_closure(shots.windows, before, squares_with(frozenset({name})), shots.floor, rng)
         effect_shares.append(EffectShare(name, one.closed, one.interval, alone.closed))
     return tuple(sorted(effect_shares, key=lambda one: one.closed, reverse=True))
 
@@ -423,8 +379,6 @@ def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> Diagnos
     Returns:
         A report with the verdict `undecidable`.
     """
-    unknown = float("nan")
-    nothing = GapClosure(unknown, unknown, unknown, unknown, (-1.0, 1.0), False)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
@@ -432,9 +386,9 @@ def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> Diagnos
         effects=(),
         candidates=(),
         where=(),
-        gap=Gap(f"rms_{unit}", HORIZON_S, (), nothing, (), (), ()),
+        gap=Gap(f"rms_{unit}", HORIZON_S),
         per_effect=(),
-        unexplained=Unexplained(unknown, unknown, unknown, (), "", None, None),
+        unexplained=Unexplained(),
         fitted=(),
         forms=tuple(choice.simulator_form for choice in scene.alternatives),
         unidentifiable=scene.gauges,

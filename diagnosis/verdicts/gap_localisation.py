@@ -1,13 +1,19 @@
-"""Localisation of the gap: shares by phase, the ball or shot concerned, and the variable with which it grows."""
+"""Where the gap is, and the kind of shot, of those already filmed, that is most informative on an open question.
+
+The gap is located by phase, the ball or shot concerned, and the variable with which it grows.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import spearmanr
 
-from diagnosis.fitting.display_names import format_direction, format_group
-from diagnosis.fitting.fit_residuals import FitResiduals
-from diagnosis.fitting.residual_structure import GroupFinding, ResidualStructure
+from diagnosis.fitting.display_names import format_cause, format_direction, format_group, format_phase
+from diagnosis.fitting.fit_residuals import FitResiduals, GroupFinding, ResidualStructure
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, ShotInformation
+from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.verdicts.verdict import GapLocation
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import BoolArray, FloatArray
@@ -36,28 +42,26 @@ def localise_gap(
         One location per phase.
     """
     left = excess_squares(residuals)
+    # by name: bodies of several recordings differ and have another order
+    bodies = np.array([segments[k].bodies[body] for k, body in zip(residuals.window, residuals.body, strict=True)])
+
+    def localise(phase: str, share: float, here: BoolArray) -> GapLocation:
+        ball, shot = (_find_dominant_value(left, values, here) for values in (bodies, residuals.shot))
+        return GapLocation(
+            phase, share, None if ball is None else str(ball), None if shot is None else int(shot),
+            grows_with=_find_growth_variable(residuals, left, here),
+        )  # fmt: skip
+
     if phases and phases <= CAMERA_PHASES:
         everything = np.ones(len(left), bool)
-        return tuple(
-            _localise_phase(residuals, left, segments, name, 1 / len(phases), everything) for name in sorted(phases)
-        )
-    allowed = (
-        np.isin(residuals.phase, sorted(phases & set(residuals.phase)))
-        if phases & set(residuals.phase)
-        else residuals.phase != ""
-    )
-    names = np.unique(residuals.phase[allowed])
-    totals = np.array([max(float(left[allowed & (residuals.phase == name)].sum()), 0.0) for name in names])
-    if not len(names):
-        return ()
+        return tuple(localise(name, 1 / len(phases), everything) for name in sorted(phases))
+    present = np.unique(residuals.phase)
+    names = [str(name) for name in present if name in phases] or [str(name) for name in present if name]
+    totals = np.array([max(float(left[residuals.phase == name].sum()), 0.0) for name in names])
     if totals.sum() == 0:
         totals = np.array([float((residuals.phase == name).sum()) for name in names])
     order = np.argsort(-totals)
-    shares = totals / totals.sum()
-    return tuple(
-        _localise_phase(residuals, left, segments, str(names[k]), float(shares[k]), residuals.phase == names[k])
-        for k in order
-    )
+    return tuple(localise(names[k], float(totals[k] / totals.sum()), residuals.phase == names[k]) for k in order)
 
 
 def excess_squares(residuals: FitResiduals) -> FloatArray:
@@ -65,29 +69,6 @@ def excess_squares(residuals: FitResiduals) -> FloatArray:
     return np.asarray(
         np.square(residuals.values * residuals.scale).sum(axis=1)
         - np.square(residuals.noise_draws).mean(axis=2).sum(axis=1)
-    )
-
-
-def _localise_phase(
-    residuals: FitResiduals,
-    left: FloatArray,
-    segments: tuple[Recording, ...],
-    phase: str,
-    share: float,
-    here: BoolArray,
-) -> GapLocation:
-    # by name: bodies of several recordings differ and have another order
-    """Describe the part of the gap in one phase."""
-    bodies = np.array([segments[k].bodies[body] for k, body in zip(residuals.window, residuals.body, strict=True)])
-    ball, shot = _find_dominant_value(left, bodies, here), _find_dominant_value(left, residuals.shot, here)
-    return GapLocation(
-        phase=phase,
-        share=share,
-        ball=None if ball is None else str(ball),
-        shot=None if shot is None else int(shot),
-        span=None,
-        region=None,
-        grows_with=_find_growth_variable(residuals, left, here),
     )
 
 
@@ -129,3 +110,111 @@ def _describe_finding(finding: GroupFinding, reference: ReferenceFrame) -> str:
     place = group.label if group.family == "slow" else format_group(group.family, group.label, reference.unit)
     direction = format_direction(finding.direction, reference.coordinates)
     return f"{direction} {place} ({finding.z:.0f} standard deviations of noise)"
+
+
+# Numbers of further shots of one kind that are considered.
+_REPETITIONS = (1, 2, 3, 5, 8, 12, 20, 30, 50)
+
+
+def design_separating_experiment(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    residuals: FitResiduals,
+    free: np.ndarray,
+    group: tuple[str, ...],
+) -> str:
+    """Describe in one sentence which kind of shot separates a group best, and how many more are needed."""
+    if len(group) < 2:
+        return ""
+    one, other = problem.mask(group[:1]), problem.mask(group[1:2])
+    whole = compute_signatures(problem, shot_information, free | other)
+    step = compute_signatures(problem, shot_information, free).step(one)
+    more_like = (
+        compute_signatures(problem, _add_repetitions(shot_information, k, 1), free | other)
+        for k in range(len(shot_information.shots))
+    )
+    apart = [float(step @ (more.information - whole.information)[np.ix_(one, one)] @ step) for more in more_like]
+    best = int(np.argmax(apart))
+    now = float(step @ whole.information[np.ix_(one, one)] @ step)
+    missing = max(16.0 - now, 0.0)
+    more = int(np.ceil(missing / apart[best])) if apart[best] > 0 else 0
+    names = " from ".join(format_cause(name) for name in group[:2])
+    if apart[best] <= 0 or more > 50:
+        return f"No shot like these separates {names}: film other speeds and directions, also at right angles to these."
+    shot = _describe_shot(residuals, int(shot_information.shots[best]))
+    return f"To separate {names}, film {max(more, 1)} more like {shot}."
+
+
+def design_detecting_experiment(
+    problem: DiagnosisProblem,
+    shot_information: ShotInformation,
+    residuals: FitResiduals,
+    free: BoolArray,
+    usual: FloatArray,
+    names: tuple[str, ...],
+    variance_factor: float,
+) -> str:
+    """Describe in one sentence how many more shots of which kind would show an effect that these shots would miss.
+
+    The effect is the one nearest to detection at `usual` strength (P,). The sentence is empty where none would be
+    missed; where no number of shots like these would show it, the sentence asks for other shots.
+    """
+
+    def over_typical(information: ShotInformation, name: str) -> float:
+        """Return the smallest detectable strength of an effect over its typical one, in its worst direction."""
+        mask = problem.mask((name,))
+        signatures = compute_signatures(problem, information, free & ~mask, variance_factor)
+        return float(np.max(signatures.detectable_strengths(mask)[mask] / usual[mask], initial=0.0))
+
+    missed = {name: over_typical(shot_information, name) for name in names}
+    missed = {name: times for name, times in missed.items() if times > 1}
+    if not missed:
+        return ""
+    name = min(missed, key=lambda one: missed[one])
+    for more in _REPETITIONS:
+        shots = range(len(shot_information.shots))
+        left = [over_typical(_add_repetitions(shot_information, k, more), name) for k in shots]
+        if min(left) <= 1:
+            like = _describe_shot(residuals, int(shot_information.shots[int(np.argmin(left))]))
+            return (
+                f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual"
+                f" strength; {more} more like {like} would."
+            )
+    return (
+        f"This answer needs no more film. To test {format_cause(name)} of usual strength, film much slower and much"
+        " faster motion, and for longer; more shots like these would not reveal it."
+    )
+
+
+def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals) -> str:
+    """Describe in one sentence where most of the unexplained gap is, and which film would separate its causes."""
+    left = excess_squares(residuals)
+    sums = {
+        (str(name), int(shot)): float(left[(residuals.phase == name) & (residuals.shot == shot)].sum())
+        for name in np.unique(residuals.phase)
+        for shot in np.unique(residuals.shot)
+    }
+    most, shot = max(sums, key=lambda one: sums[one])
+    place = _describe_shot(residuals, shot)
+    first = f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed,"
+    if residuals.reference.unit == "rad":
+        return f"{first} and once with the camera in another place; what changes with the camera comes from it."
+    surroundings = "table" if problem.scene.name == "billiards" else "surroundings"
+    return f"{first} and once in another place; what stays with the place comes from the {surroundings} or the camera."
+
+
+def _add_repetitions(shot_information: ShotInformation, k: int, more: int) -> ShotInformation:
+    """Return the information if shot number k had been repeated `more` times."""
+    times = 1.0 + more * (shot_information.shots == shot_information.shots[k])
+    return replace(shot_information, information=shot_information.information * times[:, None, None])
+
+
+def _describe_shot(residuals: FitResiduals, shot: int) -> str:
+    """Describe a shot by its number and by the speed and direction of its fastest body."""
+    here = np.flatnonzero(residuals.shot == shot)
+    top = here[int(np.argmax(residuals.speed[here]))]
+    fastest, velocity = f"up to {float(residuals.speed[top]):.1f} {residuals.reference.unit}/s", residuals.velocity[top]
+    if len(velocity) < 2 or residuals.reference.unit != "m":
+        return f"shot {shot} ({fastest})"
+    angle = float(np.degrees(np.arctan2(velocity[1], velocity[0])))
+    return f"shot {shot} ({fastest}, there at {round(angle)} degrees from x)"

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from diagnosis.fitting.gap_closure import GapClosure
+from diagnosis.fitting.gap_closure import UNKNOWN_CLOSURE, GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
@@ -75,12 +75,12 @@ class GapLocation:
 
     phase: str
     share: float
-    ball: str | None
-    shot: int | None
-    span: tuple[float, float] | None
+    ball: str | None = None
+    shot: int | None = None
+    span: tuple[float, float] | None = None
     """s within its shot."""
-    region: str | None
-    grows_with: str | None
+    region: str | None = None
+    grows_with: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,19 +100,19 @@ class EffectShare:
 class Unexplained:
     """What remains of the gap after the named effects."""
 
-    share: float
+    share: float = float("nan")
     """Share of the squared gap before, both beyond the floor; NaN where it is not resolved."""
-    size: float
+    size: float = float("nan")
     """rms of the error after beyond the floor, in m or rad; NaN where nothing could be predicted."""
-    times_floor: float
+    times_floor: float = float("nan")
     """Error after over the floor; NaN without a floor."""
-    where: tuple[GapLocation, ...]
+    where: tuple[GapLocation, ...] = ()
     """The phases in which the fit leaves more than noise, by their share of it; empty where it leaves only noise."""
-    shape: str
+    shape: str = ""
     """The largest systematic residuals in words; empty where they are noise."""
-    law: ForceLaw | None
+    law: ForceLaw | None = None
     """How the force that is missing varies, and its nearest formula."""
-    patch: LocalPatch | None
+    patch: LocalPatch | None = None
     """The place where bodies are braked more, or less, than around it."""
 
     @property
@@ -128,17 +128,22 @@ class Gap:
     metric: str
     horizon: float
     """Duration of predictions, s."""
-    shots: tuple[int, ...]
-    closure: GapClosure
-    windows: tuple[PredictionWindow, ...]
-    before: tuple[FloatArray, ...]
+    shots: tuple[int, ...] = ()
+    closure: GapClosure = UNKNOWN_CLOSURE
+    windows: tuple[PredictionWindow, ...] = ()
+    before: tuple[FloatArray, ...] = ()
     """Predicted positions (T, N, D) of each window, without the effects."""
-    after: tuple[FloatArray, ...]
+    after: tuple[FloatArray, ...] = ()
     """The same with the effects."""
     floor_reason: str = ""
     """Why the floor is unknown; empty where it is known."""
     coordinates: tuple[str, ...] = ()
     """Names of the coordinates; empty without windows."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of a coordinate: m or rad."""
+        return self.metric.removeprefix("rms_")
 
 
 @dataclass(frozen=True, slots=True)

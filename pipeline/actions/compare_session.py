@@ -26,8 +26,7 @@ from pipeline.io.run_folder import (
 )
 from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.pages.session_page import MAIN_NUMBERS, write_session_page
-from pipeline.reporting.text.number_sentences import name_heading, name_states
-from pipeline.reporting.text.session_sentences import SUMMARY_HEADINGS, list_summary_cells
+from pipeline.reporting.text.number_sentences import SUMMARY_HEADINGS, list_summary_cells, name_heading, name_states
 from pipeline.reporting.text.text_formatting import name_folders
 
 Grouping = Literal["folder", "spin", "ball", "pocket", "side"]

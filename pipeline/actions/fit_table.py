@@ -38,7 +38,7 @@ from pipeline.io.shot_folder import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
-from pipeline.reporting.figures.cushion_figures import write_cushion_page
+from pipeline.reporting.pages.certificate_page import write_cushion_page
 
 
 @dataclass(frozen=True, slots=True)

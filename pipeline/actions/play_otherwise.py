@@ -38,7 +38,7 @@ from pipeline.io.kept_values import load_shot
 from pipeline.io.run_views import view_run
 from pipeline.io.shot_laws import load_laws
 from pipeline.io.strict_json import write_json
-from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
+from pipeline.reporting.text.number_sentences import format_what_if, format_what_if_question
 from video.drawing.prediction_fan import PredictionFan, draw_prediction_fans
 
 # Probability from which an event of the real shot counts.

@@ -87,8 +87,7 @@ def build_app(session: EditSession, token: str) -> Starlette:
         Route(f"/{token}/state", handlers.send_state),
         Route(f"/{token}/frame/{{number:int}}", handlers.send_frame),
         Route(f"/{token}/corrections", handlers.change_corrections, methods=["PUT"]),
-        Route(f"/{token}/undo", handlers.undo, methods=["POST"]),
-        Route(f"/{token}/redo", handlers.redo, methods=["POST"]),
+        *(Route(f"/{token}/{name}", handlers.step, methods=["POST"]) for name in ("undo", "redo")),
         Route(f"/{token}/finish", handlers.finish, methods=["POST"]),
     ]
     middleware = [
@@ -163,13 +162,10 @@ class _SessionHandlers:
             return _refuse(422, f"The correction cannot be used: {' '.join(str(error).split())}.")
         return await self._change(request, lambda revision: self._session.change(corrections, revision))
 
-    async def undo(self, request: Request) -> Response:
-        """Undo the last correction."""
-        return await self._change(request, lambda revision: self._session.step(revision, forward=False))
-
-    async def redo(self, request: Request) -> Response:
-        """Redo the correction that was undone last."""
-        return await self._change(request, lambda revision: self._session.step(revision, forward=True))
+    async def step(self, request: Request) -> Response:
+        """Undo the last correction, or redo the one that was undone last."""
+        forward = request.url.path.endswith("redo")
+        return await self._change(request, lambda revision: self._session.step(revision, forward=forward))
 
     async def finish(self, request: Request) -> Response:
         """Start the stages that write video, report and recording."""

@@ -17,7 +17,7 @@ from pipeline.editing.run_view import ClipRun, describe_run
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.corrections_file import CorrectionsFile, describe_corrections, read_corrections, write_corrections
 from pipeline.recording_shots import read_recording_shot
-from pipeline.reporting.text.correction_sentences import format_corrections, format_recomputed
+from pipeline.reporting.text.fit_sentences import format_corrections, format_recomputed
 from pipeline.reporting.text.text_formatting import format_error
 from pipeline.run_options import CORRECTED_SETTINGS, RunOptions, apply_corrections, reset_settings, start_corrections
 from pipeline.stages.shot_stages import ClipShot

@@ -23,7 +23,7 @@ from pipeline.reporting.pages.run_report import answer_standard_questions
 from pipeline.reporting.text.call_sentences import format_call
 from pipeline.reporting.text.check_list import select_check_places
 from pipeline.reporting.text.check_sentences import format_check_place
-from pipeline.reporting.text.correction_sentences import format_outcomes
+from pipeline.reporting.text.fit_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_event, format_event_time
 from video.io.clip import Clip
 

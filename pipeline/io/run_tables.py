@@ -21,9 +21,8 @@ from pipeline.io.corrections_file import describe_corrections
 from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns, write_states
 from pipeline.io.strict_json import format_strict_json, replace_nonfinite
 from pipeline.reporting.text.check_list import select_check_places
-from pipeline.reporting.text.correction_sentences import note_corrections
+from pipeline.reporting.text.fit_sentences import format_whole_shot, note_corrections
 from pipeline.reporting.text.text_formatting import summarize_trust
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.io.clip import Clip
 
 TRAJECTORY_HZ = 1000.0

@@ -24,7 +24,7 @@ from models.estimation.shot_numbers.measure_shots import add_shot_numbers
 from pipeline.engine.stage import Inputs
 from pipeline.io.shot_folder import read_shot
 from pipeline.io.view_profile import list_profile_misfits
-from pipeline.reporting.text.correction_sentences import format_outcomes
+from pipeline.reporting.text.fit_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_meeting
 
 # Shots whose views are kept in memory: a command reads one, and compares it with few.

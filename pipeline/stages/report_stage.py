@@ -15,7 +15,7 @@ from models.core.shot import Shot
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.engine.stage import Inputs, Stage
 from pipeline.io.run_views import list_view_inputs, view_inputs
-from pipeline.reporting.text.correction_sentences import note_corrections
+from pipeline.reporting.text.fit_sentences import note_corrections
 from pipeline.stages.render_stage import SLOW_FILE, START_FILE
 
 

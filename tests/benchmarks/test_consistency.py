@@ -23,8 +23,8 @@ from models.core.naming import Naming
 from models.core.scene import Table
 from pipeline.io.certificate_files import NAMES
 from pipeline.reporting.pages.certificate_page import format_certificate, format_number
-from pipeline.reporting.text.table_words import format_place
-from pipeline.reporting.text.what_if_sentences import format_what_if
+from pipeline.reporting.text.number_sentences import format_what_if
+from pipeline.reporting.text.prediction_sentences import format_place
 
 NAMING = Naming({"cue": BallLook("cue ball"), "solid-1": BallLook("yellow 1"), "solid-2": BallLook("blue 2")})
 EVENTS = [

@@ -21,17 +21,21 @@ WIDE, TALL, FLOOR, RADIUS, GRAVITY = 24.0, 30.0, 330.0, 15.0, 981.0
 
 
 @cache
-def play(*options: str) -> tuple[FloatArray, list[str], FloatArray, list[dict[str, str]], dict[str, float]]:
-    """Run the simulator; returns t (T,), names of N points, places (T, N, 2), contacts, and scene.json."""
+def play(*options: str) -> tuple[FloatArray, list[str], FloatArray, dict[str, float]]:
+    """Run the simulator; returns t (T,), names of N points, places (T, N, 2), and scene.json."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         subprocess.run([sys.executable, str(WORLD), str(out), *options], check=True)
         rows = list(csv.DictReader((out / "tracks.csv").read_text().splitlines()))
-        contacts = list(csv.DictReader((out / "contacts.csv").read_text().splitlines()))
         facts = json.loads((out / "scene.json").read_text())
     names = list(dict.fromkeys(row["id"] for row in rows))
     places = np.array([[float(row["x"]), float(row["y"])] for row in rows]).reshape(-1, len(names), 2)
-    return np.array([float(row["t"]) for row in rows])[:: len(names)], names, places, contacts, facts
+    return np.array([float(row["t"]) for row in rows])[:: len(names)], names, places, facts
+
+
+def count_free_frames(places: FloatArray) -> int:
+    """Count the frames before the ball reaches the first column of boxes."""
+    return int(np.argmax(places[:, 0, 0] + RADIUS >= places[0, 1:, 0].min()))
 
 
 def test_the_simulator_imports_nothing_of_the_project() -> None:
@@ -42,7 +46,7 @@ def test_the_simulator_imports_nothing_of_the_project() -> None:
 
 @pytest.mark.parametrize("speed", ["400", "800", "1600"])
 def test_fifty_boxes_keep_their_shape_and_stay_within_the_boundary(speed: str) -> None:
-    t, names, places, _, facts = play("--speed", speed)
+    t, names, places, facts = play("--speed", speed)
     assert facts["speed"] == float(speed)
     assert (len(t), len(names)) == (151, 201)
     boxes = places[:, 1:].reshape(len(t), 50, 4, 2)
@@ -53,29 +57,19 @@ def test_fifty_boxes_keep_their_shape_and_stay_within_the_boundary(speed: str) -
 
 
 def test_the_ball_flies_freely_until_it_hits_the_wall() -> None:
-    t, _, places, contacts, _ = play("--speed", "800")
-    first = min(float(row["t"]) for row in contacts if "ball" in (row["a"], row["b"]))
-    flying = t < first
-    ball = places[flying, 0]
+    _, _, places, _ = play("--speed", "800")
+    ball = places[: count_free_frames(places), 0]
+    assert len(ball) > 10
     assert np.diff(ball[:, 1], 2) * 60**2 == pytest.approx(GRAVITY, rel=1e-6)
     assert np.ptp(np.diff(ball[:, 0])) < 1e-6
     assert ball[-1, 0] < 200 - 2 + RADIUS
 
 
 def test_boxes_that_nothing_has_reached_stand_still() -> None:
-    t, _, places, contacts, _ = play("--speed", "400")
-    before = t < min(float(row["t"]) for row in contacts)
-    assert np.abs(places[before, 1:] - places[0, 1:]).max() < 0.05
-
-
-def test_seen_from_above_momentum_is_that_of_the_throw_until_something_meets_the_boundary() -> None:
-    t, names, places, contacts, _ = play("--speed", "1600", "--gravity", "0", "--seconds", "1")
-    outside = [float(row["t"]) for row in contacts if {row["a"], row["b"]} & {"floor", "left wall", "right wall"}]
-    free = t < min(outside, default=np.inf)
-    mass = np.array([8.0, *(np.full(len(names) - 1, 0.25))])
-    moved = (mass[:, None] * places[free]).sum(axis=1)
-    assert np.ptp(np.diff(moved[:, 0])) < 1e-3 * abs(np.diff(moved[:, 0]).mean())
-    assert any(row["a"] == "ball" or row["b"] == "ball" for row in contacts)
+    _, _, places, _ = play("--speed", "400")
+    before = places[: count_free_frames(places), 1:]
+    assert len(before) > 20
+    assert np.abs(before - places[0, 1:]).max() < 0.05
 
 
 def test_the_same_seed_gives_the_same_shot_and_another_a_different_one() -> None:

@@ -72,9 +72,8 @@ def gapcheck(
         if any(one.unreadable for one in opened_sets):
             raise typer.Exit(1)
         return
-    from pipeline.experiments.gapcheck.blind_case import diagnose_case, simulate_case
-    from pipeline.experiments.gapcheck.case_catalogue import DEFAULT_KINDS, KINDS
-    from pipeline.experiments.gapcheck.case_scores import score_cases
+    from pipeline.experiments.gapcheck.billiards_cases import DEFAULT_KINDS, KINDS
+    from pipeline.experiments.gapcheck.blind_case import diagnose_case, score_cases, simulate_case
 
     selected = [kind for kind in (KINDS if only or every else DEFAULT_KINDS) if only in kind.name]
     if not selected:
@@ -104,7 +103,7 @@ def gapcheck(
 
 
 def _print_scores(cases: list[Any], marks: Any) -> None:
-    from pipeline.experiments.gapcheck.case_scores import compute_calibration, count_confusions
+    from pipeline.experiments.gapcheck.blind_case import compute_calibration, count_confusions
 
     cli.print_rows(("withheld", "answer", "times"), (map(str, one) for one in count_confusions(cases)))
     scores = (

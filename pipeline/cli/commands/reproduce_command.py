@@ -20,7 +20,7 @@ from pipeline.terminal import command_line as cli
 
 if TYPE_CHECKING:
     from pipeline.experiments.thesis.experiment_plan import ExperimentPlan
-    from pipeline.experiments.thesis.thesis_page import ResultTable
+    from pipeline.experiments.thesis.thesis_results import ResultTable
     from pipeline.experiments.thesis.trials import Trial
 
 
@@ -72,7 +72,7 @@ def reproduce(
         jobs: Number of processes. Default: one per core.
     """
     from pipeline.experiments.thesis.experiment_plan import SCENES, Depth, ExperimentPlan
-    from pipeline.experiments.thesis.scenes.double_pendulum_scene import find_recording
+    from pipeline.experiments.thesis.thesis_scenes import find_recording
 
     if quick and whole:
         raise OptionError("--quick and --whole ask for opposite things; give one of them")
@@ -116,12 +116,12 @@ def _run_trials(plan: ExperimentPlan, cache: Path, out: Path, jobs: int) -> list
 def _print_experiments(plan: ExperimentPlan, trials: list[Trial], out: Path) -> None:
     from pipeline.experiments.thesis.compared_methods import describe_extra_inputs
     from pipeline.experiments.thesis.experiment_plan import describe_training
-    from pipeline.experiments.thesis.thesis_page import TITLES, build_tables
-    from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
+    from pipeline.experiments.thesis.thesis_page import TITLES
+    from pipeline.experiments.thesis.thesis_results import build_tables, describe_scene_results, summarize_settings
 
     screen = cli.make_output_console()
     summary = summarize_settings(trials)
-    for scene in dict.fromkeys(cell.scene for cell in summary):
+    for scene in dict.fromkeys(cell.case.scene for cell in summary):
         screen.print(f"\n[bold]{escape(TITLES[scene])}[/]")
         for sentence in describe_scene_results(scene, summary, plan.budget(scene).effort):
             screen.print(escape(sentence), soft_wrap=True)
@@ -138,9 +138,7 @@ def _build_grid(sheet: ResultTable) -> Grid:
     grid.add_column("method", no_wrap=True)
     for head in sheet.heads:
         grid.add_column(head.replace(", ", "\n"), justify="right")
-    for line in sheet.rows:
-        looks = [LOOKS.get(number.look) for number in line.cells]
-        texts = [f"[{look}]{number.text}[/]" if look else number.text
-                 for look, number in zip(looks, line.cells, strict=True)]  # fmt: skip
-        grid.add_row(escape(line.method), *texts)
+    for method, cells in sheet.rows:
+        texts = [f"[{LOOKS[look]}]{text}[/]" if look else text for text, look in cells]
+        grid.add_row(escape(method), *texts)
     return grid

@@ -16,6 +16,7 @@ from pipeline.engine.result_cache import open_cache
 from pipeline.io.run_tables import describe_shot_numbers
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.text.check_sentences import format_event_probability
+from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.number_sentences import format_shot_line
 from pipeline.reporting.text.text_formatting import (
     format_event,
@@ -24,7 +25,6 @@ from pipeline.reporting.text.text_formatting import (
     format_trust_line,
     summarize_trust,
 )
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from pipeline.run_options import RunOptions, build_options, list_settings, use_growing_profile
 from pipeline.stages.detect_stage import load_detectors
 from pipeline.stages.kernel_preparation import KernelPreparation

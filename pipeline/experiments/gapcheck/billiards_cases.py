@@ -28,6 +28,7 @@ import numpy as np
 from models.estimation.gap_scenes.billiards_scene import DEFAULT_EFFECTS, BilliardsScene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
+from pipeline.experiments.gapcheck.body_cases import BODY_KINDS, DRIVEN_KINDS, MUJOCO_KINDS, WALL_KINDS, BodyKind
 
 Effects = dict[str, dict[str, float]]
 
@@ -122,22 +123,16 @@ class BilliardsKind:
     """Stated over true frame rate."""
     one_direction: bool = False
     """Whether every shot has the same direction and speed."""
+    world: str = "billiards_table"
+    """The script in worlds/ that simulates it."""
+    engine: str = ""
+    """Empty: the world needs no further package."""
 
     @property
     def name(self) -> str:
         """Name of the kind, with its scene."""
         words = self.case.replace("_", " ")
         return f"billiards, {'nothing missing' + words[4:] if not self.missing and words[:4] == 'none' else words}"
-
-    @property
-    def world(self) -> str:
-        """The script in worlds/ that simulates it."""
-        return "billiards_table"
-
-    @property
-    def engine(self) -> str:
-        """Empty: the world needs no further package."""
-        return ""
 
     @property
     def withheld(self) -> frozenset[str]:
@@ -238,3 +233,16 @@ BILLIARDS_KINDS = (
         "cushion_height", ("cushion_height",), _CUSHION, cushion="han_2005", simulator_cushion="han_2005"
     ),
 )  # fmt: skip
+
+
+# A simulated world, the effects that act there, and those that the user's simulator has.
+CaseKind = BodyKind | BilliardsKind
+KINDS: tuple[CaseKind, ...] = (*BODY_KINDS, *MUJOCO_KINDS, *WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)
+
+_RARE_KINDS = (*WALL_KINDS, *DRIVEN_KINDS, *BILLIARDS_KINDS)
+_DEFAULT_TABLES = ("nothing missing", "slope", "cushion law", "slope and lens distortion", "sticky patch")
+# Kinds that are checked by default: no walls and no inputs, and one table for each kind of question, as a table takes a
+# minute.
+DEFAULT_KINDS: tuple[CaseKind, ...] = tuple(
+    kind for kind in KINDS if kind not in _RARE_KINDS or kind.name in [f"billiards, {one}" for one in _DEFAULT_TABLES]
+)

@@ -1,4 +1,4 @@
-"""A case from end to end: a sealed simulation, the diagnosis of its track folder, and the comparison with the seal.
+"""A case from end to end: a sealed simulation, the diagnosis of its track folder, the comparison with the seal; scores.
 
 An oracle that knows the missing effects: how far it closes the gap, and which effects it cannot separate.
 """
@@ -8,25 +8,27 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.stats import binomtest
 
 from diagnosis.diagnose import diagnose
 from diagnosis.fitting.diagnosis_windows import fit_adaptively
 from diagnosis.fitting.gap_closure import GapClosure, measure_closure
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
-from diagnosis.fitting.noise_estimation import NoiseEstimate, apply_noise_estimate, estimate_noise
-from diagnosis.fitting.shot_split import split_shots
+from diagnosis.fitting.shot_preparation import NoiseEstimate, apply_noise_estimate, estimate_noise, split_shots
 from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import TruerollError
 from models.core.recording import Recording
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
-from pipeline.experiments.gapcheck.case_catalogue import CaseKind
+from pipeline.experiments.gapcheck.billiards_cases import CaseKind
 from pipeline.io.gap_files import write_gap_files
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
@@ -199,3 +201,121 @@ def build_oracle(scene: GapScene, recordings: tuple[Recording, ...]) -> Oracle:
     question = build_diagnosis_problem(scene, noise.correlation)
     opened = apply_noise_estimate((*split.fitting, *split.selection), noise)
     return Oracle(question, noise, opened, split.holdout, fit_adaptively(question, opened))
+
+
+# Coverage of the intervals.
+CONFIDENCE = 0.95
+# Edges of the bins of probability in the calibration.
+PROBABILITY_BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion:
+    """A proportion `hits` of `of`, with Wilson's interval (1927, doi:10.1080/01621459.1927.10502953)."""
+
+    hits: int
+    of: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval at CONFIDENCE; (0, 1) where `of` is 0."""
+        if not self.of:
+            return 0.0, 1.0
+        limits = binomtest(self.hits, self.of).proportion_ci(CONFIDENCE, method="wilson")
+        return float(limits.low), float(limits.high)
+
+    def __str__(self) -> str:
+        if not self.of:
+            return "-"
+        low, high = self.interval
+        return f"{self.hits}/{self.of} = {self.hits / self.of:.0%} ({low:.0%} to {high:.0%})"
+
+
+@dataclass(frozen=True, slots=True)
+class CaseScores:
+    """Scores of all cases by their kind."""
+
+    named: Proportion
+    """One effect is missing: its name is given."""
+    grouped: Proportion
+    """One effect is missing: its name or a group that holds it is given."""
+    pairs: Proportion
+    """Two effects are missing: both names are given."""
+    alarms: Proportion
+    """Nothing is missing: an effect is named (false alarm)."""
+    unknowns: Proportion
+    """The missing effect is in no library: the verdict is `unknown`."""
+    traps: Proportion
+    """The shots cannot show the missing effect: no name is guessed."""
+    closed: tuple[float, float]
+    """Closed part of the gap over that of an oracle, where an effect is missing: median and tenth percentile."""
+    covered: Proportion
+    """The interval of the closed part holds that of the oracle."""
+
+
+def score_cases(cases: Sequence[OpenedCase]) -> CaseScores:
+    """Score opened cases.
+
+    Args:
+        cases: Opened cases of all kinds.
+
+    Returns:
+        Rates by kind of question, and the closed part of the gap.
+    """
+    traps = [one for one in cases if one.kind.trap]
+    plain = [one for one in cases if not one.kind.trap]
+    foreign = [one for one in plain if one.kind.foreign]
+    single, pairs, clean = (
+        [one for one in plain if len(one.kind.withheld) == count and not one.kind.foreign] for count in (1, 2, 0)
+    )
+    missing = [one for one in (*single, *pairs) if np.isfinite(one.oracle)]
+    resolved = [one for one in missing if np.isfinite(one.closed)]
+    # 0 where only the oracle's closure is resolved
+    shares = np.array([max(np.nan_to_num(one.closed), -1.0) / one.oracle for one in missing if one.oracle > 0])
+    return CaseScores(
+        _count_answers(single, "right"),
+        _count_answers(single, "right", "group"),
+        _count_answers(pairs, "right"),
+        Proportion(len(clean) - _count_answers(clean, "right").hits, len(clean)),
+        _count_answers(foreign, "right"),
+        _count_answers(traps, "right"),
+        (float(np.median(shares)), float(np.quantile(shares, 0.1))) if len(shares) else (np.nan, np.nan),
+        Proportion(sum(one.interval[0] <= one.oracle <= one.interval[1] + 1e-9 for one in resolved), len(resolved)),
+    )
+
+
+def count_confusions(cases: Sequence[OpenedCase]) -> list[tuple[str, str, int]]:
+    """Count the answers to each kind of case.
+
+    Args:
+        cases: Opened cases.
+
+    Returns:
+        Kind, answer and count, in the order of the kinds; the most frequent answer of each first.
+    """
+    counts = Counter((one.kind.name, " + ".join(one.named)) for one in cases)
+    order = list(dict.fromkeys(one.kind.name for one in cases))
+    return sorted(
+        ((kind, answer, n) for (kind, answer), n in counts.items()), key=lambda row: (order.index(row[0]), -row[2])
+    )
+
+
+def compute_calibration(cases: Sequence[OpenedCase]) -> list[tuple[float, float, Proportion]]:
+    """Compute the rate of right answers by their stated probability.
+
+    Args:
+        cases: Opened cases.
+
+    Returns:
+        Lower edge, upper edge and rate of each bin.
+    """
+    rows = []
+    for low, high in pairwise(PROBABILITY_BINS):
+        inside = [one for one in cases if low <= one.probability < high or (high == 1.0 and one.probability == 1.0)]
+        rows.append((low, high, _count_answers(inside, "right")))
+    return rows
+
+
+def _count_answers(cases: Sequence[OpenedCase], *answers: str) -> Proportion:
+    """Return the proportion of cases with one of these answers."""
+    return Proportion(sum(one.answer in answers for one in cases), len(cases))

@@ -53,6 +53,8 @@ class BodyKind:
     """Whether the known inputs are stated."""
     family: frozenset[str] = frozenset()
     """Effects of the library, any of which alone is a right name for an effect of another form."""
+    forms: tuple[str, ...] = ()
+    """Empty: bodies have no choice of contact models."""
 
     @property
     def withheld(self) -> frozenset[str]:
@@ -68,11 +70,6 @@ class BodyKind:
     def trap(self) -> bool:
         """Whether all shots have the same throw."""
         return bool(self.throw)
-
-    @property
-    def forms(self) -> tuple[str, ...]:
-        """Empty: bodies have no choice of contact models."""
-        return ()
 
     def simulator(self, scene: GapScene) -> GapScene:
         """Return the scene unchanged: track folders of bodies state it completely."""
@@ -112,14 +109,21 @@ ROUGH = {"correlation": 0.5}
 SLOPPY = {"outliers": 0.01, "missing": 0.03}
 HEAVY, COARSE, SMOOTH = {"tails": 3.0}, {"resolution": 3.0}, {"smoothing": 9}
 
+CAMERAS: Mapping[str, Mapping[str, float]] = {
+    "": {}, ", correlated noise": ROUGH, ", outliers and gaps": SLOPPY, ", heavy tails": HEAVY, ", quantised": COARSE,
+    ", filtered": SMOOTH,
+}  # fmt: skip
+
+
+def _build_clean_kinds(scene: str, acts: Ranges) -> tuple[BodyKind, ...]:
+    """Build the kinds in which the simulator has all effects, one for each camera."""
+    kinds = ((f"{scene}, nothing missing{words}", camera) for words, camera in CAMERAS.items())
+    return tuple(BodyKind(name, scene, acts, tuple(acts), camera=camera) for name, camera in kinds)
+
+
 # Kinds with the cameras and effects of everyday recordings.
 BODY_KINDS = (
-    BodyKind("slide, nothing missing", "slide", FRICTION, ("sliding_friction",)),
-    BodyKind("slide, nothing missing, correlated noise", "slide", FRICTION, ("sliding_friction",), camera=ROUGH),
-    BodyKind("slide, nothing missing, outliers and gaps", "slide", FRICTION, ("sliding_friction",), camera=SLOPPY),
-    BodyKind("slide, nothing missing, heavy tails", "slide", FRICTION, ("sliding_friction",), camera=HEAVY),
-    BodyKind("slide, nothing missing, quantised", "slide", FRICTION, ("sliding_friction",), camera=COARSE),
-    BodyKind("slide, nothing missing, filtered", "slide", FRICTION, ("sliding_friction",), camera=SMOOTH),
+    *_build_clean_kinds("slide", FRICTION),
     BodyKind("slide, friction", "slide", FRICTION),
     BodyKind("slide, viscous drag", "slide", {"viscous_drag": {"k": (0.2, 1.0)}}),
     BodyKind("slide, air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}, ("sliding_friction",)),
@@ -134,12 +138,7 @@ BODY_KINDS = (
     BodyKind("slide, friction and air drag", "slide", {**FRICTION, "air_drag": {"k": (0.3, 1.0)}}),
     BodyKind("slide, drag with speed^1.5", "slide", {**FRICTION, "drag_power": {"k": (0.3, 1.0), "power": (1.5, 1.5)}},
          ("sliding_friction",), family=DRAGS),
-    BodyKind("flight, nothing missing", "flight", DRAG, ("air_drag",)),
-    BodyKind("flight, nothing missing, correlated noise", "flight", DRAG, ("air_drag",), camera=ROUGH),
-    BodyKind("flight, nothing missing, outliers and gaps", "flight", DRAG, ("air_drag",), camera=SLOPPY),
-    BodyKind("flight, nothing missing, heavy tails", "flight", DRAG, ("air_drag",), camera=HEAVY),
-    BodyKind("flight, nothing missing, quantised", "flight", DRAG, ("air_drag",), camera=COARSE),
-    BodyKind("flight, nothing missing, filtered", "flight", DRAG, ("air_drag",), camera=SMOOTH),
+    *_build_clean_kinds("flight", DRAG),
     BodyKind("flight, air drag", "flight", DRAG),
     BodyKind("flight, viscous drag", "flight", {"viscous_drag": {"k": (0.1, 0.6)}}),
     BodyKind("flight, wind", "flight", {**DRAG, "wind": {"wind_x": (1.0, 4.0)}}, ("air_drag",)),
@@ -150,12 +149,7 @@ BODY_KINDS = (
          family=DRAGS),
     BodyKind("flight, gusts", "flight", {**DRAG, "gust": {"speed": (4.0, 8.0), "period": (0.4, 0.8)}}, ("air_drag",),
          foreign=True),
-    BodyKind("pendulum, nothing missing", "pendulum", JOINT, ("joint_friction",)),
-    BodyKind("pendulum, nothing missing, correlated noise", "pendulum", JOINT, ("joint_friction",), camera=ROUGH),
-    BodyKind("pendulum, nothing missing, outliers and gaps", "pendulum", JOINT, ("joint_friction",), camera=SLOPPY),
-    BodyKind("pendulum, nothing missing, heavy tails", "pendulum", JOINT, ("joint_friction",), camera=HEAVY),
-    BodyKind("pendulum, nothing missing, quantised", "pendulum", JOINT, ("joint_friction",), camera=COARSE),
-    BodyKind("pendulum, nothing missing, filtered", "pendulum", JOINT, ("joint_friction",), camera=SMOOTH),
+    *_build_clean_kinds("pendulum", JOINT),
     BodyKind("pendulum, joint friction", "pendulum", JOINT),
     BodyKind("pendulum, air drag", "pendulum", {"air_drag": {"k": (0.02, 0.1)}}),
     BodyKind("pendulum, crooked camera", "pendulum", {**JOINT, **CROOKED}, ("joint_friction",)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,13 +21,12 @@ from pyarrow import csv
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from diagnosis.diagnose import diagnose
-from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.errors import OptionError, TruerollError
 from models.core.typing import FloatArray
 from models.numerics.executor import SERIAL, Executor
 from pipeline.io.gap_files import write_gap_files
 from pipeline.io.strict_json import format_first_error, read_json
-from pipeline.io.track_folder import TrackFolder, read_track_folders
+from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 
 ANSWERS_FILE = "answers.json"
@@ -124,6 +123,9 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
 
     Returns:
         The opened set; `unreadable` where it cannot be diagnosed.
+
+    Raises:
+        OptionError: The answers cannot be read.
     """
     start = time.perf_counter()
     try:
@@ -133,66 +135,29 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
         return OpenedSet(one.name, str(error))
     seconds = time.perf_counter() - start
     write_gap_files(report, report_folder)
-    return open_answer(one, read, report, seconds)
-
-
-def open_answer(one: RealSet, read: TrackFolder, report: DiagnosisReport, seconds: float = np.nan) -> OpenedSet:
-    """Compare a report with the sealed answer of its set.
-
-    Args:
-        one: The set.
-        read: Its track folder.
-        report: Its report.
-        seconds: Duration of the diagnosis, s.
-
-    Returns:
-        The opened set.
-
-    Raises:
-        OptionError: The answers cannot be read.
-    """
-    accepted = read_accepted_answers(one)
-    names = report.candidates[0].group if report.verdict == "group" else report.effects
-    closure = report.gap.closure
+    accepted = {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
+    names, closure = report.effects, report.gap.closure
+    # sets of effects of which the report says that one acts; several for a group
+    answers = [frozenset({"unknown"} if report.verdict == "unknown" else names)]
+    if report.verdict == "group":
+        names = report.candidates[0].group
+        answers = [frozenset({name}) for name in names]
     return OpenedSet(
         one.name,
         shots=len(read.recordings),
         verdict=report.verdict,
         named=names or (report.verdict,),
         probability=report.probability,
-        right=all(answer in accepted for answer in _list_answers(report)),
+        right=all(answer in accepted for answer in answers),
         first_right=names[0] in frozenset[str]().union(*accepted) if names else None,
         shares={share.effect: share.closed for share in report.per_effect},
         closed=closure.closed if closure.resolved else np.nan,
         before=closure.before,
         after=closure.after,
         floor=closure.floor,
-        unit="rad" if report.gap.metric.endswith("rad") else "m",
+        unit=report.gap.unit,
         seconds=seconds,
     )
-
-
-def read_accepted_answers(one: RealSet) -> set[frozenset[str]]:
-    """Read the sets of effects that are a right answer.
-
-    Args:
-        one: The set.
-
-    Returns:
-        The accepted sets of effects.
-
-    Raises:
-        OptionError: The answers cannot be read.
-    """
-    return {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
-
-
-def _list_answers(report: DiagnosisReport) -> Iterator[frozenset[str]]:
-    """Yield the sets of effects of which a report says that one acts; several for a group."""
-    if report.verdict == "group":
-        yield from (frozenset({name}) for name in report.candidates[0].group)
-    else:
-        yield frozenset({"unknown"} if report.verdict == "unknown" else report.effects)
 
 
 def _read_answers(path: Path) -> dict[str, SealedAnswer]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,72 +17,56 @@ from models.estimation.rigid_bodies.rigid_body_fit import fit_rigid_bodies
 from models.estimation.springs.double_pendulum import fit_pendulum
 from models.estimation.springs.latent_inference import infer_springs
 from models.neural.common.method_interface import CURVES, MotionMethod, TrainingBudget, validate_samples
-from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
-from pipeline.experiments.thesis.scenes.constraint_training_data import (
+from pipeline.experiments.thesis.pool_scene import parse_shot_number, read_complete_segment
+from pipeline.experiments.thesis.thesis_scenes import (
     SWING_COUNT,
     THROW_COUNT,
+    AssessedMotion,
+    body_indices,
+    convert_to_angles,
+    convert_to_points,
     simulate_training_swings,
     simulate_training_throws,
 )
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import convert_to_angles, convert_to_points
-from pipeline.experiments.thesis.scenes.pool_scene import parse_shot_number, read_complete_segment
-from pipeline.experiments.thesis.scenes.withheld_series import AssessedMotion
 from pipeline.io.observed_shot import read_observed_shot
 
-NO_LOSS = np.empty(0)
+PHYSICS_NAME = "physics fit"
+Motion = Callable[[FloatArray], FloatArray]
 # Number of parameters: friction, restitution, drag, gravity, radius and density of the ball.
 BOXES_NUMBERS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class SpringsFit:
-    """Masses, springs, dampers and gravity behind the points, without further input.
+class PhysicsFit:
+    """A fit of the physics behind the points; seed and budget have no effect, as a part of a fit is none."""
 
-    See `models.estimation.springs.latent_inference`.
-    """
-
-    name: str = "physics fit"
-
-    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
-        """Run the whole search, whatever the budget: a part of it is no fit."""
-        began = time.process_time()
-        latent = infer_springs(record_points(*validate_samples(times, states)))
-        seconds = time.process_time() - began
-        return AssessedMotion(
-            lambda t: latent.states_at(t)[:, 0], NO_LOSS, len(latent.names), seconds, latent.rejections
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ArmsFit:
-    """Two rigid arms with friction behind the points of a recorded double pendulum."""
-
-    name: str = "physics fit"
+    explain: Callable[[FloatArray, FloatArray], tuple[Motion, int, Sequence[str]]]
+    """Maps times (T,) and coordinates (T, N, 2) to the motion, its number of parameters, and doubts about it."""
+    name: str = PHYSICS_NAME
 
     def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
-        """Fit the arms; seed and budget have no effect."""
+        """Fit the physics."""
         began = time.process_time()
-        t, x = validate_samples(times, states)
-        pendulum = fit_pendulum(t, convert_to_angles(x))
-        seconds = time.process_time() - began
-        return AssessedMotion(
-            lambda t: convert_to_points(pendulum.states_at(t)[:, :2]), NO_LOSS, len(pendulum.parameters), seconds, ()
-        )
+        motion, count, doubts = self.explain(*validate_samples(times, states))
+        return AssessedMotion(motion, np.empty(0), count, time.process_time() - began, tuple(doubts))
 
 
-@dataclass(frozen=True, slots=True)
-class BoxesFit:
-    """Colliding rigid bodies behind the points of the boxes, given the body of each point."""
+def _explain_springs(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequence[str]]:
+    """Find masses, springs, dampers and gravity behind the points, without further input."""
+    latent = infer_springs(record_points(t, x))
+    return lambda t: latent.states_at(t)[:, 0], len(latent.names), latent.rejections
 
-    name: str = "physics fit"
 
-    def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
-        """Fit the bodies; seed and budget have no effect."""
-        began = time.process_time()
-        t, x = validate_samples(times, states)
-        rigid_bodies = fit_rigid_bodies(t, x, body_indices())
-        seconds = time.process_time() - began
-        return AssessedMotion(rigid_bodies.positions_at, NO_LOSS, BOXES_NUMBERS, seconds, rigid_bodies.warnings)
+def _explain_arms(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequence[str]]:
+    """Fit two rigid arms with friction behind the points of a recorded double pendulum."""
+    pendulum = fit_pendulum(t, convert_to_angles(x))
+    return lambda t: convert_to_points(pendulum.states_at(t)[:, :2]), len(pendulum.parameters), ()
+
+
+def _explain_boxes(t: FloatArray, x: FloatArray) -> tuple[Motion, int, Sequence[str]]:
+    """Fit colliding rigid bodies behind the points of the boxes, given the body of each point."""
+    bodies = fit_rigid_bodies(t, x, body_indices())
+    return bodies.positions_at, BOXES_NUMBERS, bodies.warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +75,7 @@ class BilliardsFit:
 
     run: Path
     shot: int
-    name: str = "physics fit"
+    name: str = PHYSICS_NAME
 
     def fit(self, times: FloatArray, states: FloatArray, seed: int, budget: TrainingBudget) -> AssessedMotion:
         """Fit the shot; seed and budget have no effect. Positions in metres are those of the run at these times."""
@@ -136,8 +120,10 @@ def select_tracks(tracks: Tracks, rows: IntArray, ids: tuple[str, ...]) -> Track
 
 
 # The fit of the physics itself, by scene.
-PHYSICS: dict[str, MotionMethod] = {"double-pendulum": SpringsFit(), "real": ArmsFit(), "boxes": BoxesFit()}
-PHYSICS_NAME = SpringsFit().name
+PHYSICS: dict[str, MotionMethod] = {
+    "double-pendulum": PhysicsFit(_explain_springs), "real": PhysicsFit(_explain_arms),
+    "boxes": PhysicsFit(_explain_boxes),
+}  # fmt: skip
 SPLINES = tuple(method.name for method in CURVES[1:])
 # The network of Chen 2022 with corrected times (`models.neural.networks.neural_runge_kutta`).
 THESIS_NET = "RK net"

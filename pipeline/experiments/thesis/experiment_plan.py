@@ -23,24 +23,26 @@ from pipeline.experiments.thesis.compared_methods import (
     build_methods,
     is_network,
 )
-from pipeline.experiments.thesis.scenes.boxes_scene import SPEEDS, build_boxes_series
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
+from pipeline.experiments.thesis.pool_scene import build_pool_series, list_shots
+from pipeline.experiments.thesis.thesis_scenes import (
+    BASE_SETTING,
+    FIRST_VARIANT,
     RECORDING,
+    SPEEDS,
     SPRING_KINDS,
     STARTS,
+    ExperimentCase,
+    WithheldSeries,
+    build_boxes_series,
     build_pendulum_series,
     read_recorded_series,
 )
-from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries
 
 SCENES = ("double-pendulum", "real", "boxes", "pool")
 # Frame rates, Hz; noise, px.
 RATES, NOISES = (60.0, 30.0, 15.0), (0.0, 0.1, 0.5)
 # Frame rates, Hz: 13 and 26 samples apart; at higher rates every spline is good enough.
 REAL_RATES = (200 / 13, 200 / 26)
-# Duration of the simulated scenes, s.
-SECONDS = 2.5
 
 
 Value = TypeVar("Value", str, float)
@@ -68,10 +70,6 @@ BUDGETS = {
 }
 # CPU time where it is less, s: with 402 coordinates a step takes ten times as long.
 SHORTER_TRAINING_S = {(Depth.USUAL, "boxes"): 5.0}
-# Frame rate (Hz) and noise (px) of the thesis.
-BASE_SETTING = (30.0, 0.0)
-# The variant of the thesis, or the first.
-FIRST_VARIANT = {"double-pendulum": "stiff", "boxes": "800", "real": "0 s"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +164,7 @@ def list_tasks(plan: ExperimentPlan) -> list[TrialTask]:
         for case in list_cases(plan)
         for method in build_methods(case.scene, case.variant, plan.run)
         if plan.depth is Depth.WHOLE
-        or _has_all_methods(case, plan.depth)
+        or (plan.depth is not Depth.QUICK and (case.is_own or case.scene == "pool"))
         or _is_representative(case, method.name, plan)
     ]
 
@@ -179,23 +177,22 @@ def _is_representative(case: ExperimentCase, method: str, plan: ExperimentPlan) 
     return method in REPRESENTATIVES and first
 
 
-def _has_all_methods(case: ExperimentCase, depth: Depth) -> bool:
-    """Return whether all methods run on a case: in the setting of the thesis, unless the plan is quick."""
-    own = FIRST_VARIANT.get(case.scene) == case.variant and (case.fps, case.noise) == BASE_SETTING
-    return depth is not Depth.QUICK and (own or case.scene == "pool")
-
-
 def build_case_series(case: ExperimentCase, plan: ExperimentPlan) -> WithheldSeries:
     """Build the series of a case. OptionError where its data are missing."""
     if case.scene == "double-pendulum":
-        return build_pendulum_series(case, SECONDS)
+        return build_pendulum_series(case)
     if case.scene == "boxes":
-        return build_boxes_series(case, SECONDS)
+        return build_boxes_series(case)
     if case.scene == "real":
         assert plan.data is not None
         return read_recorded_series(case, plan.data)
     assert plan.run is not None
     return build_pool_series(case, plan.run)
+
+
+def prepare_trial(task: TrialTask, plan: ExperimentPlan) -> tuple[MotionMethod, WithheldSeries, TrainingBudget]:
+    """Prepare the method, the series and the training budget of a task."""
+    return find_method(task, plan), build_case_series(task.case, plan), plan.budget(task.case.scene)
 
 
 def find_method(task: TrialTask, plan: ExperimentPlan) -> MotionMethod:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -32,8 +32,8 @@ from models.neural.common.method_interface import (
 from pipeline.engine.result_cache import CacheKey, ResultCache
 from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.experiments.thesis.compared_methods import THESIS_NET, is_network
-from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, build_case_series, find_method
-from pipeline.experiments.thesis.scenes.withheld_series import (
+from pipeline.experiments.thesis.experiment_plan import ExperimentPlan, TrialTask, prepare_trial
+from pipeline.experiments.thesis.thesis_scenes import (
     AssessedMotion,
     ExperimentCase,
     WithheldSeries,
@@ -89,28 +89,24 @@ class Trial:
 
 def run_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> Trial:
     """Run a trial, or read it from the cache if the same was run with the same code."""
-    key = CacheKey(STAGE, _list_key_parts(method, series, budget))
-    return _read_trial(
-        series.case,
-        method.name,
-        cache.find_or_build(key, lambda folder: _write_trial(method, series, budget, folder)).folder,
-    )
+    key = _build_key(method, series, budget)
+    folder = cache.find_or_build(key, lambda folder: _write_trial(method, series, budget, folder)).folder
+    values = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+    with np.load(folder / "trial.npz") as arrays:
+        return Trial(series.case, method.name, **values, **arrays)
 
 
-def is_cached(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, cache: ResultCache) -> bool:
-    """Return whether the cache has the trial."""
-    return cache.find(CacheKey(STAGE, _list_key_parts(method, series, budget))) is not None
-
-
-def _list_key_parts(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> dict[str, Any]:
-    """List what the result depends on, for the cache key."""
+def _build_key(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget) -> CacheKey:
+    """Build the cache key from what the result depends on."""
     inner = method.network if isinstance(method, EarlyStopping) else method
-    return {
-        "case": asdict(series.case), "content": _hash_series(series),
+    values = b"".join(np.ascontiguousarray(part).tobytes() for part in (series.t, series.observed, series.truth))
+    parts: dict[str, Any] = {
+        "case": asdict(series.case), "content": hashlib.sha256(values).hexdigest(),
         "method": [type(method).__qualname__, type(inner).__qualname__, method.name],
         "budget": [budget.effort, budget.seconds], "source": _hash_method_sources(type(inner).__module__),
         "libraries": library_versions(),
     }  # fmt: skip
+    return CacheKey(STAGE, parts)
 
 
 @lru_cache(maxsize=64)
@@ -119,18 +115,14 @@ def _hash_method_sources(module: str) -> dict[str, str]:
     return {**hash_sources(module), **hash_sources(__name__)}
 
 
-def _hash_series(series: WithheldSeries) -> str:
-    """Hash the values of a series."""
-    digest = hashlib.sha256()
-    for part in (series.t, series.observed, series.truth):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    return digest.hexdigest()
-
-
 def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingBudget, folder: Path) -> None:
     """Run a method and write its result to a folder."""
     t, truth = series.withheld_samples
-    fitted, note = _fit_or_explain(lambda: method.fit(*series.visible_samples, series.case.seed, budget))
+    fitted, note = None, ""
+    try:
+        fitted = method.fit(*series.visible_samples, series.case.seed, budget)
+    except ValueError as refusal:
+        note = str(refusal)
     guess = np.full_like(truth, np.nan) if fitted is None else fitted.at(t)
     off = np.nan_to_num(guess - truth, nan=MAX_ERROR_PX, posinf=MAX_ERROR_PX, neginf=-MAX_ERROR_PX).clip(
         -MAX_ERROR_PX, MAX_ERROR_PX
@@ -153,14 +145,6 @@ def _write_trial(method: MotionMethod, series: WithheldSeries, budget: TrainingB
     (folder / "trial.json").write_text(json.dumps(values), encoding="utf-8")
 
 
-def _fit_or_explain(fit: Callable[[], FittedMotion]) -> tuple[FittedMotion | None, str]:
-    """Fit a method; None and the reason where it rejects the series."""
-    try:
-        return fit(), ""
-    except ValueError as error:
-        return None, str(error)
-
-
 def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:
     """Describe the defects of a motion."""
     if not np.isfinite(guess).all():
@@ -168,13 +152,6 @@ def _describe_defects(guess: FloatArray, fitted: FittedMotion | None) -> str:
     if fitted is not None and not fitted.is_trained:
         return f"not trained to the end ({fitted.seconds:.0f} CPU s)"
     return "; ".join(fitted.warnings) if isinstance(fitted, AssessedMotion) else ""
-
-
-def _read_trial(case: ExperimentCase, name: str, folder: Path) -> Trial:
-    """Read a trial from a folder."""
-    values = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
-    with np.load(folder / "trial.npz") as arrays:
-        return Trial(case, name, **values, **{key: arrays[key] for key in ("t", "error", "loss")})
 
 
 def run_trials(plan: ExperimentPlan, tasks: Sequence[TrialTask], root: Path, jobs: int) -> Iterator[Trial]:
@@ -190,34 +167,21 @@ def run_trials(plan: ExperimentPlan, tasks: Sequence[TrialTask], root: Path, job
         The trial of each task, in their order.
     """
     cache = ResultCache(root)
-    missing = [
-        task
-        for task in tasks
-        if not is_cached(
-            find_method(task, plan), build_case_series(task.case, plan), plan.budget(task.case.scene), cache
-        )
-    ]
+    missing = [task for task in tasks if cache.find(_build_key(*prepare_trial(task, plan))) is None]
     if jobs == 1 or len(missing) <= 1:
-        yield from (_run_task(plan, task, cache) for task in tasks)
+        yield from (_run_task(plan, task, root) for task in tasks)
         return
     # fresh processes: a forked one would inherit threads of the libraries
     with ProcessPoolExecutor(min(jobs, len(missing)), multiprocessing.get_context("spawn")) as pool:
         longest_first = sorted(missing, key=lambda task: (task.method != THESIS_NET, not is_network(task.method)))
-        pending = {task: pool.submit(_fill_cache, plan, task, root) for task in longest_first}
+        pending = {task: pool.submit(_run_task, plan, task, root) for task in longest_first}
         try:
             for task in tasks:
-                if task in pending:
-                    pending[task].result()
-                yield _run_task(plan, task, cache)
+                yield pending[task].result() if task in pending else _run_task(plan, task, root)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _fill_cache(plan: ExperimentPlan, task: TrialTask, root: Path) -> None:
-    """Run a trial so that the cache holds it."""
-    _run_task(plan, task, ResultCache(root))
-
-
-def _run_task(plan: ExperimentPlan, task: TrialTask, cache: ResultCache) -> Trial:
+def _run_task(plan: ExperimentPlan, task: TrialTask, root: Path) -> Trial:
     """Run the trial of a task, or read it from the cache."""
-    return run_trial(find_method(task, plan), build_case_series(task.case, plan), plan.budget(task.case.scene), cache)
+    return run_trial(*prepare_trial(task, plan), ResultCache(root))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,6 +13,7 @@ from models.core.fit_result import Fit, Parameter
 from models.core.naming import Naming
 from models.core.number_format import format_with_sigma
 from models.core.scene import CUSHIONS, Scene
+from models.core.trajectory import State
 from models.core.typing import FloatArray
 from models.estimation.forecast.forecast_values import ForecastErrors
 from pipeline.reporting.figures.motion_samples import find_moving_balls, kinetic_energy
@@ -120,9 +121,7 @@ def build_speed_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go.
     Returns:
         The figure, in m/s.
     """
-    t = fit.trajectory.sample_times(PLOT_HZ)
-    state = fit.trajectory.at(t)
-    figure = _build_time_figure(scene, fit, looks, t, np.linalg.norm(state.v, axis=-1), state.xy)
+    figure = _build_time_figure(scene, fit, looks, lambda state: np.linalg.norm(state.v, axis=-1))
     return figure.update_yaxes(title="speed (m/s)", rangemode="tozero", hoverformat=".2f")
 
 
@@ -137,25 +136,27 @@ def build_energy_figure(scene: Scene, fit: Fit, looks: Sequence[BallLook]) -> go
     Returns:
         The figure, in mJ.
     """
-    t = fit.trajectory.sample_times(PLOT_HZ)
-    state = fit.trajectory.at(t)
-    energy = 1000 * kinetic_energy(state, scene.table)
-    figure = _build_time_figure(scene, fit, looks, t, energy, state.xy)
-    moves = find_moving_balls(state.xy, scene.table.ball_radius)
-    if moves.sum() > 1:
-        whole = np.nansum(energy[:, moves], axis=1)
-        figure.add_scatter(x=t, y=whole, mode="lines", name="all balls", line={"color": "#1f4e9c", "dash": "dot"})
+    figure = _build_time_figure(scene, fit, looks, lambda state: 1000 * kinetic_energy(state, scene.table), True)
     return figure.update_yaxes(title="energy (mJ)", rangemode="tozero", hoverformat=".1f")
 
 
 def _build_time_figure(
-    scene: Scene, fit: Fit, looks: Sequence[BallLook], t: FloatArray, values: FloatArray, xy: FloatArray
+    scene: Scene,
+    fit: Fit,
+    looks: Sequence[BallLook],
+    evaluate: Callable[[State], FloatArray],
+    has_sum: bool = False,
 ) -> go.Figure:
-    figure = go.Figure()
-    moves = find_moving_balls(xy, scene.table.ball_radius)
+    """Build the plot of values (T, N) of the states of all balls, and of their sum, over time."""
+    figure, t = go.Figure(), fit.trajectory.sample_times(PLOT_HZ)
+    state = fit.trajectory.at(t)
+    values, moves = evaluate(state), find_moving_balls(state.xy, scene.table.ball_radius)
     for k, ball in enumerate(map(fit.naming.name_ball, fit.trajectory.ids)):
         if moves[k]:
             figure.add_scatter(x=t, y=values[:, k], mode="lines", name=ball, line=style_line(looks[k]))
+    if has_sum and moves.sum() > 1:
+        whole = np.nansum(values[:, moves], axis=1)
+        figure.add_scatter(x=t, y=whole, mode="lines", name="all balls", line={"color": "#1f4e9c", "dash": "dot"})
     line = {"width": 1, "dash": "dot", "color": "#9ca3af"}
     marks = [
         {"type": "line", "xref": "x", "yref": "y domain", "x0": when, "x1": when, "y0": 0, "y1": 1, "line": line}

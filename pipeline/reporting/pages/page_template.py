@@ -87,10 +87,10 @@ JPEG_QUALITY = 82
 MAX_IMAGE_PX = 1280
 
 
-def embed_image_file(path: Path) -> str:
-    """Encode an image file as the data URI of a JPEG."""
+def embed_image_file(path: Path, longest: int = MAX_IMAGE_PX, quality: int = JPEG_QUALITY) -> str:
+    """Encode an image file as the data URI of a JPEG whose sides are no longer than `longest` px."""
     with Image.open(path) as image:
-        return build_jpeg_uri(np.asarray(image.convert("RGB")))
+        return build_jpeg_uri(np.asarray(image.convert("RGB")), longest, quality)
 
 
 def build_jpeg_uri(pixels: ImageArray, longest: int = MAX_IMAGE_PX, quality: int = JPEG_QUALITY) -> str:

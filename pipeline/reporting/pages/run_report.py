@@ -10,11 +10,10 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from models.core.ball_look import format_colour
 from models.core.fit_result import Fit, is_undecided
-from models.core.naming import Naming, join_names
+from models.core.naming import join_names
 from models.core.number_format import format_measured, format_probability, format_unit
 from models.core.scene import Scene
 from models.core.tracks import Tracks
@@ -26,8 +25,8 @@ from models.estimation.contact_test.shot_record import ShotRecord, make_shot_rec
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
 from pipeline.engine.atomic_write import write_text
-from pipeline.reporting.figures.run_figures import PARAMETER_ROW_PX as PARAMETER_PX
 from pipeline.reporting.figures.run_figures import (
+    PARAMETER_ROW_PX,
     build_energy_figure,
     build_forecast_figure,
     build_parameter_figure,
@@ -44,7 +43,7 @@ from pipeline.reporting.pages.page_template import (
 from pipeline.reporting.text.call_sentences import format_call, format_gap, name_topic
 from pipeline.reporting.text.check_list import CheckPlace, select_check_places
 from pipeline.reporting.text.check_sentences import format_alternatives, format_check_place, format_least_sure
-from pipeline.reporting.text.correction_sentences import HAND_PREFIX
+from pipeline.reporting.text.fit_sentences import HAND_PREFIX, format_whole_shot
 from pipeline.reporting.text.number_sentences import list_number_rows
 from pipeline.reporting.text.shot_summary import MIN_PROBABILITY, ShotSummary, summarize_shots
 from pipeline.reporting.text.text_formatting import (
@@ -55,13 +54,14 @@ from pipeline.reporting.text.text_formatting import (
     format_textbook_range,
     summarize_trust,
 )
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.calibration.table_classifier import ALTERNATIVES_PREFIX
 from video.io.clip import Clip, read_frames
 from video.overlay.close_up import CloseUpFrame, NamedOutline, draw_place
 
 # What the page of a batch shows of a run, beside the report.
 SUMMARY_FILE = "summary.json"
+# Longest side of the small poster of that page, and JPEG quality: 8 to 15 kB.
+THUMBNAIL_PX, THUMBNAIL_QUALITY = 320, 70
 # s of the clip before an event, from which the video plays.
 LEAD_IN_SECONDS = 0.15
 BY_SEGMENT_HEADING = "Every motion and contact fitted by itself"
@@ -125,12 +125,14 @@ def write_report(
     doubts = ["Lengths and speeds hold for the guessed table size (see above)."] if is_guess else []
     summaries = summarize_shots(tracks, fit, scene.table, doubts, calls)
     shot_numbers = [(one.t, list_number_rows(one, fit.naming, scene.table.ball_radius)) for one in fit.shot_numbers]
+    finite = [p for p in fit.parameters if np.isfinite(p.sigma)]
+    height = 50 + PARAMETER_ROW_PX * len(finite)
     html = render_template(
         "report.html",
         name=title,
         trust=fit.trust,
         summaries=summaries,
-        balls=list_ball_colours(tracks),
+        balls=[(look.name, format_colour(look.colour)) for look in tracks.looks],
         stripes=any(look.is_striped for look in tracks.looks),
         poster=embed_image_file(files.poster),
         video=files.slow,
@@ -140,7 +142,7 @@ def write_report(
         no_events=format_no_events(fit),
         counts=[likely.count(kind) for kind in ("ball", "cushion", "pocket")],
         least_sure=format_least_sure(fit.events, range(len(fit.events)), fit.explanation, fit.naming),
-        checks=[(view, _seek_time(view.t, files)) for view in build_check_views(clip, scene, tracks, fit, places)],
+        checks=_list_checks(clip, scene, tracks, fit, places, files),
         plan=embed_figure(build_plan_figure(scene, fit, tracks.looks), "plan", 440),
         speeds=embed_figure(build_speed_figure(scene, fit, tracks.looks), "speeds", 330),
         energies=embed_figure(build_energy_figure(scene, fit, tracks.looks), "energies", 330),
@@ -152,10 +154,12 @@ def write_report(
         near_diameters=f"{NEAR_MISS_DIAMETERS:g}",
         near_count=MAX_NEAR_MISSES,
         plotly=pack_plotly_source(),
-        parameter_plot=_embed_parameter_plot(fit),
+        parameter_plot="" if not finite else embed_figure(build_parameter_figure(finite), "parameters", height),
         parameters=_list_parameters(fit),
         whole_shot=format_whole_shot(fit),
-        forecast_plot=_embed_forecast_plot(errors, fit.naming),
+        forecast_plot=""
+        if errors is None or not len(errors.error)
+        else embed_figure(build_forecast_figure(errors, fit.naming), "forecast", 330),
         forecast_time=None if errors is None else errors.t,
         flags=assess_quality(clip, scene, fit),
         notes=[
@@ -169,7 +173,8 @@ def write_report(
         digest=clip.digest,
     )
     write_text(path, html)
-    summary = describe_run(clip, tracks, fit, calls, summaries) | {"thumbnail": _embed_thumbnail(files.poster)}
+    thumbnail = embed_image_file(files.poster, THUMBNAIL_PX, THUMBNAIL_QUALITY)
+    summary = describe_run(clip, tracks, fit, calls, summaries) | {"thumbnail": thumbnail}
     write_text(path.with_name(SUMMARY_FILE), json.dumps(summary, indent=1, allow_nan=False))
 
 
@@ -190,21 +195,6 @@ def describe_run(
     }  # fmt: skip
 
 
-# Longest side, and JPEG quality: 8 to 15 kB.
-THUMBNAIL_PX, THUMBNAIL_QUALITY = 320, 70
-
-
-def _embed_thumbnail(poster: Path) -> str:
-    """Encode a small poster as the data URI of a JPEG."""
-    with Image.open(poster) as image:
-        return build_jpeg_uri(np.asarray(image.convert("RGB")), THUMBNAIL_PX, THUMBNAIL_QUALITY)
-
-
-def list_ball_colours(tracks: Tracks) -> list[tuple[str, str]]:
-    """List the names of the balls with their CSS colours."""
-    return [(look.name, format_colour(look.colour)) for look in tracks.looks]
-
-
 def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str, str, str, str]]]]:
     """List the fitted parameters as table rows, under one heading for each of the two fits."""
     whole = () if fit.whole_shot is None else fit.whole_shot.parameters
@@ -217,20 +207,6 @@ def _list_parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str, str, str,
         ])
         for heading, parameters in groups if parameters
     ]  # fmt: skip
-
-
-def _embed_parameter_plot(fit: Fit) -> str:
-    """Embed the figure of the fitted parameters; empty if there are none."""
-    parameters = [p for p in fit.parameters if np.isfinite(p.sigma)]
-    height = 50 + PARAMETER_PX * len(parameters)
-    return embed_figure(build_parameter_figure(parameters), "parameters", height) if parameters else ""
-
-
-def _embed_forecast_plot(errors: ForecastErrors | None, naming: Naming) -> str:
-    """Embed the figure of the errors of a prediction; empty if there is none."""
-    if errors is None or not len(errors.error):
-        return ""
-    return embed_figure(build_forecast_figure(errors, naming), "forecast", 330)
 
 
 def build_event_rows(
@@ -341,42 +317,19 @@ DEFAULT_RADIUS_PX = 10.0
 DATED_CODES = ("undecided", "unexplained")
 
 
-@dataclass(frozen=True, slots=True)
-class CheckView:
-    """One place on the page."""
-
-    frame: int
-    t: float
-    """s."""
-    uncertainty: str
-    sentence: str
-    image: str
-    """Data URI of the close-up; empty where the place is unknown."""
-    alt: str
-    """Text for readers who do not see the image."""
-
-
-def build_check_views(
-    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, places: Sequence[CheckPlace]
-) -> list[CheckView]:
-    """Build the close-ups of places.
-
-    Args:
-        scene: Table and camera.
-        tracks: Tracks of T frames and N balls.
-        fit: The fit of the shot.
-
-    Returns:
-        One view per place.
-    """
+def _list_checks(
+    clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, places: Sequence[CheckPlace], files: ReportFiles
+) -> list[dict[str, str | float]]:
+    """List the places to check with their close-ups; each seeks the video to shortly before it."""
     frames = sorted({place.frame for place in places})
     images = dict(read_frames(clip, indices=frames)) if frames else {}
     return [
-        CheckView(
-            place.frame, place.t, format_probability(place.uncertainty), format_check_place(place, fit.naming),
-            _embed_close_up(scene, tracks, fit, place, images[place.frame]),
-            f"close-up of {join_names(map(fit.naming.say, place.balls[:MAX_OUTLINES]))} in frame {place.frame}",
-        )
+        {
+            "frame": place.frame, "t": place.t, "uncertainty": format_probability(place.uncertainty),
+            "sentence": format_check_place(place, fit.naming), "seek": _seek_time(place.t, files),
+            "image": _embed_close_up(scene, tracks, fit, place, images[place.frame]),
+            "alt": f"close-up of {join_names(map(fit.naming.say, place.balls[:MAX_OUTLINES]))} in frame {place.frame}",
+        }
         for place in places
     ]  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,12 @@ from models.core.number_format import format_unit
 from models.estimation.shot_numbers.session_statistics import SeriesSummary
 from pipeline.io.csv_tables import Columns
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
-from pipeline.reporting.text.number_sentences import TIP_SHARE, format_direction, format_number
-from pipeline.reporting.text.session_sentences import (
+from pipeline.reporting.text.number_sentences import (
+    TIP_SHARE,
+    format_direction,
     format_level,
     format_measurement,
+    format_number,
     format_own_spread,
     format_spread,
     format_trend,
@@ -30,8 +32,6 @@ MAIN_NUMBERS = (
     "cue_speed", "direction", "top_spin_share", "side_spin_share", "contact_speed", "cut_angle", "throw", "deflection",
     "object_speed", "pocket_offset", "pocket_speed", "length", "object_length", "cushions",
 )  # fmt: skip
-# px.
-_FIGURE_HEIGHT = 300
 
 
 def write_session_page(
@@ -48,40 +48,28 @@ def write_session_page(
     """
     groups = [name for name in summaries if name]
     owners = list(map(str, columns["group"]))
-    shown = [one for one in summaries[""] if _is_shown(one)]
-    figures = [
-        (name_number(one.name), embed_figure(_trend(columns, one, groups), f"trend-{k}", _FIGURE_HEIGHT))
-        for k, one in enumerate(shown)
-    ]
+    in_table = {
+        name: [one for one in some if one.count and one.name in MAIN_NUMBERS] for name, some in summaries.items()
+    }
+    shown = in_table[""]
+    trends = (embed_figure(build_trend_figure(columns, one, groups), f"trend-{k}", 300) for k, one in enumerate(shown))
     has_tips = all(np.isfinite(np.asarray(columns.get(f"{name}_spin_share", []))).any() for name in ("side", "top"))
     html = render_template(
         "session.html",
         name=title,
         groups=[
-            (escape_text(name), [_describe_summary(one, columns, name) for one in summaries[name] if _is_shown(one)])
+            (escape_text(name), [_describe_summary(one, columns, name) for one in in_table[name]])
             for name in ("", *(name for name in groups if 1 < owners.count(name) < len(owners)))
         ],
         has_groups=owners != [Path(str(place)).name for place in columns["folder"]],
         headings=[name_number(one.name) for one in shown],
         shots=[_describe_shot(columns, row, shown) for row in range(len(columns["number"]))],
-        figures=figures,
+        figures=[(name_number(one.name), figure) for one, figure in zip(shown, trends, strict=True)],
         tips=embed_figure(build_tip_figure(columns, groups), "tips", 420) if has_tips else "",
         notes=list(notes),
         plotly=pack_plotly_source(),
     )  # fmt: skip
     path.write_text(html, encoding="utf-8")
-
-
-def _is_shown(one: SeriesSummary) -> bool:
-    return one.count > 0 and one.name in MAIN_NUMBERS
-
-
-def _trend(columns: Columns, one: SeriesSummary, groups: Sequence[str]) -> go.Figure:
-    if one.name == "direction":
-        turn = np.asarray(columns["direction"]) - one.median
-        columns = {**columns, "direction": (turn + 180) % 360 - 180}
-        return build_trend_figure(columns, one.name, replace(one, median=0.0), groups, "° to the right of the median")
-    return build_trend_figure(columns, one.name, one, groups, format_unit(one.unit))
 
 
 def _describe_summary(one: SeriesSummary, columns: Columns, group: str) -> dict[str, str | bool | int]:
@@ -125,42 +113,38 @@ GROUP_COLOURS = ("#0f5c42", "#b45309", "#1d4ed8", "#9d174d", "#4d7c0f", "#6d28d9
 MAX_TIP_OFFSET = 0.5
 
 
-def build_trend_figure(
-    columns: Columns, name: str, summary: SeriesSummary, groups: Sequence[str], label: str
-) -> go.Figure:
+def build_trend_figure(columns: Columns, summary: SeriesSummary, groups: Sequence[str]) -> go.Figure:
     """Build the figure of one number over the shots of a session, with its trend.
 
     Args:
         columns: Table of the session.
-        name: Name of the number.
-        summary: Its summary over all shots.
+        summary: Summary of the number over all shots.
         groups: Names of the groups, in the order of their colours.
-        label: Title of the axis.
 
     Returns:
         The figure; bars are one standard deviation.
     """
-    figure, x = go.Figure(), np.asarray(columns["number"], np.float64)
+    figure, x, name = go.Figure(), np.asarray(columns["number"], np.float64), summary.name
     values, sigmas = np.asarray(columns[name], np.float64), np.asarray(columns[f"{name}_sigma"], np.float64)
+    label, level = format_unit(summary.unit), summary.median
+    if name == "direction":
+        values, label, level = (values - level + 180) % 360 - 180, "° to the right of the median", 0.0
     owners = np.array(columns["group"])
-    for k, group in enumerate(groups):
+    for group, colour in zip(groups, cycle(GROUP_COLOURS), strict=False):
         rows = (owners == group) & np.isfinite(values)
         figure.add_scatter(
             x=x[rows], y=values[rows], error_y={"array": sigmas[rows], "thickness": 1, "width": 2}, mode="markers",
-            name=group, legendgroup=group, showlegend=len(groups) > 1, marker={"color": _colour(k), "size": 7},
+            name=group, legendgroup=group, showlegend=len(groups) > 1, marker={"color": colour, "size": 7},
             hovertemplate="shot %{x}: %{y:.3g}<extra>" + group + "</extra>",
         )  # fmt: skip
     if np.isfinite(summary.slope):
         shown = x[np.isfinite(values)]
         line = np.array([shown.min(), shown.max()])
         middle = float(np.median(shown))
-        for slope, dash, width in (
-            (summary.slope, "solid", 2),
-            (summary.slope_low, "dot", 1),
-            (summary.slope_high, "dot", 1),
-        ):
+        limits = ((slope, "dot", 1) for slope in (summary.slope_low, summary.slope_high))
+        for slope, dash, width in ((summary.slope, "solid", 2), *limits):
             figure.add_scatter(
-                x=line, y=summary.median + slope * (line - middle), mode="lines", showlegend=False, hoverinfo="skip",
+                x=line, y=level + slope * (line - middle), mode="lines", showlegend=False, hoverinfo="skip",
                 line={"color": "#4d5852", "dash": dash, "width": width},
             )  # fmt: skip
     figure.update_xaxes(title="shot", rangemode="tozero", dtick=max(1, round(len(x) / 10)))
@@ -184,16 +168,12 @@ def build_tip_figure(columns: Columns, groups: Sequence[str]) -> go.Figure:
         figure.add_shape(
             type="circle", x0=-radius, y0=-radius, x1=radius, y1=radius, line={"color": "#4d5852", "dash": dash}
         )
-    for k, group in enumerate(groups):
+    for group, colour in zip(groups, cycle(GROUP_COLOURS), strict=False):
         rows = (owners == group) & np.isfinite(side) & np.isfinite(top)
         figure.add_scatter(
             x=TIP_SHARE * side[rows], y=TIP_SHARE * top[rows], mode="markers", name=group, showlegend=len(groups) > 1,
-            marker={"color": _colour(k), "size": 9}, hovertemplate="right %{x:.2f} R, up %{y:.2f} R<extra></extra>",
+            marker={"color": colour, "size": 9}, hovertemplate="right %{x:.2f} R, up %{y:.2f} R<extra></extra>",
         )  # fmt: skip
     figure.update_xaxes(title="to the right (radii)", range=[-1.1, 1.1])
     figure.update_yaxes(title="above the centre (radii)", range=[-1.1, 1.1], scaleanchor="x")
     return figure
-
-
-def _colour(k: int) -> str:
-    return GROUP_COLOURS[k % len(GROUP_COLOURS)]

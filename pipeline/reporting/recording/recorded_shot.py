@@ -1,4 +1,7 @@
-"""A shot prepared for a recording: results of the chain, sampled motion and colours."""
+"""A shot prepared for a recording: stream, layout of the viewer, sampled motion and colours, and layers over the clip.
+
+The layers are in px of the upright frames of the clip.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +10,24 @@ import os
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
+from rerun.blueprint.encodings import TextLogColumn
 
+from models.core.detections import Detections
 from models.core.fit_result import Fit
-from models.core.scene import Scene
+from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import ByteArray, FloatArray
 from pipeline.reporting.figures.motion_samples import find_moving_balls, simplify_line
 from video.drawing.palette import INK, adapt_to_any_background, ensure_contrast
 from video.io.clip import Clip
+from video.io.playback_copy import ensure_playable, re_encode_clip
 
 # Name of the timeline in s of the source clip.
 VIDEO_TIME = "video_time"
@@ -122,3 +130,157 @@ def build_recorded_shot(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit) -> R
     return RecordedShot(
         clip, scene, tracks, fit, t, state, find_moving_balls(state.xy, scene.table.ball_radius), lines, plotted
     )
+
+
+# Margin of the plan around the table, ball radii.
+MARGIN_RADII = 4.0
+
+
+def build_blueprint(clip: Clip, table: Table | None) -> rrb.Blueprint:
+    """Build the layout for a clip; without a table, the plan has no fixed bounds."""
+    whole = rrb.VisualBounds2D(x_range=[-0.5, clip.width - 0.5], y_range=[-0.5, clip.height - 0.5])
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(
+                rrb.Spatial2DView(origin="picture", name="Video", visual_bounds=whole),
+                rrb.Vertical(build_plan_view(table), _build_text_views(), row_shares=[3, 2]),
+                column_shares=[3, 2],
+            ),
+            rrb.Horizontal(
+                _build_plot_view(clip, "speed", "Speed (m/s)"),
+                _build_plot_view(clip, "energy", "Energy (mJ)"),
+                _build_plot_view(clip, "residual", "Measured minus fitted (mm)"),
+            ),
+            row_shares=[5, 2],
+        ),
+        rrb.TimePanel(timeline=VIDEO_TIME, state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def build_plan_view(table: Table | None) -> rrb.Spatial2DView:
+    """Build the view of the table from above."""
+    if table is None:
+        return rrb.Spatial2DView(origin="plan", name="Plan (m)")
+    margin = MARGIN_RADII * table.ball_radius
+    below = table.width + 1.5 * margin  # with room for the caption
+    bounds = rrb.VisualBounds2D(x_range=[-margin, table.length + margin], y_range=[-margin, below])
+    return rrb.Spatial2DView(origin="plan", name="Plan (m)", visual_bounds=bounds)
+
+
+def _build_text_views() -> rrb.Tabs:
+    body, level = TextLogColumn("Body"), TextLogColumn("LogLevel")
+    events = rrb.TextLogView(
+        origin="log/events", name="Events", columns=rrb.TextLogColumns(timeline_columns=[], text_log_columns=[body])
+    )
+    chain = rrb.TextLogView(
+        origin="log/chain",
+        name="Processing log",
+        columns=rrb.TextLogColumns(timeline_columns=[], text_log_columns=[level, body]),
+    )
+    return rrb.Tabs(events, rrb.TextDocumentView(origin="about", name="Fitted model"), chain, active_tab=0)
+
+
+def _build_plot_view(clip: Clip, what: str, name: str) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(rrb.Corner2D.RightTop)  # the upper right is empty: balls are fast at the beginning
+    first, last = (rrb.TimeRangeBoundary.absolute(seconds=float(clip.t[k])) for k in (0, -1))
+    whole = rrb.TimeAxis(
+        view_range=rrb.TimeRange(start=first, end=last)
+    )  # same range in all plots, so that times align
+    return rrb.TimeSeriesView(origin=f"plots/{what}", name=name, plot_legend=legend, axis_x=whole)
+
+
+# Radius of the disc of a detection, standard deviations.
+DOT_SIGMAS = 3.0
+# Least radius of a disc that is visible, px.
+MIN_DOT_RADIUS = 0.75
+# Radius of the ring of a track, ball radii; more than one, so that it does not cover the ball.
+RING_RADII = 1.15
+
+
+def log_video(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
+    """Log the clip, or a re-encoded copy that the viewer can play, made in `folder`; the recording embeds it."""
+    with TemporaryDirectory(prefix=".", dir=folder) as aside:
+        asset, stamps = _load_video_asset(clip, Path(aside) / "copy.mp4")
+    stream.log("picture/video", asset, static=True)
+    stamps = np.sort(stamps)[: clip.frame_count]
+    times = build_time_columns(clip.t[: len(stamps)], clip)
+    stream.send_columns("picture/video", times, rr.VideoFrameReference.columns_nanos(stamps))
+
+
+def _load_video_asset(clip: Clip, copy: Path) -> tuple[rr.AssetVideo, NDArray[np.int64]]:
+    """Load the video and the times of its frames, ns; re-encode a file that the viewer cannot parse."""
+    asset = rr.AssetVideo(path=ensure_playable(clip, copy))
+    try:
+        return asset, asset.read_frame_timestamps_nanos()
+    except RuntimeError:
+        asset = rr.AssetVideo(path=re_encode_clip(clip, copy))
+        return asset, asset.read_frame_timestamps_nanos()
+
+
+def log_detections(stream: rr.RecordingStream, clip: Clip, detections: Detections) -> None:
+    """Log each detection as a disc of three standard deviations, with sigma (px) and score."""
+    frames, counts = np.unique(detections.frame, return_counts=True)
+    if len(frames):
+        radii = np.maximum(DOT_SIGMAS * detections.sigma, MIN_DOT_RADIUS)
+        points = rr.Points2D.columns(positions=detections.centre, radii=radii).partition(counts)
+        facts = rr.AnyValues.columns(sigma_px=detections.sigma, score=detections.score).partition(counts)
+        stream.send_columns("picture/detections", build_time_columns(clip.times_of(frames), clip), [*points, *facts])
+    stream.log("picture/detections", rr.Points2D.from_fields(colors=[255, 255, 255, 160]), static=True)
+
+
+def log_tracks(stream: rr.RecordingStream, clip: Clip, tracks: Tracks, colours: ByteArray) -> None:
+    """Log a ring around each ball in the frames where it was observed; colours (N, 3)."""
+    is_observed = tracks.is_observed
+    angle = np.linspace(0, 2 * np.pi, 33)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    for k, ball in enumerate(tracks.ids):
+        rows = np.flatnonzero(is_observed[:, k])
+        rings = tracks.px[rows, k, None, :] + RING_RADII * tracks.radius_px[rows, k, None, None] * circle
+        entity = f"picture/tracks/{ball}"
+        if len(rows):
+            strips = rr.LineStrips2D.columns(strips=list(rings.astype(np.float32)))
+            stream.send_columns(
+                entity, build_time_columns(tracks.t, clip), strips.partition(is_observed[:, k].astype(np.int64))
+            )
+        look = {"colors": colours[k], "radii": rr.Radius.ui_points(1.0), "labels": [tracks.looks[k].name]}
+        stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
+
+
+def log_paths(stream: rr.RecordingStream, shot: RecordedShot) -> None:
+    """Log the whole fitted path of each moving ball, faint, and its path up to each frame, bright, in both views."""
+    for k in map(int, np.flatnonzero(shot.is_moving)):
+        t, xy = shot.path_points(k)
+        for view, colours in (("picture", shot.frame_colours), ("plan", shot.plan_colours)):
+            entity = f"{view}/paths/{shot.ids[k]}"
+            lines = shot.to_frame_pixels(xy) if view == "picture" else xy[None].astype(np.float32)
+            times = build_time_columns(shot.clip.t[: len(lines)], shot.clip)
+            stream.send_columns(entity, times, rr.LineStrips2D.columns(strips=list(lines)))
+            faint = {"colors": [*colours[k], 90], "radii": rr.Radius.ui_points(0.75)}
+            stream.log(entity, rr.LineStrips2D.from_fields(**faint), static=True)
+            _log_path_so_far(stream, f"{view}/past/{shot.ids[k]}", shot, t, xy, k, colours[k])
+
+
+def _log_path_so_far(
+    stream: rr.RecordingStream,
+    entity: str,
+    shot: RecordedShot,
+    t: FloatArray,
+    xy: FloatArray,
+    ball: int,
+    colour: ByteArray,
+) -> None:
+    """Log the path of a ball up to each frame, from its points (n, 2) m at t (n,) s."""
+    shown = shot.clip.t
+    now = shot.fit.trajectory.at(shown).xy[:, ball]
+    there = np.flatnonzero(np.isfinite(now[:, 0]) & (shown > t[0]))
+    lines = [np.vstack([xy[t < shown[k]], now[k]]) for k in there]
+    if entity.startswith("picture"):
+        camera, radius = shot.scene.camera, shot.scene.table.ball_radius
+        lines = [camera.to_pixels(line, radius, k) for k, line in zip(shot.clip.frames[there], lines, strict=True)]
+    look = {"colors": colour, "radii": rr.Radius.ui_points(1.5)}
+    stream.log(entity, rr.LineStrips2D.from_fields(**look), static=True)
+    if len(there):
+        strips = rr.LineStrips2D.columns(strips=[line.astype(np.float32) for line in lines])
+        stream.send_columns(entity, build_time_columns(shown[there], shot.clip), strips)

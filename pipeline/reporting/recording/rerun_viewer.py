@@ -10,8 +10,8 @@ import subprocess
 import sys
 import time
 import webbrowser
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -83,24 +83,6 @@ def has_display() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in DISPLAY_VARIABLES)
 
 
-@contextmanager
-def open_viewer(recordings: Sequence[Path], *, web: bool) -> Iterator[Viewer]:
-    """Open a viewer that is closed with the context.
-
-    Args:
-        recordings: Recordings to show.
-        web: Whether to serve a web page instead of opening a window.
-
-    Yields:
-        The running viewer.
-    """
-    viewer = start_viewer(recordings, web=web)
-    try:
-        yield viewer
-    finally:
-        viewer.close()
-
-
 def start_viewer(recordings: Sequence[Path], *, web: bool) -> Viewer:
     """Start a viewer on recordings.
 
@@ -163,7 +145,7 @@ def show_recordings(recordings: Sequence[Path], *, web: bool) -> int:
     Returns:
         Exit status of the viewer.
     """
-    with open_viewer(recordings, web=web) as viewer:
+    with closing(start_viewer(recordings, web=web)) as viewer:
         if len(recordings) > 1:
             print(f"{len(recordings)} recordings: the left panel lists them (button at the top right)", flush=True)
         if viewer.page_url:

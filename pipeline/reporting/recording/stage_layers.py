@@ -1,4 +1,4 @@
-"""The recording of a run, and the layers that each stage of the chain adds to it, finished or live."""
+"""The recording of a run: the layers of clip, plan, plots, events and text."""
 
 from __future__ import annotations
 
@@ -8,69 +8,33 @@ import numpy as np
 import rerun as rr
 
 from models.core.detections import Detections
-from models.core.fit_result import Fit, Parameter, is_undecided
+from models.core.fit_result import Fit, is_undecided
 from models.core.number_format import format_measured, format_unit
 from models.core.scene import Scene, Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import replace_file
 from pipeline.reporting.figures.motion_samples import kinetic_energy
-from pipeline.reporting.recording.frame_layer import log_detections, log_path_so_far, log_paths, log_tracks, log_video
 from pipeline.reporting.recording.recorded_shot import (
     FRAME,
     VIDEO_TIME,
     RecordedShot,
+    build_blueprint,
     build_recorded_shot,
     build_time_columns,
     finish_stream,
+    log_detections,
+    log_paths,
+    log_tracks,
+    log_video,
     open_stream,
 )
-from pipeline.reporting.recording.viewer_blueprint import build_blueprint
 from pipeline.reporting.text.call_sentences import format_gap
 from pipeline.reporting.text.check_sentences import format_event_probability
+from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.text_formatting import format_event, format_event_time, format_textbook_range
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
 from video.drawing.palette import lighten_for_text
 from video.io.clip import Clip
-
-
-def log_read_stage(stream: rr.RecordingStream, clip: Clip, folder: Path) -> None:
-    """Log the clip; `folder` is the place of a temporary copy that the viewer can play."""
-    log_video(stream, clip, folder)
-    log_stage_lines(stream, clip, "read", describe_clip(clip))
-
-
-def log_calibrate_stage(stream: rr.RecordingStream, clip: Clip, scene: Scene) -> None:
-    """Log the table."""
-    log_table(stream, scene.table)
-    log_stage_lines(stream, clip, "calibrate", describe_scene(scene))
-
-
-def log_detect_stage(stream: rr.RecordingStream, clip: Clip, detections: Detections) -> None:
-    """Log the detections of all frames."""
-    log_detections(stream, clip, detections)
-    log_stage_lines(stream, clip, "detect", describe_detections(detections))
-
-
-def log_track_stage(stream: rr.RecordingStream, clip: Clip, tracks: Tracks) -> None:
-    """Log the tracks of all balls."""
-    colours = [lighten_for_text(look.colour) for look in tracks.looks]
-    log_tracks(stream, clip, tracks, np.array(colours, dtype=np.uint8).reshape(-1, 3))
-    log_stage_lines(stream, clip, "track", describe_tracks(tracks))
-
-
-def log_fit_stage(stream: rr.RecordingStream, shot: RecordedShot) -> None:
-    """Log motion, events, parameters and trust level."""
-    log_paths(stream, shot)
-    log_plan_paths(stream, shot)
-    log_fitted_balls(stream, shot)
-    log_residuals(stream, shot)
-    log_plots(stream, shot)
-    log_events(stream, shot)
-    log_parameters(stream, shot.fit)
-    log_about(stream, shot)
-    log_stage_lines(stream, shot.clip, "fit", describe_fit(shot.fit))
-
 
 # s for which a caption is shown below the plan.
 CAPTION_SECONDS = 0.8
@@ -188,62 +152,34 @@ LogLine = tuple[str, str]
 
 def log_stage_lines(stream: rr.RecordingStream, clip: Clip, stage: str, lines: list[LogLine]) -> None:
     """Log lines of a stage in `log/chain` at the first frame."""
-    levels, texts = zip(*lines, strict=True) if lines else ((), ())
-    columns = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
     if lines:
+        levels, texts = zip(*lines, strict=True)
+        columns = rr.TextLog.columns(text=[f"{stage}: {text}" for text in texts], level=list(levels))
         stream.send_columns(f"log/chain/{stage}", build_time_columns(np.full(len(lines), clip.t[0]), clip), columns)
 
 
-def describe_clip(clip: Clip) -> list[LogLine]:
-    """Describe frame count, frame rate, size and faults of a clip."""
+def describe_stages(
+    clip: Clip, scene: Scene, detections: Detections, tracks: Tracks, fit: Fit
+) -> dict[str, list[LogLine]]:
+    """Describe the result of every stage: faults, assumptions, numbers, noise and trust."""
     counted = f"{clip.frame_count} frames, {len(clip.distinct_frames)} distinct, {float(clip.fps):.3f} fps"
-    return [("INFO", f"{counted}, {clip.width} x {clip.height}"), *(("WARN", note) for note in clip.notes)]
-
-
-def describe_scene(scene: Scene) -> list[LogLine]:
-    """Describe how the table was located and which assumptions were made."""
-    return [("WARN" if note in scene.warnings else "INFO", note) for note in scene.notes]
-
-
-def describe_detections(detections: Detections) -> list[LogLine]:
-    """Describe number and position noise of the detections."""
-    if not len(detections):
-        return [("WARN", "no ball was detected")]
-    sigma = float(np.median(detections.sigma))
-    frames = len(np.unique(detections.frame))
-    return [("INFO", f"{len(detections)} detections in {frames} frames, median position sigma {sigma:.2f} px")]
-
-
-def describe_tracks(tracks: Tracks) -> list[LogLine]:
-    """Describe the share of frames in which each ball was observed."""
-    shares = tracks.is_observed.mean(axis=0)
-    return [
-        ("INFO", f"{look.name} observed in {100 * share:.0f} % of the frames")
-        for look, share in zip(tracks.looks, shares, strict=True)
-    ]
-
-
-def describe_fit(fit: Fit) -> list[LogLine]:
-    """Describe noise, misfit and trust level of a fit."""
-    trust = fit.trust
-    level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[trust.level]
+    ball_line = ("WARN", "no ball was detected")
+    if len(detections):
+        count = f"{len(detections)} detections in {len(np.unique(detections.frame))} frames"
+        ball_line = ("INFO", f"{count}, median position sigma {float(np.median(detections.sigma)):.2f} px")
+    shares = zip(tracks.looks, tracks.is_observed.mean(axis=0), strict=True)
+    level = {"green": "INFO", "amber": "WARN", "red": "ERROR"}[fit.trust.level]
     quality = f"noise {1000 * fit.noise:.2f} mm, chi2 per degree of freedom {fit.chi2_per_dof:.2f}"
-    sentence = format_whole_shot(fit)
-    laws = [("INFO", sentence)] if sentence else []
-    return [("INFO", quality), *laws, *((level, f"trust {trust.level}: {reason}") for reason in trust.reasons)]
-
-
-def log_parameters(stream: rr.RecordingStream, fit: Fit) -> None:
-    """Log `parameters/NAME`: value, sigma, unit and whether the prior alone determined it."""
-    for p in (*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())):
-        facts = rr.AnyValues(value=p.value, sigma=p.sigma, unit=p.unit, prior_only=p.prior_only)
-        stream.log(f"parameters/{p.name}", facts, static=True)
-
-
-def log_about(stream: rr.RecordingStream, shot: RecordedShot) -> None:
-    """Log `about`: trust level, parameters and a legend of the plan."""
-    text = rr.TextDocument(format_about(shot), media_type=rr.MediaType.MARKDOWN)
-    stream.log("about", text, static=True)
+    return {
+        "read": [("INFO", f"{counted}, {clip.width} x {clip.height}"), *(("WARN", note) for note in clip.notes)],
+        "calibrate": [("WARN" if note in scene.warnings else "INFO", note) for note in scene.notes],
+        "detect": [ball_line],
+        "track": [("INFO", f"{look.name} observed in {100 * share:.0f} % of the frames") for look, share in shares],
+        "fit": [
+            ("INFO", quality), *(("INFO", one) for one in [format_whole_shot(fit)] if one),
+            *((level, f"trust {fit.trust.level}: {reason}") for reason in fit.trust.reasons),
+        ],
+    }  # fmt: skip
 
 
 def format_about(shot: RecordedShot) -> str:
@@ -251,7 +187,10 @@ def format_about(shot: RecordedShot) -> str:
     trust = shot.fit.trust
     lines = [f"# Trust: {trust.level}", *(f"- {reason}" for reason in trust.reasons), "", "## Fitted"]
     lines += ["| parameter | value | sigma | unit | textbook range |", "|---|---|---|---|---|"]
-    lines += [_format_parameter_row(p) for p in shot.fit.parameters]
+    for p in shot.fit.parameters:
+        value, sigma = format_measured(p.value, p.sigma)
+        unit, source = format_unit(p.unit), " (prior)" if p.prior_only else ""
+        lines.append(f"| {p.name} | {value} | {sigma}{source} | {unit} | {format_textbook_range(p.name)} |")
     lines += ["", f"Noise {1000 * shot.fit.noise:.2f} mm, chi2 per degree of freedom {shot.fit.chi2_per_dof:.2f}."]
     lines += [
         "",
@@ -260,12 +199,6 @@ def format_about(shot: RecordedShot) -> str:
     ]
     lines += ["- faint line: whole path; bright line: path up to the current time"]
     return "\n".join([*lines, "", "## Table", *(f"- {note}" for note in shot.scene.notes)])
-
-
-def _format_parameter_row(p: Parameter) -> str:
-    value, sigma = format_measured(p.value, p.sigma)
-    source = " (prior)" if p.prior_only else ""
-    return f"| {p.name} | {value} | {sigma}{source} | {format_unit(p.unit)} | {format_textbook_range(p.name)} |"
 
 
 # Radius of a drawn pocket, ball radii.
@@ -302,15 +235,6 @@ def log_fitted_balls(stream: rr.RecordingStream, shot: RecordedShot) -> None:
         stream.log(f"plan/balls/{ball}", rr.Points2D.from_fields(**look), static=True)
 
 
-def log_plan_paths(stream: rr.RecordingStream, shot: RecordedShot) -> None:
-    """Log the whole fitted path of each moving ball, faint, and its path up to the current time, bright."""
-    for k in np.flatnonzero(shot.is_moving):
-        t, xy = shot.path_points(int(k))
-        faint = {"colors": [*shot.plan_colours[k], 90], "radii": rr.Radius.ui_points(0.75)}
-        stream.log(f"plan/paths/{shot.ids[k]}", rr.LineStrips2D([xy], **faint), static=True)
-        log_path_so_far(stream, f"plan/past/{shot.ids[k]}", shot, t, xy, int(k), in_image=False)
-
-
 def log_residuals(stream: rr.RecordingStream, shot: RecordedShot) -> None:
     """Log the residuals of moving balls as magnified arrows from the fitted to the measured position."""
     tracks, fit = shot.tracks, shot.fit
@@ -331,18 +255,13 @@ def log_residuals(stream: rr.RecordingStream, shot: RecordedShot) -> None:
 
 def residual_magnification(shot: RecordedShot) -> float:
     """Compute the magnification of drawn residuals: 1, 2 or 5 times a power of ten, at least 1."""
-    usual = _finite_median(np.linalg.norm(shot.fit.residual[shot.fit.moving], axis=-1))
+    sizes = np.linalg.norm(shot.fit.residual[shot.fit.moving], axis=-1)
+    usual = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
     if not usual > 0:
         return 1.0
     wanted = max(ARROW_RADII * shot.scene.table.ball_radius / usual, 1.0)
     step = 10.0 ** np.floor(np.log10(wanted))
     return float(step * max(n for n in (1, 2, 5) if n * step <= wanted * (1 + 1e-12)))
-
-
-def _finite_median(sizes: FloatArray) -> float:
-    """Compute the median of the finite values; 0 if there are none."""
-    finite = sizes[np.isfinite(sizes)]
-    return float(np.median(finite)) if len(finite) else 0.0
 
 
 def write_recording(
@@ -370,9 +289,19 @@ def write_recording(
     stream = open_stream(clip.digest, title)
     with replace_file(path) as fresh:
         stream.save(fresh, default_blueprint=build_blueprint(clip, scene.table))
-        log_read_stage(stream, clip, path.parent)
-        log_calibrate_stage(stream, clip, scene)
-        log_detect_stage(stream, clip, detections)
-        log_track_stage(stream, clip, tracks)
-        log_fit_stage(stream, build_recorded_shot(clip, scene, tracks, fit))
+        log_video(stream, clip, path.parent)
+        log_table(stream, scene.table)
+        log_detections(stream, clip, detections)
+        colours = [lighten_for_text(look.colour) for look in tracks.looks]
+        log_tracks(stream, clip, tracks, np.array(colours, dtype=np.uint8).reshape(-1, 3))
+        shot = build_recorded_shot(clip, scene, tracks, fit)
+        for log in (log_paths, log_fitted_balls, log_residuals, log_plots, log_events):
+            log(stream, shot)
+        for p in (*fit.parameters, *(fit.whole_shot.parameters if fit.whole_shot is not None else ())):
+            facts = rr.AnyValues(value=p.value, sigma=p.sigma, unit=p.unit, prior_only=p.prior_only)
+            stream.log(f"parameters/{p.name}", facts, static=True)
+        about = rr.TextDocument(format_about(shot), media_type=rr.MediaType.MARKDOWN)
+        stream.log("about", about, static=True)
+        for stage, lines in describe_stages(clip, scene, detections, tracks, fit).items():
+            log_stage_lines(stream, clip, stage, lines)
         finish_stream(stream, path)

@@ -112,18 +112,15 @@ def select_check_places(tracks: Tracks, fit: Fit, table: Table) -> list[CheckPla
     places: list[CheckPlace] = []
     for reason in sorted(reasons, key=lambda one: (-one.uncertainty, one.t, one.balls)):
         frame = int(tracks.frame[np.argmin(np.abs(tracks.t - reason.t))])
-        same = next((k for k, place in enumerate(places) if _is_same_place(place, reason, frame)), None)
+        # its ball takes part there, or the reverse, at about the same time
+        near = [k for k, place in enumerate(places) if abs(place.frame - frame) <= MERGE_FRAMES]
+        joined = (k for k in near if reason.balls[0] in places[k].balls or places[k].balls[0] in reason.balls)
+        same = next(joined, None)
         if same is None:
             places.append(CheckPlace(frame, reason.t, reason.balls, reason.xy, (reason,)))
         else:
             places[same] = replace(places[same], reasons=(*places[same].reasons, reason))
     return places[:MAX_PLACES]
-
-
-def _is_same_place(place: CheckPlace, reason: CheckReason, frame: int) -> bool:
-    """Return whether the ball of a reason takes part in a place, or the reverse, at about the same time."""
-    share_ball = reason.balls[0] in place.balls or place.balls[0] in reason.balls
-    return share_ball and abs(place.frame - frame) <= MERGE_FRAMES
 
 
 def _find_unsure_moments(tracks: Tracks, fit: Fit) -> list[CheckReason]:
@@ -248,7 +245,9 @@ def _find_outliers(tracks: Tracks, fit: Fit, radius: float) -> list[CheckReason]
 
 def _find_possible_exchanges(tracks: Tracks, fit: Fit, fitted: FloatArray, radius: float) -> list[CheckReason]:
     """Find the pairs of balls that pass each other closely while neither is detected, so that they may be exchanged."""
-    is_hidden = ~tracks.is_observed & _is_between_detections(tracks)
+    before = np.logical_or.accumulate(tracks.is_observed, axis=0)
+    after = np.logical_or.accumulate(tracks.is_observed[::-1], axis=0)[::-1]
+    is_hidden = ~tracks.is_observed & before & after
     reasons = []
     for one, two in combinations(range(len(tracks.ids)), 2):
         distance = np.linalg.norm(fitted[:, one] - fitted[:, two], axis=1)
@@ -263,13 +262,6 @@ def _find_possible_exchanges(tracks: Tracks, fit: Fit, fitted: FloatArray, radiu
             names = (tracks.ids[one], tracks.ids[two])
             reasons.append(CheckReason("identity", names, float(tracks.t[row]), xy, uncertainty))
     return reasons
-
-
-def _is_between_detections(tracks: Tracks) -> NDArray[np.bool_]:
-    """Return whether each ball (T, N) was detected both before and after."""
-    before = np.logical_or.accumulate(tracks.is_observed, axis=0)
-    after = np.logical_or.accumulate(tracks.is_observed[::-1], axis=0)[::-1]
-    return np.asarray(before & after, dtype=bool)
 
 
 def _split_runs(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:

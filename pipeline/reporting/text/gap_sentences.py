@@ -14,7 +14,6 @@ from diagnosis.fitting.display_names import (
     LAWS,
     format_cause,
     format_growth_variable,
-    format_law,
     format_parameter,
     format_phase,
 )
@@ -28,6 +27,7 @@ from models.core.number_format import (
     format_value,
     format_with_sigma,
 )
+from pipeline.reporting.text.text_formatting import format_law
 
 # Share of the gap below which an effect that may close nothing is called small.
 SMALL_SHARE = 0.05
@@ -84,10 +84,12 @@ def format_verdict(report: DiagnosisReport) -> str:
     if report.verdict == "none":
         return "These shots show no effect that your simulator lacks."
     if report.verdict == "unknown":
-        return (
-            f"Your simulator lacks an effect that trueroll does not know{_format_main_place(report)}"
-            f"{_format_best_share(report)}."
-        )
+        sentence = f"Your simulator lacks an effect that trueroll does not know{_format_main_place(report)}"
+        if not report.per_effect:
+            return f"{sentence}."
+        names = " and ".join(format_cause(one.effect) for one in report.per_effect)
+        closed = max(sum(one.closed for one in report.per_effect), 0.0)
+        return f"{sentence}; the best that it knows, {names}, would close {format_share(closed)} of it."
     return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
 
 
@@ -101,34 +103,22 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         A few sentences per named effect that could be tested; with a group, about its first name.
     """
     named = report.effects or tuple(one.effect for one in report.candidates[:1] if report.verdict == "group")
-    return tuple(
-        f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for a"
-        " positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives an"
-        f" agreement as good as this in {_format_p_share(one.sign_flip_p_value)} of all cases"
-        f"{_format_flip_limit(one)}.{_format_weak_agreement(one.sign_flip_p_value)}"
-        for one in report.candidates
-        if one.effect in named and math.isfinite(one.sign_flip_p_value)
-    )
-
-
-def _format_p_share(p: float) -> str:
-    """Format a share of cases; never 0."""
-    return format_probability(p).replace("below", "less than") if p < 1 else "100 %"
-
-
-def _format_weak_agreement(p: float) -> str:
-    """Format what a share of cases means that is not small; empty where it is small."""
-    if p < _SMALL_P_VALUE:
-        return ""
-    return " That alone would not exclude chance; the probability above rests on the size of the noise as well."
-
-
-def _format_flip_limit(one: CandidateEffect) -> str:
-    """Format the smallest share that so few shots allow; empty where it is far below the share."""
-    limit, p = one.sign_flip_limit, one.sign_flip_p_value
-    if not limit >= EXTREME_PROBABILITY or p > _NEAR_LIMIT * limit:
-        return ""
-    return f"; with {1 - round(math.log2(limit))} shots this share cannot be below {_format_p_share(limit)}"
+    sentences = []
+    for one in report.candidates:
+        p, limit = one.sign_flip_p_value, one.sign_flip_limit
+        if one.effect not in named or not math.isfinite(p):
+            continue
+        share, least = (format_probability(x).replace("below", "less than") if x < 1 else "100 %" for x in (p, limit))
+        # stated where so few shots allow hardly less
+        few = limit >= EXTREME_PROBABILITY and p <= _NEAR_LIMIT * limit
+        bound = f"; with {1 - round(math.log2(limit))} shots this share cannot be below {least}" if few else ""
+        weak = " That alone would not exclude chance; the probability above rests on the size of the noise as well."
+        sentences.append(
+            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for"
+            " a positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives"
+            f" an agreement as good as this in {share} of all cases{bound}.{'' if p < _SMALL_P_VALUE else weak}"
+        )
+    return tuple(sentences)
 
 
 def format_body_differences(report: DiagnosisReport) -> tuple[str, ...]:
@@ -180,26 +170,12 @@ def _list_missing_effects(report: DiagnosisReport) -> str:
     if not sure:
         sure, unsure = unsure, []
     together = " and ".join(_format_missing_effect(name, report.forms) for name in sure)
-    return together + "".join(
-        f" and, with {_format_unsure_share(shares[name].closed)}, {_format_missing_effect(name, report.forms)}"
-        for name in unsure
-    )
-
-
-def _format_unsure_share(closed: float) -> str:
-    """Format the share of an effect that may close nothing of the gap."""
-    if format_share(closed) == "0 %" or closed <= 0:
-        return "no measurable share"
-    return f"{'a small' if closed < SMALL_SHARE else 'an uncertain'} share ({format_share(closed)})"
-
-
-def _format_best_share(report: DiagnosisReport) -> str:
-    """Format what the best effects of the library would close of the gap; empty where it was not measured."""
-    if not report.per_effect:
-        return ""
-    names = " and ".join(format_cause(one.effect) for one in report.per_effect)
-    closed = sum(one.closed for one in report.per_effect)
-    return f"; the best that it knows, {names}, would close {format_share(max(closed, 0.0))} of it"
+    for name in unsure:
+        closed, share = shares[name].closed, "no measurable share"
+        if format_share(closed) != "0 %" and closed > 0:
+            share = f"{'a small' if closed < SMALL_SHARE else 'an uncertain'} share ({format_share(closed)})"
+        together += f" and, with {share}, {_format_missing_effect(name, report.forms)}"
+    return together
 
 
 def format_share(share: float) -> str:
@@ -243,7 +219,7 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     else:
         sentences.append(f"What remains is more than noise{details}.")
     if rest.law is not None:
-        sentences.append(_format_law_sentence(rest.law, metric))
+        sentences.append(_format_law_sentence(rest.law, report.gap.unit))
     if rest.patch is not None:
         p_value = format_p_value(rest.patch.p_value)
         sentences.append(f"A patch: {_format_patch(rest.patch)} (p-value {p_value}).")
@@ -259,20 +235,24 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _format_law_sentence(law: ForceLaw, metric: str) -> str:
+def _format_law_sentence(law: ForceLaw, unit: str) -> str:
     """Format the direction of an unexplained force, what it varies with, and its nearest formula."""
-    unit = "rad" if metric.endswith("rad") else "m"
     units = {"speed": f"{unit}/s", "time": "s"}
-    direction = f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+    direction = format_law_direction(law)
     variable = _VARIABLES.get(law.variable, law.variable)
     share = (
         f"on other shots this explains {format_share(min(law.explained, 1.0))} of the unexplained acceleration (in"
         " squares, beyond noise)"
     )
     if not explains_most(law):
+        trend = "varies with"
+        if len(law.at) >= _MIN_TREND_POINTS:
+            rank = float(spearmanr(law.at, law.acceleration).statistic)
+            steady = "rises with" if rank >= _TREND else "falls with"
+            trend = steady if abs(rank) >= _TREND else "varies without a steady trend with"
         return (
-            f"It acts in part like an acceleration {direction} that {_describe_trend(law)} {variable}; {share}, too"
-            " little for a formula."
+            f"It acts in part like an acceleration {direction} that {trend} {variable}; {share}, too little for a"
+            " formula."
         )
     formula = (
         f": {law.formula}, with a in {unit}/s² and u the {law.variable} in {units.get(law.variable, unit)}"
@@ -282,6 +262,11 @@ def _format_law_sentence(law: ForceLaw, metric: str) -> str:
     return f"It acts like an acceleration {direction} that varies with {variable}{formula}; {share}."
 
 
+def format_law_direction(law: ForceLaw) -> str:
+    """Format the direction of an unexplained acceleration."""
+    return f"{law.direction} the motion" if law.direction in ("along", "across") else f"along {law.direction}"
+
+
 def explains_most(law: ForceLaw) -> bool:
     """Return whether a law explains most of the unexplained acceleration, so that a formula or a curve stands for it.
 
@@ -289,14 +274,6 @@ def explains_most(law: ForceLaw) -> bool:
         Whether its share on other shots is at least `MOST_OF_IT`.
     """
     return law.explained >= MOST_OF_IT
-
-
-def _describe_trend(law: ForceLaw) -> str:
-    """Describe how an acceleration varies over a quantity: a verb with its preposition."""
-    if len(law.at) < _MIN_TREND_POINTS:
-        return "varies with"
-    rank = float(spearmanr(law.at, law.acceleration).statistic)
-    return "rises with" if rank >= _TREND else "falls with" if rank <= -_TREND else "varies without a steady trend with"
 
 
 def _format_patch(patch: LocalPatch) -> str:

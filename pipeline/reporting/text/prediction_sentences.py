@@ -1,4 +1,4 @@
-"""Sentences about the predicted rest of a shot."""
+"""Sentences about the predicted rest of a shot, and about places on the table."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from models.core.naming import Naming
 from models.core.number_format import (
     EXTREME_PROBABILITY,
     format_doubt,
+    format_measured,
     format_moment,
     format_probability,
     format_time,
 )
+from models.core.scene import CUSHIONS, Table
+from models.core.typing import FloatArray
+from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
-from pipeline.reporting.text.table_words import format_place
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 
+# Segments of a long and a short rail between diamonds, from nose to nose; a snooker table has no diamonds.
+DIAMONDS = {"pool": (8, 4), "carom": (8, 4), "snooker": None}
+# Decimals of centimetres: nobody lays a ball to a tenth of a millimetre.
+MAX_CM_DECIMALS = 1
 # m, largest displacement of a ball that is described as staying at rest.
 MAX_REST_SHIFT = 0.005
 # Least probability of an event that a sentence mentions.
@@ -75,3 +82,27 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
 def stays_at_rest(prediction: ShotPrediction, k: int) -> bool:
     """Return whether a ball rests and is rather not touched: it ends where it lies, not at the mean of all plays."""
     return not prediction.state.moving[k] and sum(p for _, p in prediction.first_contacts[k]) < 0.5
+
+
+def format_place(xy: FloatArray, sigma: float, table: Table, naming: Naming) -> str:
+    """Format where a ball lies by the distances of its centre to a long and a short rail, the nearest of each.
+
+    Args:
+        xy: Centre (2,), m.
+        sigma: Standard deviation per axis, m; NaN where it is unknown.
+        naming: What rails are called.
+
+    Returns:
+        Such as `its centre 12.0 cm (0.4 diamonds) from the near long rail and 64.0 cm (2.0 diamonds) from the left
+        short rail, each ± 0.5 cm`.
+    """
+    own = measure_cushion_distances(table, xy[None])[0]
+    places, error = [], ""
+    for k in find_nearest_cushions(own)[::-1]:
+        text, error = format_measured(100 * own[k], 100 * sigma, MAX_CM_DECIMALS)
+        text = text if error else f"{100 * own[k]:.{MAX_CM_DECIMALS}f}"
+        diamonds, is_long = DIAMONDS[table.game], naming.view.is_long(CUSHIONS[k])
+        size = diamonds and (table.width / diamonds[1] if is_long else table.length / diamonds[0])
+        shown = f" ({own[k] / size:.1f} diamonds)" if size else ""
+        places.append(f"{text} cm{shown} from {naming.say(CUSHIONS[k])}")
+    return f"its centre {' and '.join(places)}{error and f', each ± {error} cm'}"

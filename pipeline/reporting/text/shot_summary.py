@@ -20,7 +20,7 @@ from models.estimation.segmentation.contact_classification import CUE_KINDS
 from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure
 from pipeline.reporting.text.number_sentences import NOT_OBSERVABLE, format_hit, format_number
-from pipeline.reporting.text.table_words import format_place
+from pipeline.reporting.text.prediction_sentences import format_place
 from pipeline.reporting.text.text_formatting import format_event_time, is_repeated, start_sentence
 
 # s, added to twice the standard deviation of a contact time: where the velocities before and after are sampled.

@@ -1,4 +1,4 @@
-"""Text for events, fitted parameters, trust levels, file names and errors."""
+"""Text for events, fitted parameters and models, trust levels, file names and errors."""
 
 from __future__ import annotations
 
@@ -174,3 +174,9 @@ def format_trust_line(trust: Trust) -> str:
     """
     colour = {"green": "green", "amber": "yellow", "red": "red"}[trust.level]
     return f"[{colour}]●[/] trust: {trust.level}. " + escape(" ".join(trust.reasons))
+
+
+def format_law(name: str) -> str:
+    """Format the name of a contact model for readers, such as "Han 2005" for `han_2005`."""
+    words = name.replace("_", " ")
+    return words[:1].upper() + words[1:]

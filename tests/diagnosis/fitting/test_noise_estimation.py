@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.pucks import Filming, film
 
-from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
 from models.core.recording import Recording, record_points
 
 GLIDING = {"friction.mu": 0.02, "air_drag.k": 0.1}

@@ -47,7 +47,7 @@ def test_errors_of_what_was_not_observed_have_no_effect() -> None:
     selected = []
     for sigma in (thinned.sigma, np.where(thinned.is_observed, thinned.sigma, np.nan)):
         windows = build_prediction_windows(problem, (replace(thinned, sigma=sigma),))
-        predictable = select_predictable(problem, windows, like, np.random.default_rng(0)).windows
+        predictable = select_predictable(problem, windows, like, np.random.default_rng(0))
         selected.append([one.segment.positions for one in predictable])
     assert selected[0]
     assert all(np.array_equal(one, other, equal_nan=True) for one, other in zip(*selected, strict=True))

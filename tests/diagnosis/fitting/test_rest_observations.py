@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.fitting.diagnosis_windows import _find_split_rows, _split_at_rest
-from diagnosis.fitting.rest_observations import add_rest_observations
+from diagnosis.fitting.diagnosis_windows import _find_split_rows, _split_at_rest, add_rest_observations
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
 

@@ -18,7 +18,7 @@ from diagnosis.fitting.hypothesis_fits import (
     linearize_fit,
     select_best_starts,
 )
-from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
 from diagnosis.selection.effect_selection import effect_p_value, fit_without_effect, needs_all_effects
 from diagnosis.selection.hypotheses import EffectSearch, Hypothesis
 from diagnosis.selection.unknown_effects import estimate_explained_share

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.reference_frames import PLANE
 
-from diagnosis.fitting.shot_split import find_common_duration, shorten_recordings
+from diagnosis.fitting.shot_preparation import find_common_duration, shorten_recordings
 from models.core.recording import Recording
 
 

@@ -13,7 +13,7 @@ from support.pucks import Filming, Pucks, film
 
 from diagnosis.fitting.diagnosis_windows import split_into_segments
 from diagnosis.fitting.hypothesis_fits import EffectFit, build_diagnosis_problem, fit_effects
-from diagnosis.fitting.noise_estimation import apply_noise_estimate, estimate_noise
+from diagnosis.fitting.shot_preparation import apply_noise_estimate, estimate_noise
 from diagnosis.selection.effect_selection import (
     REFITS_PER_STEP,
     find_substitutes,

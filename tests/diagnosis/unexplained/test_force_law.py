@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
-from diagnosis.unexplained.force_law import find_force_law
+from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law
 
 PIECES, SHOTS = 120, 10
 SIGMA = 0.05

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.unexplained.excess_acceleration import ExcessAcceleration
+from diagnosis.unexplained.force_law import ExcessAcceleration
 from diagnosis.unexplained.local_patch import find_local_patch
 
 PIECES, SHOTS, SIGMA = 300, 12, 0.05

@@ -9,8 +9,8 @@ import pytest
 from support.reference_frames import PLANE
 
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, build_diagnosis_problem, fit_effects
-from diagnosis.unexplained.excess_acceleration import measure_excess_acceleration
-from diagnosis.unexplained.patch_fit import PatchFit, fit_local_patch
+from diagnosis.unexplained.force_law import measure_excess_acceleration
+from diagnosis.unexplained.local_patch import PatchFit, fit_local_patch
 from models.core.recording import Recording
 from models.estimation.gap_scenes.sliding_scene import GRAVITY, build_sliding_scene
 

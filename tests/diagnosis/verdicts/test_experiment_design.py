@@ -17,9 +17,8 @@ from diagnosis.fitting.hypothesis_fits import (
     fit_effects,
     linearize_fit,
 )
-from diagnosis.selection.signatures import compute_signatures
-from diagnosis.verdicts.experiment_design import design_detecting_experiment, design_unknown_experiment
-from diagnosis.verdicts.gap_localisation import localise_gap
+from diagnosis.selection.hypotheses import compute_signatures
+from diagnosis.verdicts.gap_localisation import design_detecting_experiment, design_unknown_experiment, localise_gap
 from models.core.recording import Recording
 
 FRICTION = {"friction.mu": 0.02}

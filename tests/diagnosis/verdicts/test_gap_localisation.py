@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals
-from diagnosis.fitting.residual_structure import GroupFinding, ObservationGroup, ResidualStructure
+from diagnosis.fitting.fit_residuals import NOISE_DRAWS, FitResiduals, GroupFinding, ObservationGroup, ResidualStructure
 from diagnosis.verdicts.gap_localisation import describe_structure, localise_gap
 from models.core.recording import Recording
 from models.core.tracks import TABLE_PLANE
@@ -40,7 +39,7 @@ def make_residuals(extra: dict[str, float], seed: int = 0) -> FitResiduals:
     velocity = rng.normal(size=(ROWS, 2))
     return FitResiduals(
         values=spread[:, None] * rng.normal(size=(ROWS, 2)), noise_draws=rng.normal(size=(ROWS, 2, NOISE_DRAWS)),
-        window=window, shot=window, body=body, frame=row, t=row / 60, phase=phase, position=rng.normal(size=(ROWS, 2)),
+        window=window, shot=window, body=body, t=row / 60, phase=phase, position=rng.normal(size=(ROWS, 2)),
         velocity=velocity, since_contact=np.full(ROWS, np.nan), image=None, reference=TABLE_PLANE, scale=1.0,
     )  # fmt: skip
 

@@ -23,8 +23,13 @@ from models.estimation.shot_numbers.session_statistics import SeriesSummary, sum
 from pipeline.actions.compare_session import read_shots
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.run_tables import describe_shot_numbers
-from pipeline.reporting.text.number_sentences import format_number
-from pipeline.reporting.text.session_sentences import format_level, format_own_spread, format_spread, format_trend
+from pipeline.reporting.text.number_sentences import (
+    format_level,
+    format_number,
+    format_own_spread,
+    format_spread,
+    format_trend,
+)
 
 TABLE = {"length": 2.54, "width": 1.27, "pockets": True}
 

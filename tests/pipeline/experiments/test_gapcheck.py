@@ -12,11 +12,17 @@ import numpy as np
 import pytest
 
 from pipeline.cli.execute import execute_command_line
-from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS, BilliardsKind
-from pipeline.experiments.gapcheck.blind_case import OpenedCase, grade_report, simulate_case
+from pipeline.experiments.gapcheck.billiards_cases import BILLIARDS_KINDS, DEFAULT_KINDS, KINDS, BilliardsKind, CaseKind
+from pipeline.experiments.gapcheck.blind_case import (
+    OpenedCase,
+    Proportion,
+    compute_calibration,
+    count_confusions,
+    grade_report,
+    score_cases,
+    simulate_case,
+)
 from pipeline.experiments.gapcheck.body_cases import BODY_KINDS
-from pipeline.experiments.gapcheck.case_catalogue import DEFAULT_KINDS, KINDS, CaseKind
-from pipeline.experiments.gapcheck.case_scores import Proportion, compute_calibration, count_confusions, score_cases
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 

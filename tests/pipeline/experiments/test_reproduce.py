@@ -48,21 +48,27 @@ from pipeline.experiments.thesis.experiment_plan import (
     list_cases,
     list_tasks,
 )
-from pipeline.experiments.thesis.scenes.boxes_scene import body_indices
-from pipeline.experiments.thesis.scenes.constraint_training_data import simulate_training_swings
-from pipeline.experiments.thesis.scenes.double_pendulum_scene import (
+from pipeline.experiments.thesis.pool_scene import build_pool_series, list_shots
+from pipeline.experiments.thesis.thesis_results import (
+    build_learning_table,
+    build_tables,
+    describe_scene_results,
+    summarize_settings,
+)
+from pipeline.experiments.thesis.thesis_scenes import (
     GRAVITY,
     LENGTH,
     RECORDING,
+    ExperimentCase,
+    WithheldSeries,
+    body_indices,
+    build_series,
     convert_to_angles,
     convert_to_points,
     find_recording,
     simulate_double_pendulum,
+    simulate_training_swings,
 )
-from pipeline.experiments.thesis.scenes.pool_scene import build_pool_series, list_shots
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
-from pipeline.experiments.thesis.thesis_page import build_learning_table, build_tables
-from pipeline.experiments.thesis.thesis_sentences import describe_scene_results, summarize_settings
 from pipeline.experiments.thesis.trials import MAX_ERROR_PX, Trial, run_trial
 
 CASE = ExperimentCase("double-pendulum", "soft", 30.0, 0.1, 0)
@@ -169,7 +175,8 @@ def test_a_sentence_counts_where_the_claim_holds_and_a_table_compares_methods_wi
         " In its own setting (stiff, 30 Hz, noise 0 px) the factor is 500: the claim holds."
         " Settings in which it holds: 1 of 2 (stiff, 30 Hz, noise 0 px)."
     ]
-    rows = {row.method: [cell.text for cell in row.cells] for row in build_tables("double-pendulum", summary)[0].rows}
+    table = build_tables("double-pendulum", summary)[0]
+    rows = {method: [text for text, _ in cells] for method, cells in table.rows}
     assert rows == {
         "network of the thesis (RK net), than linear": ["255", "10", "500", "2 of 2"],
         "best spline, than linear": ["501", "2", "1,000", "2 of 2"],
@@ -212,9 +219,9 @@ def test_a_network_that_was_not_trained_to_the_end_is_named_and_compared_with_no
     assert "claim" not in text
     assert "Not trained to the end, and compared with nothing: RK net (stiff, 30 Hz, noise 0 px; 120 CPU s)." in text
     _, sheet = build_tables("double-pendulum", [cell])
-    looks = {line.method: line.cells[0] for line in sheet.rows}
-    assert looks["RK net"].text == "not trained to the end (120 s)"
-    assert looks["cubic"].look == "best"
+    looks = {method: cells[0] for method, cells in sheet.rows}
+    assert looks["RK net"] == ("not trained to the end (120 s)", "worse")
+    assert looks["cubic"][1] == "best"
     assert (brief.row["trained"], brief.row["x_linear"], brief.row["x_cubic"]) == (False, None, None)
 
 
@@ -236,8 +243,8 @@ def test_tables_show_medians_over_seeds_and_mark_the_best() -> None:
     trials = [trial("linear", 1.0, seed=s) for s in range(3)]
     trials += [trial("cubic", mse, seed=s) for s, mse in enumerate((0.1, 0.5, 0.25))]
     _, sheet = build_tables("double-pendulum", summarize_settings(trials))
-    assert [line.method for line in sheet.rows] == ["linear: mse, px²", "cubic"]
-    assert (sheet.rows[1].cells[0].text, sheet.rows[1].cells[0].look) == ("4", "best")
+    assert [method for method, _ in sheet.rows] == ["linear: mse, px²", "cubic"]
+    assert sheet.rows[1][1][0] == ("4", "best")
 
 
 def test_what_a_network_took_to_learn_stands_in_a_table() -> None:
@@ -248,8 +255,8 @@ def test_what_a_network_took_to_learn_stands_in_a_table() -> None:
     trials = [trial("linear", 1.0), *(learnt(seed, seconds) for seed, seconds in enumerate((18.0, 20.0, 40.0)))]
     sheet = build_learning_table("double-pendulum", trials)
     assert sheet is not None
-    (row,) = sheet.rows
-    assert (row.method, [cell.text for cell in row.cells]) == ("RK net", ["532,486", "750", "20.0"])
+    ((method, cells),) = sheet.rows
+    assert (method, [text for text, _ in cells]) == ("RK net", ["532,486", "750", "20.0"])
     assert build_learning_table("boxes", trials) is None
 
 

@@ -29,8 +29,7 @@ from diagnosis.verdicts.verdict import (
 from models.core.recording import Recording
 from models.core.scene import Table
 from models.physics.billiards.tables import TABLE_PRESETS
-from pipeline.reporting.figures.gap_figures import build_gap_figures, build_law_figure
-from pipeline.reporting.pages.gap_page import write_gap_page
+from pipeline.reporting.pages.gap_page import build_gap_figures, build_law_figure, write_gap_page
 from pipeline.reporting.text.gap_sentences import (
     format_agreement,
     format_assumed_effects,

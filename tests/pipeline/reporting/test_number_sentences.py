@@ -23,7 +23,7 @@ from pipeline.reporting.text.number_sentences import (
     list_number_rows,
     name_heading,
 )
-from pipeline.reporting.text.table_words import format_place
+from pipeline.reporting.text.prediction_sentences import format_place
 
 NAMING = Naming({"cue": BallLook("cue ball"), "red": BallLook("red 3")})
 RADIUS = 0.028

@@ -33,8 +33,8 @@ from models.core.recording import Recording
 from pipeline.batch.clip_job import ClipResult
 from pipeline.batch.run_batch import render_index_page
 from pipeline.experiments.thesis.experiment_plan import Depth, ExperimentPlan
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase
 from pipeline.experiments.thesis.thesis_page import write_results
+from pipeline.experiments.thesis.thesis_scenes import ExperimentCase
 from pipeline.experiments.thesis.trials import Trial
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.pages.page_template import build_jpeg_uri

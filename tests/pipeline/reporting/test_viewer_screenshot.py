@@ -6,6 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -16,7 +17,7 @@ from support import synthetic_run as shot
 from support.browser import open_chromium
 
 from models.core.ball_look import CLASS_COLOURS
-from pipeline.reporting.recording.rerun_viewer import find_free_port, open_viewer
+from pipeline.reporting.recording.rerun_viewer import find_free_port, start_viewer
 from pipeline.reporting.recording.stage_layers import write_recording
 from video.drawing.palette import adapt_to_any_background
 
@@ -92,7 +93,7 @@ def test_the_viewer_shows_the_table_beside_the_video_and_the_paths_on_both(
 
 @pytest.mark.slow
 def test_the_viewer_in_the_browser_shows_them_too(recording: Path, tmp_path: Path) -> None:
-    with open_viewer([recording], web=True) as viewer, open_chromium(960, draws=True) as browser:
+    with closing(start_viewer([recording], web=True)) as viewer, open_chromium(960, draws=True) as browser:
         browser.get(viewer.page_url + "&renderer=webgl")
 
         def both(image: np.ndarray) -> bool:

@@ -8,7 +8,7 @@ import pytest
 
 from models.core.ball_look import BallLook
 from models.core.naming import Naming, TableView
-from pipeline.reporting.text.what_if_sentences import format_what_if, format_what_if_question
+from pipeline.reporting.text.number_sentences import format_what_if, format_what_if_question
 
 NAMING = Naming({"white": BallLook("white"), "yellow": BallLook("yellow")}, TableView(1), "carom")
 """A view from the side: the left cushion is the far one of the picture."""

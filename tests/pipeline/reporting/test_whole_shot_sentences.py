@@ -8,7 +8,7 @@ import numpy as np
 from support.staged_shot import fit as staged_fit
 
 from models.core.fit_result import WholeShotFit, WholeShotMisfit, WholeShotSolution
-from pipeline.reporting.text.whole_shot_sentences import format_whole_shot
+from pipeline.reporting.text.fit_sentences import format_whole_shot
 
 MISFIT = WholeShotMisfit("han_2005", "inelastic", 1.35, "red", "cushion", "top", 1.381, 0.0093, 4.2, 3.1)
 

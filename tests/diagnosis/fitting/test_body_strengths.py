@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from support.reference_frames import LINE, PLANE
 
-from diagnosis.bodies.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.diagnose import diagnose
+from diagnosis.fitting.body_strengths import estimate_common_prior, split_bodies
 from diagnosis.fitting.diagnosis_windows import fit_initial_windows
 from diagnosis.fitting.hypothesis_fits import build_diagnosis_problem
 from diagnosis.verdicts.verdict import DiagnosisReport

@@ -1,12 +1,16 @@
-"""Size and correlation of the noise of recordings, estimated without a model of the motion.
+"""Shots before any fit: their use, their length, and size and correlation of their noise.
 
-Smooth motion is nearly a polynomial over a dozen frames; the residuals of a polynomial are noise. The share of noise of
-a given autocorrelation that a polynomial absorbs is known exactly, so that size and correlation follow from the first
-two lagged products of the residuals. Segments with a contact or an outlier have large residuals and are left out.
+The noise is estimated without a model of the motion. Smooth motion is nearly a polynomial over a dozen frames; the
+residuals of a polynomial are noise. The share of noise of a given autocorrelation that a polynomial absorbs is known
+exactly, so that size and correlation follow from the first two lagged products of the residuals. Segments with a
+contact or an outlier have large residuals and are left out.
 
 The samples are placed at their times, and once more at their frame numbers; the estimate with less noise counts. A
 clock that is wrong by dt adds speed times dt: the numbers of an unevenly sampled recording, and the times of an even
 one where they are rounded to milliseconds.
+
+Noise with a correlation rho from frame to frame is a first-order autoregression: the residual minus rho times the
+previous one is white (Prais and Winsten 1954). Jacobians are transformed alike, so that a fit needs no change.
 """
 
 from __future__ import annotations
@@ -21,6 +25,73 @@ from scipy.stats import chi2
 
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.multiple_shooting.shooting_windows import (
+    LinearizedWindow,
+    ShootingModel,
+    SimulatedWindow,
+    Window,
+    drop_shared_jacobian,
+    predict_window,
+)
+from models.physics.effect import Prior
+
+# Number of shots below which none is reserved for selection.
+MIN_SHOTS_FOR_SELECTION = 6
+
+
+@dataclass(frozen=True, slots=True)
+class ShotSplit:
+    """Recordings by their use; `holdout` must not be used before the verdict is final."""
+
+    fitting: tuple[Recording, ...]
+    """Shots that estimate parameters."""
+    selection: tuple[Recording, ...]
+    """Shots that confirm effects."""
+    holdout: tuple[Recording, ...]
+    """Shots on which the gap is reported."""
+
+
+def split_shots(recordings: tuple[Recording, ...]) -> ShotSplit:
+    """Split shots: half for fitting, a quarter for selection, a quarter for hold-out; few shots have no selection.
+
+    Args:
+        recordings: One recording per shot.
+
+    Returns:
+        The split.
+    """
+    ordered = tuple(sorted(recordings, key=lambda one: one.shot))
+    if len(ordered) < MIN_SHOTS_FOR_SELECTION:
+        fitting_count = len(ordered) if len(ordered) == 1 else len(ordered) - max(1, len(ordered) // 4)
+        return ShotSplit(ordered[:fitting_count], (), ordered[fitting_count:])
+    by_use: dict[str, list[Recording]] = {"fit": [], "select": [], "report": []}
+    for place, one in enumerate(ordered):
+        by_use[("fit", "select", "fit", "report")[place % 4]].append(one)
+    return ShotSplit(*(tuple(by_use[use]) for use in ("fit", "select", "report")))
+
+
+def find_common_duration(recordings: tuple[Recording, ...], total: float) -> float:
+    """Find the duration to which recordings are shortened so that all together last no longer than `total`.
+
+    Args:
+        recordings: One recording per shot.
+        total: s of all recordings together.
+
+    Returns:
+        s; infinite where nothing needs to be shortened.
+    """
+    durations = np.sort([one.t[-1] - one.t[0] for one in recordings])
+    for k, duration in enumerate(durations):
+        if duration * (len(durations) - k) >= total:
+            return float(total / (len(durations) - k))
+        total -= duration
+    return float("inf")
+
+
+def shorten_recordings(recordings: tuple[Recording, ...], duration: float) -> tuple[Recording, ...]:
+    """Shorten recordings to their first `duration` s."""
+    return tuple(one.select_rows(0, int(np.searchsorted(one.t, one.t[0] + duration, "right"))) for one in recordings)
+
 
 # Frames of a segment.
 SEGMENT_FRAMES = 21
@@ -211,15 +282,13 @@ def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate
     Returns:
         Recordings with scaled sigmas, NaN in place of outliers.
     """
-    scaled = (replace(one, sigma=np.maximum(one.sigma * noise.scale, _smallest_sigma(one))) for one in recordings)
-    return tuple(
-        replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)) for one in scaled
-    )
-
-
-def _smallest_sigma(recording: Recording) -> float:
-    """Return the standard deviation below which a simulation is no better than the recording."""
-    return _MIN_RELATIVE_SIGMA * float(np.abs(recording.positions[recording.is_observed]).max(initial=0.0))
+    estimated = []
+    for one in recordings:
+        # below this a simulation is no better than the recording
+        least = _MIN_RELATIVE_SIGMA * float(np.abs(one.positions[one.is_observed]).max(initial=0.0))
+        one = replace(one, sigma=np.maximum(one.sigma * noise.scale, least))
+        estimated.append(replace(one, positions=np.where(_find_outliers(one)[:, :, None], np.nan, one.positions)))
+    return tuple(estimated)
 
 
 def _find_outliers(recording: Recording) -> BoolArray:
@@ -257,3 +326,72 @@ def _is_off_polynomial(
     limit = _OUTLIER_SIGMAS * recording.sigma[rows, body] * np.sqrt(1 + np.square(weights).sum(axis=1))
     is_near = (frame[:, -1] - frame[:, 0] <= 2 * _SIDE_SAMPLES) | (span <= longest)
     return np.asarray((off.max(axis=1) > limit) & is_near)
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseChain:
+    """Autoregression of the noise of a window with K observations: the previous observation of each body."""
+
+    previous: IntArray
+    """(K,) index of the previous observation of the same body; the own index where there is none."""
+    correlation: FloatArray
+    """(K,) correlation with the previous observation, 0 where there is none."""
+
+    def whiten(self, values: FloatArray) -> FloatArray:
+        """Whiten values (K, ...) whose errors have unit variance."""
+        scale = 1 / np.sqrt(1 - self.correlation**2)
+        return np.asarray(((values.T - self.correlation * values[self.previous].T) * scale).T)
+
+
+def build_noise_chain(segment: Recording, correlation: float) -> NoiseChain:
+    """Build the chain of the observations of a segment, in the order of its rows."""
+    rows, bodies = np.nonzero(segment.is_observed)
+    before, correlations = np.arange(len(rows)), np.zeros(len(rows))
+    for body in range(len(segment.bodies)):
+        own = np.flatnonzero(bodies == body)
+        before[own[1:]] = own[:-1]
+        correlations[own[1:]] = correlation ** np.diff(segment.frame[rows[own]])
+    return NoiseChain(before, correlations)
+
+
+@dataclass(frozen=True, slots=True)
+class WhitenedModel:
+    """A model with whitened residuals, by one chain per window."""
+
+    model: ShootingModel
+    chains: tuple[NoiseChain, ...]
+
+    @property
+    def unknowns(self) -> tuple[Prior, ...]:
+        """Priors of the shared parameters."""
+        return self.model.unknowns
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Windows of the model."""
+        return self.model.windows
+
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        """Linearise a window and whiten its residuals and Jacobians."""
+        return self._whiten_window(window, self.model.linearize(window, start, shared))
+
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow | LinearizedWindow:
+        """Simulate a window and whiten its residuals."""
+        simulated = predict_window(self.model, window, start, shared)
+        if isinstance(simulated, LinearizedWindow):
+            return self._whiten_window(window, simulated)
+        return replace(simulated, residual=self.chains[window].whiten(simulated.residual))
+
+    def without_shared_jacobian(self) -> WhitenedModel:
+        """Return the model without derivatives by the shared parameters."""
+        return replace(self, model=drop_shared_jacobian(self.model))
+
+    def _whiten_window(self, window: int, flow: LinearizedWindow) -> LinearizedWindow:
+        """Whiten residuals and Jacobians of a linearised window."""
+        own = self.chains[window]
+        return replace(
+            flow,
+            residual=own.whiten(flow.residual),
+            start_jacobian=own.whiten(flow.start_jacobian),
+            shared_jacobian=own.whiten(flow.shared_jacobian),
+        )

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import FloatArray
-from pipeline.experiments.thesis.scenes.withheld_series import ExperimentCase, WithheldSeries, build_series
+from pipeline.experiments.thesis.thesis_scenes import ExperimentCase, WithheldSeries, build_series
 from pipeline.io.run_folder import read_csv_columns
 from pipeline.io.text_table import Columns
 

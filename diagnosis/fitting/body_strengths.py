@@ -1,9 +1,10 @@
 """Strengths that differ between bodies: whether they do, and the strength of each body under a common prior.
 
 In a scene without contacts every body moves on its own, so that a strength of each body can be fitted together with all
-that the bodies share. Whether the strengths differ is Cochran's test between bodies. The scatter of one body's shots
-counts as an error, or shots that differ would make bodies differ. The common prior is normal; its mean and width come
-from the bodies themselves (empirical Bayes).
+that the bodies share. Whether the strengths differ is Cochran's test between bodies; their variance beyond their errors
+is that of DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2. The scatter of one body's shots counts as an
+error, or shots that differ would make bodies differ. The common prior is normal; its mean and width come from the
+bodies themselves (empirical Bayes).
 """
 
 from __future__ import annotations
@@ -13,30 +14,83 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals
-from diagnosis.fitting.gap_closure import GapClosure, estimate_closure, estimate_noise_floor
+from diagnosis.fitting.fit_residuals import FitResiduals, compute_residuals, concatenate_residuals
 from diagnosis.fitting.hypothesis_fits import (
     FULL_FIT,
     DiagnosisProblem,
     EffectFit,
     LinearizedFit,
+    ShotInformation,
     build_window_model,
     linearize_fit,
 )
-from diagnosis.fitting.prediction_windows import (
-    Predictions,
-    PredictionWindow,
-    build_prediction_windows,
-    predict_windows,
-    select_predictable,
-)
-from diagnosis.fitting.strength_scatter import estimate_shot_steps, measure_scatter
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.multiple_shooting.fitted_parameters import FittedModel
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
 from models.physics.effect import Prior
+
+# Information of a shot over that of the best one, below which it says nothing of a strength.
+_MIN_INFORMATION = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Scatter of estimates about their mean."""
+
+    mean: float
+    square: float
+    """Sum of the squared deviations from the mean, in squared errors."""
+    freedom: int
+    """Number of estimates less 1."""
+    scale: float
+    """What one unit of variance between the estimates adds to `square` on average."""
+
+    @property
+    def p_value(self) -> float:
+        """Probability of such a scatter where the estimates differ by their errors alone."""
+        return float(chi2.sf(self.square, self.freedom))
+
+    @property
+    def variance(self) -> float:
+        """Variance of the strength beyond the errors; negative by chance where there is none."""
+        return (self.square - self.freedom) / self.scale
+
+
+def measure_scatter(values: FloatArray, weights: FloatArray) -> Scatter:
+    """Measure the scatter of estimates.
+
+    Args:
+        values: (N,) estimates.
+        weights: (N,) inverse squares of their errors.
+
+    Returns:
+        The scatter.
+    """
+    total = float(weights.sum())
+    mean = float(weights @ values) / total
+    square = float(weights @ np.square(values - mean))
+    return Scatter(mean, square, len(values) - 1, total - float(np.square(weights).sum()) / total)
+
+
+def estimate_shot_steps(
+    shot_information: ShotInformation, parameter: int, lack_of_fit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Estimate by how much each shot alone would change a fitted strength, by its gradient near the fit.
+
+    Args:
+        shot_information: Information of each shot.
+        parameter: Index of the strength.
+        lack_of_fit: Factor by which the variance of the residuals exceeds that of the noise.
+
+    Returns:
+        (N,) steps and (N,) their weights, of the shots that say something of the strength.
+    """
+    information = shot_information.information[:, parameter, parameter]
+    usable = information > _MIN_INFORMATION * information.max(initial=0.0)
+    return shot_information.score[usable, parameter] / information[usable], information[usable] / lack_of_fit
+
 
 # p-value of equal strengths of all bodies below which they differ.
 DIFFERENCE_P_VALUE = 0.005
@@ -62,14 +116,8 @@ class BodyFit:
     """(P,) standard deviation between shots of one body; 0 where they may all have the same."""
     segments: tuple[Recording, ...]
     """Windows, of one body each, body by body."""
-    starts: tuple[FloatArray, ...]
-    """Start state (S,) of each window."""
-    lack_of_fit: float
-    """Factor >= 1 by which the variance of the residuals exceeds that of the noise."""
-    cost: float
-    """Robust chi2 of the residuals and priors."""
-    parameter_count: int
-    """Number of fitted parameters, common and own."""
+    shooting: ShootingFit
+    """The fit of all windows."""
 
     def values_of(self, body: str) -> FloatArray:
         """Return the values (P,) of all parameters for a body; those of the common prior for an unknown one."""
@@ -130,7 +178,7 @@ def fit_body_strengths(
         replace(prior, value=float(np.clip(centre[k], *prior.bounds)), sigma=float(spread[k])) if own[k] else prior
         for k, prior in enumerate(problem.priors)
     )
-    together = _fit_bodies(problem, fitted, bodies, segments, alone.starts, own, priors)
+    together = _fit_bodies(problem, fitted, bodies, segments, alone.shooting.starts, own, priors)
     unobserved = np.where(own, centre, together.shared[0])
     sigma = np.where(own, np.sqrt(np.square(together.sigma) + added), np.nan)
     return replace(
@@ -179,25 +227,12 @@ def _fit_bodies(
     )
     first = np.concatenate([like.shared[common], np.tile(like.shared[own], len(bodies))])
     options = replace(FULL_FIT, is_smooth=problem.is_smooth)
-    shooting: ShootingFit = fit_windows(model, first, options, starts, executor=problem.executor)
+    shooting = fit_windows(model, first, options, starts, executor=problem.executor)
     values = np.stack([model.fill_values(k, shooting.shared) for k in range(len(bodies))])
     sigma = np.full(values.shape, np.nan)
     sigma[:, own] = shooting.sigma[int(common.sum()) :].reshape(len(bodies), size)
-    nothing = np.zeros(len(own))
-    return BodyFit(
-        bodies=bodies,
-        own=own,
-        shared=values,
-        sigma=sigma,
-        centre=like.shared,
-        spread=nothing,
-        shot_spread=nothing,
-        segments=segments,
-        starts=shooting.starts,
-        lack_of_fit=shooting.inflation,
-        cost=shooting.cost,
-        parameter_count=len(first),
-    )
+    none = np.zeros(len(own))
+    return BodyFit(bodies, own, values, sigma, like.shared, none, none, segments, shooting)
 
 
 def select_body_fit(like: EffectFit, body_fit: BodyFit, body: str) -> EffectFit:
@@ -212,7 +247,7 @@ def select_body_fit(like: EffectFit, body_fit: BodyFit, body: str) -> EffectFit:
         The fit of its windows; covariances are those of `like`.
     """
     here = [k for k, segment in enumerate(body_fit.segments) if segment.bodies == (body,)]
-    shooting = replace(like.shooting, starts=tuple(body_fit.starts[k] for k in here))
+    shooting = replace(like.shooting, starts=tuple(body_fit.shooting.starts[k] for k in here))
     return replace(
         like, segments=tuple(body_fit.segments[k] for k in here), shared=body_fit.values_of(body), shooting=shooting
     )
@@ -230,7 +265,7 @@ def _estimate_shot_scatter(
     for number, body in enumerate(alone.bodies):
         shots = linearize_fit(problem, select_body_fit(like, alone, body)).shot_information
         for k in np.flatnonzero(candidates):
-            steps, weights = estimate_shot_steps(shots, int(k), alone.lack_of_fit)
+            steps, weights = estimate_shot_steps(shots, int(k), alone.shooting.inflation)
             if not len(steps):
                 continue
             one = measure_scatter(steps, weights)
@@ -246,16 +281,7 @@ def _estimate_shot_scatter(
 def linearize_bodies(
     problem: DiagnosisProblem, like: EffectFit, body_fit: BodyFit
 ) -> tuple[tuple[EffectFit, LinearizedFit], ...]:
-    """Linearise the windows of every body at its own strengths.
-
-    Args:
-        problem: Scene and priors.
-        like: Fit with strengths that all bodies share.
-        body_fit: Fit with strengths of every body.
-
-    Returns:
-        Fit and linearisation per body, in the order of `body_fit.bodies`.
-    """
+    """Linearise the windows of every body at its own strengths, with the fit of each; `like` shares its strengths."""
     fits = (select_body_fit(like, body_fit, body) for body in body_fit.bodies)
     return tuple((fitted, linearize_fit(problem, fitted)) for fitted in fits)
 
@@ -276,96 +302,12 @@ def compute_body_residuals(
     parts = [compute_residuals(problem, fitted, linearized, rng) for fitted, linearized in bodies]
     if len(parts) == 1:
         return parts[0]
-    first_windows = np.cumsum([0, *(len(fitted.segments) for fitted, _ in bodies)])
     counts = np.array([one.values.size for one in parts])
     scale = float(np.sqrt(counts @ np.square([one.scale for one in parts]) / counts.sum()))
-    images = [one.image for one in parts if one.image is not None]
-    return replace(
-        parts[0],
-        values=np.concatenate([one.values * one.scale / scale for one in parts]),
-        noise_draws=np.concatenate([one.noise_draws for one in parts]),
-        window=np.concatenate([one.window + first for one, first in zip(parts, first_windows[:-1], strict=True)]),
-        shot=np.concatenate([one.shot for one in parts]),
-        body=np.concatenate([one.body for one in parts]),
-        frame=np.concatenate([one.frame for one in parts]),
-        t=np.concatenate([one.t for one in parts]),
-        phase=np.concatenate([one.phase for one in parts]),
-        position=np.concatenate([one.position for one in parts]),
-        velocity=np.concatenate([one.velocity for one in parts]),
-        since_contact=np.concatenate([one.since_contact for one in parts]),
-        image=np.concatenate(images) if len(images) == len(parts) else None,
-        scale=scale,
+    firsts = np.cumsum([0, *(len(fitted.segments) for fitted, _ in bodies)])
+    return concatenate_residuals(
+        [
+            replace(one, values=one.values * one.scale / scale, window=one.window + first, scale=scale)
+            for one, first in zip(parts, firsts[:-1], strict=True)
+        ]
     )
-
-
-def predict_bodies(
-    problem: DiagnosisProblem,
-    windows: tuple[PredictionWindow, ...],
-    like: EffectFit,
-    body_fit: BodyFit,
-    starts: tuple[FloatArray, ...],
-) -> tuple[Predictions, FloatArray]:
-    """Predict windows, each with the strengths of its body.
-
-    Args:
-        problem: Scene and priors.
-        windows: W prediction windows, of one body each; an unknown body has the mean strengths of all.
-        like: Fit with strengths that all bodies share.
-        body_fit: Fit with strengths of every body.
-        starts: Start state (S,) of each window, as an initial guess.
-
-    Returns:
-        Predictions of all windows, and (W,) the sum of squared errors that a right model would have.
-    """
-    names = [one.segment.bodies[0] for one in windows]
-    parts: dict[int, tuple[FloatArray, FloatArray, FloatArray, float, float]] = {}
-    for body in sorted(set(names)):
-        here = [k for k, name in enumerate(names) if name == body]
-        own = replace(like, shared=body_fit.values_of(body))
-        its_windows = tuple(windows[k] for k in here)
-        predicted = predict_windows(problem, its_windows, own, tuple(starts[k] for k in here))
-        floor = estimate_noise_floor(problem, its_windows, own, predicted)
-        for place, k in enumerate(here):
-            parts[k] = (
-                predicted.starts[place],
-                predicted.covariances[place],
-                predicted.paths[place],
-                float(predicted.squares[place]),
-                float(floor[place]),
-            )
-    ordered = [parts[k] for k in range(len(windows))]
-    predictions = Predictions(
-        tuple(one[0] for one in ordered),
-        tuple(one[1] for one in ordered),
-        tuple(one[2] for one in ordered),
-        np.array([one[3] for one in ordered]),
-    )
-    return predictions, np.array([one[4] for one in ordered])
-
-
-def measure_body_closure(
-    problem: DiagnosisProblem,
-    recordings: tuple[Recording, ...],
-    base: EffectFit,
-    better: EffectFit,
-    body_fit: BodyFit,
-    rng: np.random.Generator,
-) -> GapClosure:
-    """Measure how much of the gap strengths of every body close on recordings that they were not fitted to.
-
-    Args:
-        problem: Scene and priors.
-        recordings: Other shots, with the noise estimate applied.
-        base: Fit of the simulator.
-        better: Fit with strengths that all bodies share.
-        body_fit: Fit with strengths of every body.
-        rng: Random generator.
-
-    Returns:
-        The closure.
-    """
-    predictable = select_predictable(problem, build_prediction_windows(problem, split_bodies(recordings)), better, rng)
-    windows = predictable.windows
-    before = predict_windows(problem, windows, base, predictable.starts)
-    after, floor = predict_bodies(problem, windows, better, body_fit, predictable.starts)
-    return estimate_closure(windows, before.squares, after.squares, floor, rng)

@@ -1,1 +1,0 @@
-"""The scenes of the thesis as series of coordinates with withheld frames."""
