@@ -2,9 +2,8 @@
 
     python -m benchmarks.clips.overlay_cover [CLIP|DIR...] [--slow 4] [--style coach]
 
-A pixel of a ball is hidden where the annotation changes its luma: in a frame of the slow motion, within the circle of a
-ball less one pixel, which encloses its edge. Chroma is shared by four pixels, so that a line beside a ball changes it
-on the edge too, and hides nothing. A clip is run first; of a run folder the saved fit and the clip that it notes
+A pixel of a ball is hidden where the annotation changes it: in a frame of the slow motion, within the circle of a ball
+less one pixel, which encloses its edge. A clip is run first; of a run folder the saved fit and the clip that it notes
 are used. Prints one row per clip; exits with 1 if a moving ball, or one that it touches, is hidden.
 """
 
@@ -34,7 +33,7 @@ from video.matting.hidden_background import estimate_hidden_background
 from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
 from video.overlay.slow_motion import find_output_times, synthesize_frames
-from video.synthesis.frame_synthesis import FrameInterval, estimate_clip_appearance
+from video.synthesis.frame_synthesis import estimate_clip_appearance
 
 # Time before and after a contact in which its balls count, also the one that still rests, s.
 CONTACT_SECONDS = 0.05
@@ -71,13 +70,10 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     counts = np.zeros(5, dtype=np.int64)
     (first,) = (image for _, image in read_frames(clip, indices=timeline.frame[:1]))
     annotation = prepare_annotation(timeline, tracks, fit, first, options.slow, options.style)
-    times, whole = find_output_times(clip, timeline, options), (0, 0, clip.width, clip.height)
-    for frame in synthesize_frames(clip, appearance, fit, times, FrameInterval.synthesize_planes):
-        before = frame.image.copy_patch(*whole)[..., 0]
-        changed = (
-            annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions).copy_patch(*whole)[..., 0]
-            != before
-        )
+    for frame in synthesize_frames(clip, appearance, fit, find_output_times(clip, timeline, options)):
+        before = frame.image.copy()
+        drawn = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)[: clip.height]
+        changed = (drawn != before).any(axis=2)
         active = frame.balls.moving | find_touching(fit, tracks, frame.t)
         hidden = [count_in_discs(changed, frame.balls, which) for which in (active, ~active)]
         counts += [1, *hidden, int(changed.sum()), len(annotation.name_rects)]

@@ -47,7 +47,7 @@ from benchmarks.support.figures import (
     run_quick,
 )
 from benchmarks.support.run_folder import FOOTAGE, ROOT, read_run, run_clip
-from video.io.pixel_kernels import subsample_chroma
+from video.synthesis.frame_synthesis import subsample_chroma
 
 CLIPS = ("carom_F1", "pool8_game2_clip1", "snooker_video_13_0030_0034")
 SEED, RANDOM, WORST = 7, 8, 12

@@ -40,13 +40,12 @@ def load_detectors() -> None:
     from detectors import detect as detect
     from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
     from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
-    from video.io.pixel_kernels import fill_blend
+    from models.numerics.robust import huber_losses
 
     open_ball_model(SHIPPED_BALL_MODEL)
     for kind in (STREAK, DISC):
         open_offset_regressor(kind)
-    level = np.zeros(1, np.uint8)
-    fill_blend(level, level, 0.5, level.copy())  # the first call loads the compiler's registries
+    huber_losses(np.zeros((1, 1)))  # the first call loads the compiler's registries
 
 
 def _hash_model(model: Path) -> str:

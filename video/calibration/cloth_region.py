@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import FloatArray, ImageArray
-from video.io.pixel_kernels import dot_products
 
 # Longer side in px of the reduced image in which the cloth is searched: a turned image gives the turned table.
 SEARCH_SIDE_PX = 480
@@ -137,9 +136,9 @@ def compare_with_cloth(image: ImageArray, colour: FloatArray) -> tuple[NDArray[n
         (H, W) angle (rad) between the colour vectors, and (H, W) brightness relative to the cloth.
     """
     rgb, cloth = (levels.astype(np.float32).reshape(-1, 3) for levels in (image, colour))
-    length = np.sqrt(dot_products(rgb, rgb))
-    usual = np.maximum(np.sqrt(dot_products(cloth, cloth)), 1)
-    along = dot_products(rgb, cloth) / usual
+    length = np.sqrt(np.einsum("nc,nc->n", rgb, rgb))
+    usual = np.maximum(np.sqrt(np.einsum("nc,nc->n", cloth, cloth)), 1)
+    along = (rgb @ cloth[0] if len(cloth) == 1 else np.einsum("nc,nc->n", rgb, cloth)) / usual
     angle = np.arccos(np.clip(along / np.maximum(length, 1e-3), -1, 1)).astype(np.float32)
     return angle.reshape(image.shape[:2]), (length / usual).astype(np.float32).reshape(image.shape[:2])
 

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.typing import ByteArray, FloatArray
+from models.core.typing import ByteArray, FloatArray, ImageArray
 from video.drawing.palette import Colour
 from video.drawing.text import blend_mask
-from video.io.yuv_frame import Canvas
 
 # Fractional bits of OpenCV's fixed-point coordinates.
 SHIFT = 4
@@ -29,7 +28,7 @@ def to_fixed_point(px: FloatArray) -> NDArray[np.int32]:
 
 
 def draw_ring(
-    image: Canvas,
+    image: ImageArray,
     centre: FloatArray,
     radius: float,
     thickness: float,
@@ -56,7 +55,7 @@ def draw_ring(
     blend_mask(image, mask, x0, y0, colour, opacity)
 
 
-def draw_disc(image: Canvas, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+def draw_disc(image: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
     """Draw a filled circle, in place."""
     mask, x, y = disc_mask(centre, radius)
     blend_mask(image, mask, x, y, colour, opacity)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.numerics.jit import compile_kernel
 
 # left, top, width, height in px.
 Rect = tuple[float, float, float, float]
@@ -34,24 +32,6 @@ NO_CORNER_COST = 0.2
 PANEL_MARGIN = 0.022
 
 
-def overlap_area(a: Rect, b: Rect) -> float:
-    """Return the shared area of two rectangles, px^2.
-
-    Args:
-        a: First rectangle, px.
-        b: Second rectangle, px.
-
-    Returns:
-        Shared area, px^2; 0 for disjoint rectangles.
-    """
-    width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
-    height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
-    return max(0.0, width) * max(0.0, height)
-
-
-_compiled_overlap_area = compile_kernel(overlap_area)
-
-
 def overlap_share(rect: Rect, obstacles: Obstacles) -> float:
     """Return the share of a rectangle that obstacles cover.
 
@@ -62,10 +42,15 @@ def overlap_share(rect: Rect, obstacles: Obstacles) -> float:
     Returns:
         Covered area as a share of the rectangle's own area.
     """
-    near, size = np.asarray(rect), np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
-    ends = np.minimum(near[:2] + near[2:], size[:, :2] + size[:, 2:])
-    sides = np.maximum(ends - np.maximum(near[:2], size[:, :2]), 0.0)
-    return float(sides.prod(axis=1).sum() / near[2:].prod())
+    size = rect[2:]
+    return float(_measure_overlaps(np.array([rect[:2]]), size, obstacles).sum() / np.prod(size))
+
+
+def _measure_overlaps(corners: FloatArray, size: tuple[float, float], obstacles: Obstacles) -> FloatArray:
+    """Measure the areas (n, m), px^2, that boxes of a size (w, h) at corners (n, 2) share with m obstacles."""
+    others = np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
+    ends = np.minimum((corners + size)[:, None], others[:, :2] + others[:, 2:])
+    return np.asarray(np.maximum(ends - np.maximum(corners[:, None], others[:, :2]), 0.0).prod(axis=-1))
 
 
 def make_squares(centres: FloatArray, half: FloatArray | float) -> FloatArray:
@@ -87,7 +72,7 @@ class LabelPosition:
 
         The corner is continuous in the angle and in the gap.
         """
-        return np.array(_label_corner(self.angle, self.gap, float(size[0]), float(size[1]), radius))
+        return _find_corners(self.angle, self.gap, size, radius)
 
     def move_towards(self, other: LabelPosition, share: float) -> LabelPosition:
         """Return the position a `share` of the shorter way round the ball towards another position."""
@@ -118,65 +103,28 @@ def place_label(
     Returns:
         The candidate position of least cost.
     """
-    box = float(size[0]), float(size[1])
-    others = np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
-    previous_angle = math.nan if previous is None else previous.angle
-    angle, gap = LABEL_POSITIONS[
-        _find_cheapest_position(
-            box, centre, radius, heading, others, (float(image_size[0]), float(image_size[1])), previous_angle
-        )
-    ]
-    return LabelPosition(float(angle), float(gap))
+    angle, gap = LABEL_POSITIONS.T
+    corners, area = centre + _find_corners(angle, gap, size, radius), size[0] * size[1]
+    covered = _measure_overlaps(corners, size, obstacles).sum(axis=1)
+    outside = area - _measure_overlaps(corners, size, [(0.0, 0.0, *image_size)])[:, 0]
+    cost = (8 * outside + 2 * covered) / area + POSITION_COSTS + COVER_COST * (covered + outside > 0)
+    cost += ON_PATH_COST * (np.cos(angle) * heading[0] + np.sin(angle) * heading[1]) ** 2
+    if previous is not None:
+        cost += MOVE_COST * np.abs((angle - previous.angle + np.pi) % (2 * np.pi) - np.pi) / np.pi
+    best = int(np.argmin(cost))
+    return LabelPosition(float(angle[best]), float(gap[best]))
 
 
-@compile_kernel
-def _find_cheapest_position(
-    size: tuple[float, float],
-    centre: FloatArray,
-    radius: float,
-    heading: FloatArray,
-    obstacles: FloatArray,
-    image_size: tuple[float, float],
-    previous_angle: float,
-) -> int:
-    """Return the index into `LABEL_POSITIONS` of least cost.
-
-    `obstacles` (n, 4) are rectangles; `previous_angle` is the last angle of the label, NaN for a new one.
-    """
-    best, least, area = 0, np.inf, size[0] * size[1]
-    for k in range(len(LABEL_POSITIONS)):
-        angle, gap = LABEL_POSITIONS[k]
-        left, top = _label_corner(angle, gap, size[0], size[1], radius)
-        rect = (left + centre[0], top + centre[1], size[0], size[1])
-        covered = 0.0
-        for m in range(len(obstacles)):
-            covered += _compiled_overlap_area(
-                rect, (obstacles[m, 0], obstacles[m, 1], obstacles[m, 2], obstacles[m, 3])
-            )
-        outside = area - _compiled_overlap_area(rect, (0.0, 0.0, image_size[0], image_size[1]))
-        cost = (8 * outside + 2 * covered) / area + POSITION_COSTS[k] + COVER_COST * (covered + outside > 0)
-        cost += ON_PATH_COST * (math.cos(angle) * heading[0] + math.sin(angle) * heading[1]) ** 2
-        if not math.isnan(previous_angle):
-            cost += MOVE_COST * abs((angle - previous_angle + math.pi) % (2 * math.pi) - math.pi) / math.pi
-        if cost < least:
-            best, least = k, cost
-    return best
-
-
-@compile_kernel
-def _label_corner(angle: float, gap: float, width: float, height: float, radius: float) -> tuple[float, float]:
-    """Return the top-left corner of a box whose nearest point is at an angle and a gap, in radii, from a ball.
+def _find_corners(
+    angle: FloatArray | float, gap: FloatArray | float, size: tuple[int, int], radius: float
+) -> FloatArray:
+    """Find the top-left corners (..., 2) of boxes whose nearest point is at an angle and a gap, in radii, from a ball.
 
     The ball's centre is the origin.
     """
-    across, down, distance = math.cos(angle), math.sin(angle), radius * (1 + gap) + 2
-    return across * distance - _near_side_share(across) * width, down * distance - _near_side_share(down) * height
-
-
-@compile_kernel
-def _near_side_share(direction: float) -> float:
-    """Return the share of a box on the near side of its middle, from one component of its direction."""
-    return 0.5 - 0.5 * min(max(direction * math.sqrt(2.0), -1.0), 1.0)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    near_side = 0.5 - 0.5 * np.clip(way * np.sqrt(2.0), -1, 1)  # share of the box on the near side of its middle
+    return np.asarray(way * (radius * (1 + np.asarray(gap)) + 2)[..., None] - near_side * size, dtype=np.float64)
 
 
 def place_panel(

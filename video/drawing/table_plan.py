@@ -15,10 +15,10 @@ from models.core.naming import Naming, TableView, find_table_view
 from models.core.scene import CUSHIONS, Scene, Table
 from models.core.typing import ByteArray, FloatArray, ImageArray
 from video.drawing.circles import SHIFT
-from video.drawing.mask_tile import MaskTile
 from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
 from video.drawing.text import (
     LINE_SPACING,
+    blend_colours,
     blend_mask,
     draw_paragraph,
     draw_text,
@@ -26,7 +26,6 @@ from video.drawing.text import (
     text_mask,
     wrap_text,
 )
-from video.io.yuv_frame import Canvas
 
 # Cloth of a table without footage.
 CLOTH_COLOUR: Colour = (34, 104, 96)
@@ -104,7 +103,7 @@ def draw_table_plan(
         for places, look in zip(finite_paths, looks, strict=True):
             if len(places):
                 inset.draw_true_ball(table, places[which], look, faded)
-    image = np.asarray(cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA), np.uint8)
+    image = inset.reduce_canvas(inset.canvas)
     name_rails(image, inset, table, naming, name_px)
     for name, places in zip(ids, finite_paths, strict=True):
         if len(places):
@@ -205,7 +204,7 @@ class TableInset:
         draw_ball_disc(self.canvas, self.to_fixed_point(place).tolist(), radius, look, faded)
 
     def draw(
-        self, image: Canvas, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
+        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
     ) -> None:
         """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
         canvas = self.canvas.copy()
@@ -219,17 +218,15 @@ class TableInset:
             line = self.to_fixed_point(path).reshape(-1, 1, 2)
             cv2.polylines(canvas, [line], False, mix_colours(colour, WHITE, 0.35), SUPERSAMPLE + 1, cv2.LINE_AA, SHIFT)
 
-    def reduce_canvas(self, canvas: ImageArray) -> MaskTile:
-        """Reduce a copy of `canvas` that holds the paths to its final size, with round corners."""
-        width, height = self.size
-        small = np.asarray(cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-        return MaskTile.from_colours(small, round_corner_mask(width, height, max(3, height // 24)))
+    def reduce_canvas(self, canvas: ImageArray) -> ImageArray:
+        """Reduce a copy of `canvas` that holds the paths to its final size."""
+        return np.asarray(cv2.resize(canvas, self.size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def draw_with_balls(
-        self, image: Canvas, x: int, y: int, plan: MaskTile, xy: FloatArray, colours: Sequence[Colour]
+        self, image: ImageArray, x: int, y: int, plan: ImageArray, xy: FloatArray, colours: Sequence[Colour]
     ) -> None:
         """Draw a result of `reduce_canvas` onto `image` at (x, y), with balls at `xy` (N, 2) m, NaN if absent."""
-        plan.blend_onto(image, x, y)
+        blend_colours(image, plan, round_corner_mask(*self.size, max(3, self.size[1] // 24)), x, y, 1.0)
         radius = round(self.ball_radius * (1 << SHIFT))
         is_present = np.atleast_1d(np.isfinite(xy).all(axis=1))
         centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()
@@ -307,15 +304,8 @@ def _draw_table(inset: TableInset, table: Table, cloth: Colour, scale: float) ->
     pockets = table.pocket_centres
     for diamond in _diamond_positions(table, 0.67 * rail):
         if not len(pockets) or np.linalg.norm(pockets - diamond, axis=1).min() > 1.5 * rail:
-            cv2.circle(
-                inset.canvas,
-                inset.to_fixed_point(diamond).tolist(),
-                2 << SHIFT,
-                (214, 206, 190),
-                -1,
-                cv2.LINE_AA,
-                SHIFT,
-            )
+            centre = inset.to_fixed_point(diamond).tolist()
+            cv2.circle(inset.canvas, centre, 2 << SHIFT, (214, 206, 190), -1, cv2.LINE_AA, SHIFT)
     for pocket in pockets:
         radius = round(2.1 * table.ball_radius * scale * (1 << SHIFT))
         cv2.circle(inset.canvas, inset.to_fixed_point(pocket).tolist(), radius, INK, -1, cv2.LINE_AA, SHIFT)

@@ -10,9 +10,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from models.core.typing import ByteArray, ImageArray
+from models.numerics.jit import compile_kernel
 from video.drawing.palette import Colour
-from video.io.pixel_kernels import blend_rgb, blend_yuv
-from video.io.yuv_frame import Canvas, YuvFrame, convert_colours
 
 # Distance of two lines over the font size.
 LINE_SPACING = 1.4
@@ -94,46 +93,46 @@ def round_corner_mask(width: int, height: int, radius: int) -> ByteArray:
     return mask
 
 
-def blend_levels(image: Canvas, levels: ImageArray, cover: ByteArray, x: int, y: int, opacity: float = 1.0) -> None:
-    """Blend colours onto an image through a mask, in place.
+@compile_kernel
+def blend_colours(image: ImageArray, colours: ImageArray, cover: ByteArray, x: int, y: int, opacity: float) -> None:
+    """Blend colours into an image through a mask, in place; parts outside the image are cut off.
 
     Args:
-        image: Image (H, W, 3), or frame for the encoder.
-        levels: Colours (h, w, 3), or (1, 1, 3) for one colour everywhere, in the colour space of the image.
-        cover: Coverage (h, w), 0 to 255; parts outside the image are cut.
+        image: Image (H, W, 3).
+        colours: Colours (h, w, 3), or (1, 1, 3) for one colour everywhere.
+        cover: Coverage (h, w), 0 to 255.
         x: Left pixel of the mask.
         y: Top pixel of the mask.
         opacity: Factor of the coverage, 0 to 1.
     """
-    if opacity > 0 and isinstance(image, YuvFrame):
-        blend_yuv(*image.planes, levels, cover, x, y, float(opacity))
-    elif opacity > 0:
-        blend_rgb(image, levels, cover, x, y, float(opacity))
+    rows, columns = image.shape[:2]
+    step, half, most = np.intp(colours.shape[0] > 1), np.float32(0.5), np.float32(opacity / 255)
+    for j in range(max(0, -y), min(cover.shape[0], rows - y)):
+        for i in range(max(0, -x), min(cover.shape[1], columns - x)):
+            if cover[j, i]:
+                share = most * np.float32(cover[j, i])
+                for k in range(3):
+                    level = np.float32(image[y + j, x + i, k])
+                    level += (np.float32(colours[step * j, step * i, k]) - level) * share
+                    image[y + j, x + i, k] = np.uint8(np.int32(level + half))
 
 
-@lru_cache(maxsize=256)
-def convert_colour(colour: Colour, is_yuv: bool) -> ImageArray:
-    """Return a colour as levels (1, 1, 3) of an RGB image or of a frame for the encoder."""
-    levels = np.array(colour, np.uint8).reshape(1, 1, 3)
-    return convert_colours(levels) if is_yuv else levels
-
-
-def blend_mask(image: Canvas, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
     """Paint a colour through a mask onto an image, in place.
 
     Args:
-        image: Image (H, W, 3), or frame for the encoder.
+        image: Image (H, W, 3).
         mask: Coverage (h, w), 0 to 255; parts outside the image are cut.
         x: Left pixel of the mask.
         y: Top pixel of the mask.
         colour: Colour to paint.
         opacity: Factor of the coverage, 0 to 1.
     """
-    blend_levels(image, convert_colour(colour, isinstance(image, YuvFrame)), mask, x, y, opacity)
+    blend_colours(image, np.array([[colour]], np.uint8), mask, x, y, float(opacity))
 
 
 def draw_text(
-    image: Canvas,
+    image: ImageArray,
     text: str,
     x: float,
     y: float,

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
 from video.flow.optical_flow import FlowPair, prepare_flow
-from video.io.pixel_kernels import CELL_PX, fill_cell_means
 
 # x0, y0, x1, y1
 Box = tuple[int, int, int, int]
 # A box and the indices of the components that it holds.
 Part = tuple[Box, tuple[int, ...]]
 
+# Side of a cell, px.
+CELL_PX = 4
 # Levels of 255, and multiple of the typical change of a cell (coding and sensor noise), above which a cell moves.
 MIN_CHANGE, NOISE_FACTOR = 7.0, 5.0
 # px, an even number: displacement of edges that is tolerated where the camera moves.
@@ -53,10 +54,9 @@ class MovingRegion:
 
         `camera_step` (3, 3) maps pixels of the first frame to those of `image` where the camera moves.
         """
-        if camera_step is None:
-            self.flow.blend_onto(image, *self.box[:2], share, self.weight)
-            return
-        box, patch, weight = _warp_patch(self.box, self.flow.interpolate(share), self.weight, camera_step, image.shape)
+        box, patch, weight = self.box, self.flow.interpolate(share), self.weight
+        if camera_step is not None:
+            box, patch, weight = _warp_patch(box, patch, weight, camera_step, image.shape)
         x0, y0, x1, y1 = box
         if x1 > x0 and y1 > y0:
             target = image[y0:y1, x0:x1]
@@ -93,7 +93,6 @@ def find_moving_regions(
     first: ImageArray,
     second: ImageArray,
     camera_is_still: bool = True,
-    cell_means: tuple[ImageArray, ImageArray] | None = None,
 ) -> tuple[MovingRegion, ...]:
     """Find the regions in which something moves between two frames, and prepare their interpolation.
 
@@ -104,12 +103,11 @@ def find_moving_regions(
         first: First frame (H, W, 3) without its moving balls.
         second: Second frame (H, W, 3) without its moving balls, in the pixels of the first.
         camera_is_still: False if the second frame was warped.
-        cell_means: Results of `compute_cell_means` for both frames, where known; only used for a still camera.
 
     Returns:
         The regions, which may overlap.
     """
-    moving_cells = find_moving_cells(first, second, camera_is_still, cell_means)
+    moving_cells = find_moving_cells(first, second, camera_is_still)
     regions = []
     for box, cells in _find_boxes(moving_cells, first.shape):
         x0, y0, x1, y1 = box
@@ -119,39 +117,16 @@ def find_moving_regions(
     return tuple(regions)
 
 
-def compute_cell_means(image: ImageArray) -> ImageArray:
-    """Average an image over square cells.
-
-    Args:
-        image: Image (H, W) or (H, W, 3).
-
-    Returns:
-        Mean of each cell (H / CELL_PX, W / CELL_PX[, 3]).
-    """
-    height, width = (max(1, side // CELL_PX) for side in image.shape[:2])
-    if image.shape == (CELL_PX * height, CELL_PX * width, 3) and image.flags.c_contiguous:
-        cells = np.empty((height, width, 3), dtype=np.uint8)
-        fill_cell_means(image, cells)
-        return cells
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def find_moving_cells(
-    first: ImageArray,
-    second: ImageArray,
-    camera_is_still: bool = True,
-    cell_means: tuple[ImageArray, ImageArray] | None = None,
-) -> BoolArray:
+def find_moving_cells(first: ImageArray, second: ImageArray, camera_is_still: bool = True) -> BoolArray:
     """Return the cells (H / CELL_PX, W / CELL_PX) in which two frames differ by more than noise.
 
     The arguments are those of `find_moving_regions`.
     """
+    size = (max(1, first.shape[1] // CELL_PX), max(1, first.shape[0] // CELL_PX))
     if camera_is_still:
-        change = _channel_maximum(
-            cv2.absdiff(*(cell_means or (compute_cell_means(first), compute_cell_means(second))))
-        ).astype(np.float32)
+        means = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (first, second))
+        change = _channel_maximum(cv2.absdiff(*means)).astype(np.float32)
     else:
-        size = (max(1, first.shape[1] // CELL_PX), max(1, first.shape[0] // CELL_PX))
         change = cv2.resize(_change_beyond_edges(first, second), size, interpolation=cv2.INTER_AREA).astype(np.float32)
     typical_change = float(np.median(change))
     is_moving = (change > MIN_CHANGE + NOISE_FACTOR * typical_change).astype(np.uint8)

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import Float32Array, ImageArray
-from video.io.pixel_kernels import blend_displaced
 
 # Fixed-point iterations of the flow lookup; after two, displacements are within 0.1 px except at edges.
 LOOKUP_ITERATIONS = 2
@@ -80,16 +79,9 @@ class FlowPair:
     """Whether the better candidate is used alone."""
 
     def interpolate(self, share: float) -> ImageArray:
-        """Return the image (H, W, 3) at a share of the time."""
-        image = np.zeros_like(self.images[0])
-        self.blend_onto(image, 0, 0, share, np.ones(image.shape[:2], np.float32))
-        return image
+        """Return the image (H, W, 3) at a share of the time.
 
-    def blend_onto(self, image: ImageArray, x0: int, y0: int, share: float, weight: Float32Array) -> None:
-        """Blend the image at a share of the time onto a box at (x0, y0) of another, in place.
-
-        `weight` (H, W), 0 to 1, is that of each pixel. Where the ends of a displacement disagree, the nearer image is
-        used: it is right more often than a mixture.
+        Where the ends of a displacement disagree, the nearer image is used: it is right more often than a mixture.
         """
         fields = [
             self._displacement_at(self.forward, share),
@@ -99,14 +91,21 @@ class FlowPair:
         if self.is_wide:
             fields = [np.where((costs[1] < costs[0])[..., None], fields[1], fields[0])]
             costs = [np.minimum(*costs)]
-        agree = np.stack([1 / (cost + 1) ** 2 for cost in costs])
-        doubts = np.clip(np.stack(costs) / np.float32(MAX_DISAGREEMENT) - 1, 0, 1)
-        (height, width), (rows, columns) = weight.shape, costs[0].shape
-        blend_displaced(
-            image, x0, y0, *self.images, weight,
-            np.stack(fields) * np.array([width / columns, height / rows], np.float32), doubts,
-            agree / agree.sum(axis=0), share, _smooth_step(share),
-        )  # fmt: skip
+        (height, width), (rows, columns) = self.images[0].shape[:2], costs[0].shape
+        grid, stretch = pixel_grid(height, width), np.array([width / columns, height / rows], np.float32)
+        agree = [1 / (cost + 1) ** 2 for cost in costs]
+        mixtures = []
+        for field, cost in zip(fields, costs, strict=True):
+            displacement = cv2.resize(field * stretch, (width, height), interpolation=cv2.INTER_LINEAR)
+            doubt = np.clip(cost / np.float32(MAX_DISAGREEMENT) - 1, 0, 1)
+            later = cv2.resize(share + (_smooth_step(share) - share) * doubt, (width, height))
+            first = _sample_image(self.images[0], grid - np.float32(share) * displacement)
+            second = _sample_image(self.images[1], grid + np.float32(1 - share) * displacement)
+            mixtures.append(cv2.blendLinear(first, second, 1 - later, later))
+        if len(mixtures) == 1:
+            return np.asarray(mixtures[0], dtype=np.uint8)
+        trust = cv2.resize(agree[0] / (agree[0] + agree[1]), (width, height))
+        return np.asarray(cv2.blendLinear(mixtures[0], mixtures[1], trust, 1 - trust), dtype=np.uint8)
 
     def _displacement_at(self, flow: Float32Array, share: float) -> Float32Array:
         """Return the displacement (h, w, 2) px over the whole gap at each pixel of the image at a share of the time."""

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 from av.video.reformatter import ColorPrimaries, ColorTrc
+from numpy.typing import NDArray
 
 from models.core.srgb import decode_srgb, encode_srgb
 from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
-from video.io.pixel_kernels import fill_light, fill_standard_colours
+from models.numerics.jit import compile_kernel
 
 # cd/m^2 of the largest level of PQ, and of HLG on its reference display (BT.2100).
 PQ_PEAK, HLG_PEAK = 10000.0, 1000.0
@@ -141,3 +142,58 @@ def _rgb_to_xyz(primaries: ColorPrimaries) -> FloatArray:
 def _encoded_levels() -> ByteArray:
     """Return (LEVELS,) the 8-bit sRGB level of linear light from 0 to 1."""
     return np.asarray(np.rint(255 * encode_srgb(np.arange(LEVELS) / (LEVELS - 1))), np.uint8)
+
+
+@compile_kernel
+def fill_standard_colours(
+    light: Float32Array, white: float, lift: float, encoded: ByteArray, image: ImageArray
+) -> None:
+    """Convert light to the levels of a standard display.
+
+    Light x of the strongest colour, relative to white, becomes x (lift + x) / (1 + lift x): with a lift of 1 it stays,
+    with more, dark parts are brighter and highlights nearer to each other; hue and saturation stay (after Reinhard et
+    al. 2002, doi:10.1145/566654.566575).
+
+    Args:
+        light: (H, W, 3) red, green and blue.
+        white: light that becomes the brightest level.
+        lift: at least 1.
+        encoded: (n,) levels of light from 0 to 1.
+        image: (H, W, 3) output.
+    """
+    one, most, last = np.float32(1), np.float32(lift), np.float32(len(encoded) - 1)
+    share = one / np.float32(white)
+    for j in range(light.shape[0]):
+        for i in range(light.shape[1]):
+            r, g, b = light[j, i, 0] * share, light[j, i, 1] * share, light[j, i, 2] * share
+            strongest = max(r, g, b)
+            gain = last * (most + strongest) / (one + most * strongest)
+            image[j, i, 0] = encoded[np.intp(min(r * gain, last))]
+            image[j, i, 1] = encoded[np.intp(min(g * gain, last))]
+            image[j, i, 2] = encoded[np.intp(min(b * gain, last))]
+
+
+@compile_kernel
+def fill_light(
+    image: NDArray[np.uint16], levels: Float32Array, matrix: Float32Array, power: float, light: Float32Array
+) -> None:
+    """Convert levels to the light that a display shows, in other primaries.
+
+    Args:
+        image: (H, W, 3) 16-bit levels.
+        levels: (n,) light of each level.
+        matrix: (3, 3) from its primaries to those of `light`; what these cannot show is cut off.
+        power: power of the luminance that multiplies the light.
+        light: (H, W, 3) output.
+    """
+    zero, exponent = np.float32(0), np.float32(power)
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            r, g, b = levels[image[j, i, 0]], levels[image[j, i, 1]], levels[image[j, i, 2]]
+            for k in range(3):
+                light[j, i, k] = max(matrix[k, 0] * r + matrix[k, 1] * g + matrix[k, 2] * b, zero)
+            if exponent > zero:
+                luminance = np.float32(0.2126) * light[j, i, 0] + np.float32(0.7152) * light[j, i, 1]
+                gain = (luminance + np.float32(0.0722) * light[j, i, 2]) ** exponent
+                for k in range(3):
+                    light[j, i, k] *= gain

@@ -9,11 +9,12 @@ from types import TracebackType
 from typing import Self
 
 import av
+import cv2
 import numpy as np
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 
 from models.core.errors import ClipError
-from video.io.yuv_frame import Canvas, YuvFrame
+from models.core.typing import ImageArray
 
 # x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
 # control of x264 0.165 reads uninitialised memory (seen at 64 x 48 and 854 x 480 px), so that two runs may differ.
@@ -84,20 +85,20 @@ class VideoWriter:
         context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
 
-    def write(self, image: Canvas, time: float | None = None) -> None:
+    def write(self, image: ImageArray, time: float | None = None) -> None:
         """Append one frame.
 
         Args:
-            image: (H, W, 3) uint8 RGB, or the planes of a frame with even sides.
+            image: (H, W, 3) uint8 RGB.
             time: s, presentation time, after the previous frame; only for videos with a `time_base`.
         """
         if (time is None) != self._is_constant_rate:
             raise ValueError("frames have times of their own if and only if the video has a time base")
-        if isinstance(image, np.ndarray) and (image.dtype != np.uint8 or image.shape[2:] != (3,)):
+        if image.dtype != np.uint8 or image.shape[2:] != (3,):
             raise ValueError(f"RGB images of uint8 are needed; got {image.shape} {image.dtype}")
         if image.shape[:2] != self._shape:
             raise ValueError(f"frames of {self._shape} are needed; got {image.shape}")
-        frame = build_encoder_frame(image if isinstance(image, YuvFrame) else YuvFrame.from_rgb(image))
+        frame = build_encoder_frame(image)
         self._last_pts = self._count if time is None else max(round(time / self._time_base), self._last_pts + 1)
         frame.pts, frame.time_base = self._last_pts, self._time_base
         self._count += 1
@@ -134,12 +135,29 @@ def _open_output(part_path: Path) -> av.container.OutputContainer:
 
 
 PIXEL_FORMAT = "yuv420p"
+# (3, 4) red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (ITU-R BT.709-6, items 3.2 to 3.4).
+LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
+RGB_TO_YUV = np.column_stack([
+    np.stack([
+        219 * LUMA_WEIGHTS,
+        112 * (np.eye(3)[2] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[2]),
+        112 * (np.eye(3)[0] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[0]),
+    ]) / 255,
+    (16.0, 128.0, 128.0),
+]).astype(np.float32)  # fmt: skip
 
 
-def build_encoder_frame(image: YuvFrame) -> av.VideoFrame:
-    """Copy the planes of a frame into one of the encoder's own, whose rows are padded."""
-    frame = av.VideoFrame(image.shape[1], image.shape[0], PIXEL_FORMAT)
-    for levels, plane in zip(image.planes, frame.planes, strict=True):
-        rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
-        rows[:, : plane.width] = levels
+def build_encoder_frame(image: ImageArray) -> av.VideoFrame:
+    """Convert an image (H, W, 3); an odd side is made even by repeating its last column or row.
+
+    The chroma of 2 x 2 pixels is their mean. FFmpeg's general converter is slower, and blurs chroma over four rows.
+    """
+    height, width = image.shape[:2]
+    even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
+    levels = cv2.transform(even, RGB_TO_YUV)
+    halves = cv2.resize(levels, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    frame = av.VideoFrame(even.shape[1], even.shape[0], PIXEL_FORMAT)
+    for k, (plane, source) in enumerate(zip(frame.planes, (levels, halves, halves), strict=True)):
+        rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)  # padded
+        rows[:, : plane.width] = source[..., k]
     return frame

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from models.core.typing import BoolArray, Float32Array, FloatArray, ImageArray
-from video.io.pixel_kernels import fill_background_difference
 from video.matting.background_plate import BackgroundPlate, relight_background
 
 # Width beyond the measured radius that belongs to the ball, in radii and at least in px: optics and coding blur it.
@@ -290,8 +289,8 @@ def _ownership_share(distance: Float32Array, other: Float32Array, in_front: bool
 
 def _shading_mask(patch: ImageArray, empty: Float32Array, ball: BoolArray) -> Float32Array:
     """Return a mask (h, w): 1 for the ball and for the table in another light, 0 for other objects such as a cue."""
-    light, other = np.empty(ball.shape, dtype=np.float32), np.empty(ball.shape, dtype=np.float32)
-    fill_background_difference(patch, empty, light, other)
+    light = np.einsum("ijc,ijc->ij", patch, empty) / np.maximum(np.einsum("ijc,ijc->ij", empty, empty), 1)
+    other = np.abs(patch - light[..., None] * empty).max(axis=2)  # what remains when brightness is matched
     fits = np.clip(2 - other / MAX_TABLE_DIFFERENCE, 0, 1) * ((light > SHADING_LIMITS[0]) & (light < SHADING_LIMITS[1]))
     fits = np.where(ball, 1, fits)
     return np.asarray(cv2.blur(cv2.erode(fits.astype(np.float32), np.ones((3, 3))), (3, 3)), dtype=np.float32)

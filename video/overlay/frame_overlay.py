@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT, disc_mask, draw_ring, to_fixed_point
+from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect, make_squares
-from video.drawing.mask_tile import ColouredMask, MaskTile, compose_tile
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.text import blend_levels, blend_mask, draw_text, number_mask, round_corner_mask, text_mask
-from video.io.yuv_frame import Canvas, YuvFrame
+from video.drawing.text import blend_colours, blend_mask, draw_text, number_mask, round_corner_mask, text_mask
 
 LABEL_OPACITY = 0.72
 # px around a ball on which nothing is drawn.
@@ -63,7 +61,7 @@ class FrameBalls:
 
 
 @contextmanager
-def keep_balls_on_top(image: Canvas, balls: FrameBalls) -> Iterator[None]:
+def keep_balls_on_top(image: ImageArray, balls: FrameBalls) -> Iterator[None]:
     """Draw the balls of an image once more over everything that is drawn in this context."""
     height, width = image.shape[:2]
     pieces = []
@@ -71,18 +69,14 @@ def keep_balls_on_top(image: Canvas, balls: FrameBalls) -> Iterator[None]:
         disc, x, y = disc_mask(balls.centre[ball], float(balls.radius[ball]) + BALL_MARGIN_PX)
         left, top = min(max(x, 0), width), min(max(y, 0), height)
         right, bottom = min(max(x + disc.shape[1], left), width), min(max(y + disc.shape[0], top), height)
-        if isinstance(image, YuvFrame):
-            pixels = image.copy_patch(left, top, right, bottom)
-        else:
-            pixels = image[top:bottom, left:right].copy()
         cover = np.ascontiguousarray(disc[top - y : bottom - y, left - x : right - x])
-        pieces.append((pixels, cover, left, top))
+        pieces.append((image[top:bottom, left:right].copy(), cover, left, top))
     yield
     for pixels, cover, left, top in pieces:
-        blend_levels(image, pixels, cover, left, top)
+        blend_colours(image, pixels, cover, left, top, 1.0)
 
 
-def draw_measured_rings(image: Canvas, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
+def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
     """Draw dashed rings around moving balls whose position is measured, not fitted."""
     for ball in balls.present:
         if balls.measured[ball] and balls.moving[ball] and balls.is_supported[ball]:
@@ -98,7 +92,7 @@ CONTACT_RADII = 2.2
 
 
 def draw_flash(
-    image: Canvas,
+    image: ImageArray,
     centre: FloatArray,
     radius: float,
     age: float,
@@ -126,16 +120,19 @@ class Label:
         """Return width and height, px."""
         return _label_size(self.name, self.value, _font_size(scale))
 
-    def draw(self, image: Canvas, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
+    def draw(self, image: ImageArray, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
         """Draw with the top-left corner at `corner` (2,), in place."""
         width, height = self.size(scale)
         letters = _font_size(scale)
         x, y = round(float(corner[0])), round(float(corner[1]))
-        _name_tile(self.name, self.colour, width, height, letters).blend_onto(image, x, y, opacity)
-        name = text_mask(self.name, letters, True)
-        left = x + 1.4 * letters + name.shape[1]
-        top = y + (height - name.shape[0]) / 2
-        draw_text(image, self.value, left, top, letters, mix_colours(WHITE, MUTED_GREY, 0.45), opacity=opacity)
+        background, inset = round_corner_mask(width, height, max(2, height // 4)), height // 5
+        blend_mask(image, background, x, y, INK, LABEL_OPACITY * opacity)
+        bar = round_corner_mask(max(3, letters // 4), height - 2 * inset, max(1, letters // 8))
+        blend_mask(image, bar, x + inset, y + inset, ensure_contrast(self.colour, INK), opacity)
+        top = y + (height - text_mask(self.name, letters, True).shape[0]) / 2
+        advance = draw_text(image, self.name, x + 0.95 * letters, top, letters, WHITE, True, opacity)
+        left, ink = x + 1.4 * letters + advance, mix_colours(WHITE, MUTED_GREY, 0.45)
+        draw_text(image, self.value, left, top, letters, ink, opacity=opacity)
 
 
 @lru_cache(maxsize=256)
@@ -143,19 +140,6 @@ def _label_size(name: str, value: str, letters: int) -> tuple[int, int]:
     """Return width and height, px, of a label with a font size; cached because it is needed several times per frame."""
     after = text_mask(value, letters, False).shape[1] + 0.45 * letters if value else 0
     return round(text_mask(name, letters, True).shape[1] + after + 1.35 * letters), round(1.65 * letters)
-
-
-@lru_cache(maxsize=256)
-def _name_tile(name: str, colour: Colour, width: int, height: int, letters: int) -> MaskTile:
-    """Return a label without its value: background, bar and name."""
-    bar = round_corner_mask(max(3, letters // 4), height - 2 * (height // 5), max(1, letters // 8))
-    mask = text_mask(name, letters, True)
-    inks = (
-        ColouredMask(round_corner_mask(width, height, max(2, height // 4)), 0, 0, INK, LABEL_OPACITY),
-        ColouredMask(bar, height // 5, height // 5, ensure_contrast(colour, INK)),
-        ColouredMask(mask, round(0.95 * letters), round((height - mask.shape[0]) / 2), WHITE),
-    )
-    return compose_tile(width, height, inks)
 
 
 # Font size of labels in a frame of 720 rows, px.
@@ -181,32 +165,20 @@ class ClockPanel:
         lower = text_mask(self.slowdown_text, small).shape[1] + text_mask(self.trust_text, small).shape[1]
         return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
 
-    def draw(self, image: Canvas, rect: Rect, t: float, scale: float) -> None:
+    def draw(self, image: ImageArray, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
         x, y, width, height = (round(v) for v in rect)
         seconds = number_mask(f"{t:06.3f}", round(27 * scale), bold=True)
-        _clock_tile(self, width, height, seconds.shape[1], scale).blend_onto(image, x, y)
-        blend_mask(image, seconds, x + round(12 * scale), y + round(5 * scale), WHITE)
-
-
-@lru_cache(maxsize=16)
-def _clock_tile(clock: ClockPanel, width: int, height: int, advance: int, scale: float) -> MaskTile:
-    """Return the panel without its time, which is `advance` px wide: background, unit, slowdown, light and text."""
-    small, pad, row = round(13 * scale), round(12 * scale), round(39 * scale)
-    unit_left = round(pad + advance + 0.2 * round(27 * scale))
-    slow, word = text_mask(clock.slowdown_text, small), text_mask(clock.trust_text, small)
-    radius = 4.6 * scale
-    dot = np.array([pad + slow.shape[1] + 1.2 * small + radius, 39 * scale + 0.62 * small])
-    inks = (
-        ColouredMask(round_corner_mask(width, height, max(3, height // 7)), 0, 0, INK, 0.8),
-        ColouredMask(
-            text_mask("s", round(17 * scale)), unit_left, round(5 * scale + 0.42 * round(27 * scale)), MUTED_GREY
-        ),
-        ColouredMask(slow, pad, row, MUTED_GREY),
-        ColouredMask(*disc_mask(dot, radius), TRUST_COLOURS[clock.trust_level]),
-        ColouredMask(word, round(float(dot[0]) + radius + 0.45 * small), row, MUTED_GREY),
-    )
-    return compose_tile(width, height, inks)
+        large, middle, small, pad = seconds.shape[1], round(17 * scale), round(13 * scale), round(12 * scale)
+        row, unit_left = y + round(39 * scale), x + round(pad + large + 0.2 * round(27 * scale))
+        blend_mask(image, round_corner_mask(width, height, max(3, height // 7)), x, y, INK, 0.8)
+        draw_text(image, "s", unit_left, y + 5 * scale + 0.42 * round(27 * scale), middle, MUTED_GREY)
+        advance = draw_text(image, self.slowdown_text, x + pad, row, small, MUTED_GREY)
+        radius = 4.6 * scale
+        dot = np.array([x + pad + advance + 1.2 * small + radius, y + 39 * scale + 0.62 * small])
+        draw_disc(image, dot, radius, TRUST_COLOURS[self.trust_level])
+        draw_text(image, self.trust_text, dot[0] + radius + 0.45 * small, row, small, MUTED_GREY)
+        blend_mask(image, seconds, x + pad, y + round(5 * scale), WHITE)
 
 
 # px of a trail with one opacity, and largest number of such pieces.
@@ -215,7 +187,7 @@ TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 
 
-def draw_trail(image: Canvas, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
+def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
     """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,)."""
     if len(path) < 2:
         return

@@ -247,8 +247,7 @@ def draw_placement_plan(
     radius = table.ball_radius * scale
     for place, look in zip(xy, looks, strict=True):
         inset.draw_true_ball(table, place, look)
-    plan = cv2.resize(inset.canvas, inset.size, interpolation=cv2.INTER_AREA)
-    image = np.asarray(plan, np.uint8)
+    image = inset.reduce_canvas(inset.canvas)
     name_rails(image, inset, table, naming)
     _draw_texts(image, inset, [look.name for look in looks], xy, lines, colours, radius / SUPERSAMPLE)
     return append_footer(image, title)

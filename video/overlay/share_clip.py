@@ -28,7 +28,7 @@ from video.overlay.slow_motion import (
     prefetch_items,
     synthesize_frames,
 )
-from video.synthesis.frame_synthesis import ClipAppearance, FrameInterval
+from video.synthesis.frame_synthesis import ClipAppearance
 
 # px, and frames per second.
 WIDTH, HEIGHT, RATE = 720, 1280, Fraction(30)
@@ -81,7 +81,7 @@ def render_share_clip(
     normal, slow = _schedule_times(timeline, moment.t, slowdown)
     view = _MomentView.prepare(timeline, fit.trajectory.ids, naming, moment, normal, slowdown)
     frames = map(view.draw, prefetch_items(
-        synthesize_frames(clip, appearance, fit, np.concatenate([normal, slow]), FrameInterval.synthesize),
+        synthesize_frames(clip, appearance, fit, np.concatenate([normal, slow])),
         PREFETCHED_FRAMES,
     ))  # fmt: skip
     card = _draw_card(moment, plan)
@@ -138,7 +138,7 @@ class _MomentView:
         )
         return cls(timeline, moment, shown, near, far, slowdown, GlidingLabels())
 
-    def draw(self, frame: SynthesizedFrame[ImageArray]) -> ImageArray:
+    def draw(self, frame: SynthesizedFrame) -> ImageArray:
         """Draw a frame with the question, and from the moment on with the answer."""
         moment = self.moment
         start = moment.t - BEFORE_S / self.slowdown

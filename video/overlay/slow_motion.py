@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
-from video.io.yuv_frame import Image
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.close_up import magnify_image
@@ -57,11 +56,11 @@ SNAP_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class SynthesizedFrame(Generic[Image]):
+class SynthesizedFrame:
     """A frame of the slow motion before annotation, and the balls on it."""
 
     t: float
-    image: Image
+    image: ImageArray
     balls: FrameBalls
     table_positions: FloatArray
     """(N, 2) m."""
@@ -104,10 +103,7 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        synthesize: Callable[..., Any] = FrameInterval.synthesize_planes
-        if clip.width % 2 or clip.height % 2:  # the chroma of the last column or row would cover half a pixel
-            synthesize = FrameInterval.synthesize
-        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times, synthesize), PREFETCHED_FRAMES)
+        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES)
         shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
         closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
         for done, image in enumerate(chain(shot, closer), start=1):
@@ -148,15 +144,13 @@ def synthesize_frames(
     appearance: ClipAppearance,
     fit: Fit,
     times: FloatArray,
-    synthesize: Callable[..., Image],
-) -> Iterator[SynthesizedFrame[Image]]:
+) -> Iterator[SynthesizedFrame]:
     """Yield the frames of a slow motion before annotation; at most two decoded frames are held in memory.
 
     Args:
         appearance: Its estimated appearance.
         fit: Fitted motion.
         times: Times of the frames (K,), s.
-        synthesize: `FrameInterval.synthesize` for RGB images, or `FrameInterval.synthesize_planes`.
     """
     timeline = appearance.timeline
     rows, _ = timeline.locate_times(times)
@@ -170,7 +164,7 @@ def synthesize_frames(
                 timeline, appearance.plate, row, before, after, sharp_balls=appearance.sharp_balls, previous=interval
             )
             for t, balls, streak, plan in islice(moments, int(count[row])):
-                yield SynthesizedFrame(t, synthesize(interval, t, balls.centre, streak), balls, plan)
+                yield SynthesizedFrame(t, interval.synthesize(t, balls.centre, streak), balls, plan)
         before = after
 
 

@@ -10,11 +10,9 @@ import numpy as np
 
 from models.core.trajectory import State
 from models.core.typing import Float32Array, FloatArray, ImageArray
-from video.flow.moving_regions import MovingRegion, compute_cell_means, find_moving_regions
+from video.flow.moving_regions import MovingRegion, find_moving_regions
 from video.flow.optical_flow import compute_flow, pixel_grid
 from video.io.clip import Clip
-from video.io.pixel_kernels import fill_blend, has_subsampled_chroma, subsample_chroma
-from video.io.yuv_frame import YuvFrame
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import (
     MIN_STREAK_RADII,
@@ -26,7 +24,7 @@ from video.matting.ball_matting import (
     sample_path,
 )
 from video.matting.ball_timeline import BallTimeline
-from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls, find_changed_boxes
+from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
@@ -50,6 +48,11 @@ SIMILAR_STREAK_RADII = 0.4
 # Shares of the gap between which everything except balls cross-fades: short, so that hands and cues appear double only
 # briefly.
 CROSS_FADE_SHARES = (0.3, 0.7)
+# Largest deviation from the chroma of the own 2 x 2 block, relative to that on a shifted grid; rounding alone gives a
+# tenth.
+MAX_ALIGNED_SHARE = 0.3
+# One of this many rows of blocks is examined.
+SAMPLED_ROW_STEP = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,10 +160,6 @@ class FrameInterval:
     """Outlines of the balls at rest."""
     regions: tuple[MovingRegion, ...]
     """Regions in which something other than balls moves, in pixels of the first frame."""
-    scratch: ImageArray
-    """(H, W, 3) where boxes of the planes are drawn."""
-    cell_means: tuple[ImageArray, ImageArray] | None = None
-    """Cell means of both backgrounds; None where the camera moves between them."""
     has_square_chroma: bool = False
     """Whether the frames have one colour per two by two pixels, which synthesized frames then share."""
 
@@ -175,38 +174,19 @@ class FrameInterval:
         Returns:
             Image (H, W, 3).
         """
-        share = self._share_at(t)
+        share = self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
         image = self._blend_backgrounds(t, share)
-        for box in self._draw_moving_parts(image, t, share, self._build_layers(t, share, centres, paths)):
-            if self.has_square_chroma:
-                subsample_chroma(image, box)
+        camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
+        for region in self.regions:
+            region.blend_onto(image, share, camera_step)
+        changed = composite_balls(image, self._build_layers(t, share, centres, paths), self.resting)
+        if camera_step is None:  # else the whole image is resampled
+            changed += [region.box for region in self.regions]
+        for box in changed if self.has_square_chroma else ():
+            subsample_chroma(image, box)
         return image
-
-    def synthesize_planes(self, t: float, centres: FloatArray, paths: FloatArray | None = None) -> YuvFrame:
-        """Synthesize the same frame for the encoder; both sides of it must be even.
-
-        Both backgrounds are converted once. Only boxes in which something moves are drawn in RGB and converted.
-        """
-        share = self._share_at(t)
-        if share in (0.0, 1.0) or self.cell_means is None:
-            return YuvFrame.from_rgb(self.synthesize(t, centres, paths))
-        layers, weight = self._build_layers(t, share, centres, paths), _fade_weight(share)
-        before, after = (_convert_background(side) for side in self.matted)
-        frame = YuvFrame.from_blend(before, after, weight)
-        boxes = [_align_box(box) for box in self._find_boxes(layers)]
-        for x0, y0, x1, y1 in boxes:
-            first, second = (side.background[y0:y1, x0:x1] for side in self.matted)
-            cv2.addWeighted(first, 1 - weight, second, weight, 0, dst=self.scratch[y0:y1, x0:x1])
-        self._draw_moving_parts(self.scratch, t, share, layers)
-        for box in boxes:
-            frame.convert_box(self.scratch, box)
-        return frame
-
-    def _share_at(self, t: float) -> float:
-        """Return the elapsed share of the gap, 0 to 1."""
-        return self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
 
     def _build_layers(
         self, t: float, share: float, centres: FloatArray, paths: FloatArray | None
@@ -219,36 +199,19 @@ class FrameInterval:
             for ball in self.balls
         ]
 
-    def _find_boxes(self, layers: list[list[SpriteLayer]]) -> list[Box]:
-        """Return the boxes of a frame, seen by a still camera, in which balls or other things move."""
-        return [*find_changed_boxes(self.first.shape, layers), *(region.box for region in self.regions)]
-
-    def _draw_moving_parts(
-        self, image: ImageArray, t: float, share: float, layers: list[list[SpriteLayer]]
-    ) -> list[Box]:
-        """Draw all that moves onto the backgrounds, in place; return the boxes that are not resampled."""
-        camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
-        for region in self.regions:
-            region.blend_onto(image, share, camera_step)
-        changed = composite_balls(image, layers, self.resting)
-        return changed if camera_step is not None else [*changed, *(region.box for region in self.regions)]
-
     def _blend_backgrounds(self, t: float, share: float) -> ImageArray:
-        """Return the cross-fade of both backgrounds."""
+        """Return the cross-fade of both backgrounds, a new image."""
         weight = _fade_weight(share)
-        if weight in (0.0, 1.0):
-            is_own, background = self._warp_background(int(weight), t)
-            return background.copy() if is_own else background
-        first, second = self._warp_background(0, t)[1], self._warp_background(1, t)[1]
-        mixed = np.empty(first.shape, dtype=np.uint8)
-        fill_blend(first.reshape(-1), second.reshape(-1), weight, mixed.reshape(-1))
-        return mixed
+        sides = [self._warp_background(side, t) for side in (0, 1) if weight != 1 - side]
+        if len(sides) == 1:
+            return sides[0].copy()
+        return np.asarray(cv2.addWeighted(sides[0], 1 - weight, sides[1], weight, 0), dtype=np.uint8)
 
-    def _warp_background(self, side: int, t: float) -> tuple[bool, ImageArray]:
-        """Return one background as the moving camera sees it at time t, and whether it is the original array."""
+    def _warp_background(self, side: int, t: float) -> ImageArray:
+        """Return one background as the moving camera sees it at time t."""
         background = self.matted[side].background
         step = self.timeline.camera_step(float(self.timeline.t[self.row + side]), t)
-        return (True, background) if step is None else (False, _warp_image(background, step))
+        return background if step is None else _warp_image(background, step)
 
 
 def _fade_weight(share: float) -> float:
@@ -257,15 +220,33 @@ def _fade_weight(share: float) -> float:
     return x * x * (3 - 2 * x)
 
 
-@lru_cache(maxsize=2)
-def _convert_background(frame: MattedFrame) -> YuvFrame:
-    """Convert a background for the encoder. Cached: it ends one gap and begins the next."""
-    return YuvFrame.from_rgb(frame.background)
+def subsample_chroma(image: ImageArray, box: Box) -> None:
+    """Give every 2 x 2 pixels of a box (x0, y0, x1, y1) one chroma value, in place; the luma of each pixel stays."""
+    x0, y0 = (max(side, 0) // 2 * 2 for side in box[:2])
+    x1, y1 = (min(-(-side // 2), whole // 2) * 2 for side, whole in zip(box[2:], image.shape[1::-1], strict=True))
+    if x1 > x0 and y1 > y0:
+        here = image[y0:y1, x0:x1]
+        here[:] = np.rint(np.clip(_average_chroma(here), 0, 255))
 
 
-def _align_box(box: Box) -> Box:
-    """Extend a box to even borders."""
-    return box[0] // 2 * 2, box[1] // 2 * 2, -(-box[2] // 2) * 2, -(-box[3] // 2) * 2
+def has_subsampled_chroma(image: ImageArray) -> bool:
+    """Return whether an image has one chroma value for every 2 x 2 pixels."""
+    height, width = (side // 2 * 2 - 2 for side in image.shape[:2])
+    deviations = []
+    for shift in (0, 1):
+        rows = image[shift : height + shift, shift : width + shift].reshape(height // 2, 2, width, 3)
+        sample = rows[::SAMPLED_ROW_STEP].reshape(-1, width, 3)
+        deviations.append(float(np.abs(_average_chroma(sample) - sample).mean()))
+    return deviations[0] < MAX_ALIGNED_SHARE * deviations[1]
+
+
+def _average_chroma(image: ImageArray) -> Float32Array:
+    """Replace the chroma of an image (h, w, 3) of even sides by that of its 2 x 2 blocks, without rounding."""
+    height, width = image.shape[:2]
+    levels = cv2.cvtColor(image.astype(np.float32), cv2.COLOR_RGB2YCrCb)
+    halves = cv2.resize(levels, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    levels[..., 1:] = cv2.resize(halves, (width, height), interpolation=cv2.INTER_NEAREST)[..., 1:]
+    return np.asarray(cv2.cvtColor(levels, cv2.COLOR_YCrCb2RGB), dtype=np.float32)
 
 
 def _warp_image(image: ImageArray, step: FloatArray) -> ImageArray:
@@ -308,30 +289,15 @@ def prepare_interval(
     matted = (first_matted, _matte_frame(timeline, plate, row + 1, second, balls))
     state = states_between_frames(timeline, row)
     moving_balls = [
-        _prepare_moving_ball(timeline, sharp_balls, row, ball, pair, state, force_deblur)
-        for ball, pair in zip(balls, _sprite_pairs(matted), strict=True)
+        _prepare_moving_ball(timeline, sharp_balls, row, ball, (pair[0], pair[1]), state, force_deblur)
+        for ball, *pair in zip(balls, *(side.sprites for side in matted), strict=True)
     ]
     step = timeline.camera_step(float(timeline.t[row + 1]), float(timeline.t[row]))
     second_background = matted[1].background if step is None else _warp_image(matted[1].background, step)
-    cell_means: tuple[ImageArray, ImageArray] | None = None
-    if step is None:
-        previous_means = previous.cell_means if previous is not None and is_reusable else None
-        cell_means = (
-            compute_cell_means(first_matted.background) if previous_means is None else previous_means[1],
-            compute_cell_means(second_background),
-        )
-    regions = find_moving_regions(first_matted.background, second_background, step is None, cell_means)
+    regions = find_moving_regions(first_matted.background, second_background, step is None)
     has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
     resting = _resting_outlines(timeline, row, balls)
-    return FrameInterval(
-        timeline, row, first, second, matted, tuple(moving_balls), resting, regions,
-        np.empty_like(first) if previous is None else previous.scratch, cell_means, has_square_chroma,
-    )  # fmt: skip
-
-
-def _sprite_pairs(matted: tuple[MattedFrame, MattedFrame]) -> list[tuple[MattedSprite | None, MattedSprite | None]]:
-    """Return the sprites of each ball in both frames."""
-    return list(zip(matted[0].sprites, matted[1].sprites, strict=True))
+    return FrameInterval(timeline, row, first, second, matted, tuple(moving_balls), resting, regions, has_square_chroma)
 
 
 def _prepare_moving_ball(

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from video.io.video_writer import build_encoder_frame
-from video.io.yuv_frame import YuvFrame
 
 
 def _exact_planes(rgb: NDArray[np.uint8]) -> list[NDArray[np.float64]]:
@@ -21,7 +20,7 @@ def _exact_planes(rgb: NDArray[np.uint8]) -> list[NDArray[np.float64]]:
 
 
 def _convert_planes(rgb: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    frame = build_encoder_frame(YuvFrame.from_rgb(rgb))
+    frame = build_encoder_frame(rgb)
     return [np.frombuffer(p, np.uint8).reshape(p.height, p.line_size)[:, : p.width] for p in frame.planes]
 
 
@@ -48,5 +47,5 @@ def test_chroma_errors_do_not_accumulate() -> None:
 
 def test_a_frame_does_not_share_its_planes_with_the_next_one() -> None:
     dark, light = (np.full((16, 16, 3), level, np.uint8) for level in (0, 255))
-    first, _ = (build_encoder_frame(YuvFrame.from_rgb(image)) for image in (dark, light))
+    first, _ = (build_encoder_frame(image) for image in (dark, light))
     assert np.frombuffer(first.planes[0], np.uint8).max() == 16

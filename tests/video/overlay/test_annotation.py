@@ -10,7 +10,7 @@ from support import staged_shot as shot
 from models.core.events import Events
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
-from video.drawing.label_layout import LabelPosition, overlap_area
+from video.drawing.label_layout import LabelPosition, overlap_share
 from video.matting.ball_timeline import build_ball_timeline
 from video.overlay.annotation import Annotation, prepare_annotation
 from video.overlay.frame_overlay import FrameBalls
@@ -87,7 +87,7 @@ def test_visible_names_do_not_cover_each_other() -> None:
     for _ in range(60):
         annotation.draw(shot.cloth(), 0.25, balls, np.full((2, 2), np.nan))
     first, second = annotation.name_rects
-    assert overlap_area(first, second) == 0
+    assert overlap_share(first, [second]) == 0
 
 
 def test_only_the_hardest_of_many_simultaneous_contacts_are_drawn() -> None:
