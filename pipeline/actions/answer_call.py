@@ -16,11 +16,12 @@ from PIL import Image
 
 from models.core.answer import Answer, Quantity
 from models.core.errors import OptionError, TruerollError
-from models.core.naming import Naming
+from models.core.naming import Naming, join_names
 from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
-from models.estimation.contact_test.call_answers import CallAnswer
+from models.estimation.contact_test.call_answers import CallAnswer, QuestionKind
+from models.estimation.contact_test.candidate_contacts import REST_SPEED
 from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answer_foul, answer_score
 from models.estimation.contact_test.shot_record import ShotRecord
 from models.physics.billiards.cushion_geometry import find_mouth_line
@@ -41,6 +42,9 @@ ABOUT_ONE_BALL: dict[str, Callable[[ShotRecord, str], CallAnswer]] = {
 QUESTIONS = ("contact", "pocket", "line", "foul", *ABOUT_ONE_BALL)
 USAGE = "ask contact A B, first A, cushion-first A, pocket A top-left, line x=0.635 A, score, or foul"
 UNTOLD = "A push, a double hit, or a ball that leaves the table cannot be told from the clip."
+# Questions whose answer may change after the clip.
+MAY_HAPPEN_LATER: tuple[QuestionKind, ...] = ("contact", "pocket", "line", "score", "foul")
+STILL_MOVING = "When the clip ends, {} still move{}: what comes later is not judged."
 FIRST_BALL_UNKNOWN = "Which ball had to be hit first is not judged: name it with --on, such as --on {}."
 # Points of a drawn line, which lens distortion may bend.
 LINE_POINTS = 33
@@ -183,6 +187,12 @@ def answer_call(
     rows = [("question", "answer", "probability", "because")] if parts else []
     rows += [(own.question, own.verdict, own.probability, own.statement) for _, own in parts]
     notes = [UNTOLD] if call.kind == "foul" else []
+    end = float(record.moments[-1])
+    moving = [
+        ball for k, ball in enumerate(record.ids) if ball in call.subject and record.speed_at(k, end) > REST_SPEED
+    ]
+    if moving and call.verdict == "no" and call.kind in MAY_HAPPEN_LATER:
+        notes.append(STILL_MOVING.format(join_names(map(record.naming.say, moving)), "s" * (len(moving) < 2)))
     if call.kind == "foul" and not on:
         notes.append(FIRST_BALL_UNKNOWN.format(" or --on ".join(FIRST_BALL_GROUPS[record.table.game])))
     return Answer(

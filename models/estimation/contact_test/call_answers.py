@@ -489,23 +489,21 @@ def probability_of_unlisted_contact(record: ShotRecord, one: int, two: int) -> f
     Returns:
         The learned share of such pairs that touched.
     """
-    return _doubt(record, classify_pair(record, one, two), record.ids[one], record.ids[two])
+    kind = classify_pair(record, one, two)
+    return probability_of_unlisted_event(record, record.ids[one], record.ids[two], kind=kind)
 
 
-def probability_of_unlisted_event(record: ShotRecord, *balls: str) -> float:
-    """Return the probability of an event that no hypothesis lists, where every motion has a cause.
+def probability_of_unlisted_event(record: ShotRecord, *balls: str, kind: PairClass = "clear") -> float:
+    """Return the probability of an event that no hypothesis lists.
 
     Args:
         record: The shot.
         balls: Names of the balls that the event is about.
+        kind: How it could have been missed; by default their motion is clear.
 
     Returns:
-        The learned share of pairs of balls with clear motion that touched without a listed contact.
+        Where the premises of the balls hold, the learned share of such pairs that touched without a listed contact;
+        else that of what nothing observed speaks for or against.
     """
-    return _doubt(record, "clear", *balls)
-
-
-def _doubt(record: ShotRecord, kind: PairClass, *balls: str) -> float:
-    """Return the probability of an unlisted event: learned where the premises of the balls hold, else unobserved."""
     premise = record.explanation.premise_probability(*balls)
     return premise * read_event_model().unlisted_contact[kind] + (1 - premise) * UNOBSERVED_PROBABILITY

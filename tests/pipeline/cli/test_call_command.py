@@ -66,6 +66,8 @@ def test_balls_far_apart_did_not_touch_and_the_margin_is_their_gap(
     end = 0.2 + shot.SPEED * (shot.FRAMES - 1) / shot.RATE
     assert answer["verdict"] == "no"
     assert answer["margin_mm"] == pytest.approx(1e3 * (np.hypot(1.5 - end, 0.2) - 0.06), abs=2.0)
+    text = trueroll("call", folder, "contact", "red", "white", "-o", tmp_path).out
+    assert "When the clip ends, the white still moves: what comes later is not judged." in text
     first = json.loads(trueroll("call", folder, "first", "red", "--json", "-o", tmp_path).out)
     none, unknown = first["alternatives"]
     assert none["answer"] == "none"
