@@ -32,6 +32,7 @@ from models.estimation.reconstruction.explain_shot import (
 )
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.structure_search.contact_partners import collect_hypotheses
+from models.estimation.structure_search.structure_trials import StructureSearch
 
 # Slower contacts change nothing visible, m/s of closing speed.
 SLOWEST_CLOSING = 0.005
@@ -92,7 +93,7 @@ def explain_graph(graph: ContactGraph, tracks: Tracks, scene: Scene) -> Shot:
     times = {number: (one.t, one.t_sigma) for number, one in tests.items()}
     solution = condition_on_contact_times(solution, times, observations, scene.table)
     clock = CaptureClock(tracks.t, tracks.t, np.zeros(len(tracks.t)))
-    hypotheses = collect_hypotheses(solution, observations, scene.table)
+    hypotheses = collect_hypotheses(solution, StructureSearch(observations, scene.table, (0.0, 0.0)))
     shot = Shot(
         scene,
         tracks,

@@ -138,6 +138,10 @@ class ContactGraph:
         """Replace a contact by one that joins the same segments."""
         return ContactGraph(self.segments, (*self.contacts[:number], contact, *self.contacts[number + 1 :]))
 
+    def replace_segment(self, k: int, segment: Segment) -> ContactGraph:
+        """Replace a segment by one that joins the same contacts."""
+        return ContactGraph((*self.segments[:k], segment, *self.segments[k + 1 :]), self.contacts)
+
     def insert_contact(self, contact: Contact, states: tuple[FloatArray, ...]) -> ContactGraph:
         """Insert a contact that cuts the segments `contact.before`; `states` (8,) are those after it.
 

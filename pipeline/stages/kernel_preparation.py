@@ -81,7 +81,7 @@ def prepare_fit_kernels() -> None:
     import numpy as np
 
     from models.core.contact_graph import SHARED_COUNT, ContactGraph, Observations
-    from models.estimation.joint_fit.fit_arrays import FitParameters, build_graph_arrays
+    from models.estimation.joint_fit.fit_solution import FitParameters, build_graph_arrays
     from models.estimation.joint_fit.joint_refinement import refine_graph
     from models.estimation.joint_fit.prior_residuals import evaluate_priors
     from models.physics.billiards.tables import TABLE_PRESETS

@@ -320,7 +320,7 @@ def test_the_report_sorts_by_effect_and_lists_what_has_none() -> None:
 
 
 def test_the_thresholds_of_the_program_are_found() -> None:
-    module = importlib.import_module("models.estimation.structure_search.initial_rests")
+    module = importlib.import_module("models.estimation.structure_search.motion_starts")
     found = {c.name: c for c in find_constants(module)}
     assert {"MAX_REST_SAMPLES", "MIN_SPEED_RADII"} <= set(found)
     assert found["MIN_SPEED_RADII"].doc.startswith("Ball radii per frame")

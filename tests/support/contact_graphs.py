@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from support.filmed_shots import Filmed
 
-from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, Segment
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Segment
 from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.estimation.structure_search.structure_trials import StructureSearch
 
 PRICES = (20.0, 150.0)
 """Of contacts with a cause and without."""
@@ -25,14 +26,13 @@ def moving(
     return Segment(ball, False, start, end, t, np.array([*place, *v, 0.1 * v[0], 0.1 * v[1], 0.0, 0.0]))
 
 
-def refine_segments(
+def start_search(
     shot: Filmed, segments: list[Segment], contacts: list[Contact]
-) -> tuple[JointSolution, Observations]:
-    """The best solution of a contact graph, and its observations."""
-    observations = collect_observations(shot.tracks)
-    return refine_graph(
-        ContactGraph(tuple(segments), tuple(contacts)).mark_pushed_strikes(), observations, shot.scene.table
-    ), observations
+) -> tuple[JointSolution, StructureSearch]:
+    """The best solution of a contact graph, and a search that starts from it."""
+    search = StructureSearch(collect_observations(shot.tracks), shot.scene.table, PRICES)
+    graph = ContactGraph(tuple(segments), tuple(contacts)).mark_pushed_strikes()
+    return refine_graph(graph, search.observations, search.table), search
 
 
 def list_contact_names(solution: JointSolution) -> list[tuple[str, ...]]:

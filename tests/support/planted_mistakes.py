@@ -24,7 +24,6 @@ from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.graph_marks import HELD_GAIN
 from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
-from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.tracking.tracklet_linking import Tracklet, make_tracklet
 from pipeline.chain import build_shot_graph, run_tables
 from pipeline.editing.run_view import ClipRun
@@ -215,10 +214,10 @@ def _err_in_search(err: Callable[..., Any]) -> Callable[..., list[tuple[Any, str
     def make(run: ClipRun, detections: Detections) -> list[tuple[Any, str, Any]]:
         original = explain_shot.revise_graph
 
-        def revise(solution: Any, observations: Any, table: Any, *rest: Any) -> Any:
-            revised = original(solution, observations, table, *rest)
+        def revise(solution: Any, search: Any, *rest: Any) -> Any:
+            revised = original(solution, search, *rest)
             graph = err(revised, run)
-            return revised if graph is None else refine_graph(graph, observations, table, initial=revised)
+            return revised if graph is None else search.refine(graph, revised)
 
         return [(explain_shot, "revise_graph", revise)]
 

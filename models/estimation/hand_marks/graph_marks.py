@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,11 +28,9 @@ from models.estimation.joint_fit.contact_cascades import (
     predict_cascade,
 )
 from models.estimation.joint_fit.fit_solution import assign_observations
-from models.estimation.joint_fit.joint_refinement import refine_graph
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS, cushion_distances
-from models.estimation.structure_search.ball_encounters import total_cost
-from models.estimation.structure_search.contact_removal import separate_balls
 from models.estimation.structure_search.missed_cushions import guess_rebound
+from models.estimation.structure_search.structure_trials import StructureSearch, separate_balls
 
 # chi2 that stands for these odds: the physics contradicts a mark where it costs more.
 HAND_CHI2 = 2 * float(np.log(HAND_ODDS))
@@ -46,39 +44,29 @@ STRIKE_SAMPLES = 6
 CONTRADICTION_SIGMAS = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class MarkedFit:
-    """What marks are applied to."""
-
-    observations: Observations
-    table: Table
-    prices: tuple[float, float]
-    """chi2 that contacts with a cause and without cost."""
-
-
-def apply_marks(solution: JointSolution, marks: Sequence[ResolvedMark], fit: MarkedFit) -> JointSolution:
+def apply_marks(solution: JointSolution, marks: Sequence[ResolvedMark], search: StructureSearch) -> JointSolution:
     """Apply marks to a contact graph and refine it, before its structure is searched.
 
     Args:
         solution: A refined solution.
-        fit: Observations, table and prices.
+        search: Observations, table and prices.
 
     Returns:
         The solution with marked contacts, which a search keeps, and without deleted ones.
     """
     for mark in marks:
-        solution, _ = _apply_mark(solution, mark, fit)
+        solution, _ = _apply_mark(solution, mark, search)
     return solution
 
 
 def settle_marks(
-    solution: JointSolution, marks: Sequence[ResolvedMark], fit: MarkedFit, ids: tuple[str, ...]
+    solution: JointSolution, marks: Sequence[ResolvedMark], search: StructureSearch, ids: tuple[str, ...]
 ) -> tuple[JointSolution, tuple[MarkOutcome, ...]]:
     """Apply marks to the contact graph after the last search, and compare them with the motion.
 
     Args:
         solution: A refined solution.
-        fit: Observations, table and prices.
+        search: Observations, table and prices.
         ids: Ids of the N balls.
 
     Returns:
@@ -86,10 +74,11 @@ def settle_marks(
     """
     outcomes = []
     for mark in marks:
-        solution, outcome = _apply_mark(solution, mark, fit)
+        solution, outcome = _apply_mark(solution, mark, search)
         number = find_contact(solution.graph, mark, mark.t)
         if mark.mark.kind != "delete" and number is not None:
-            gain = _evaluate_gain(solution, number, fit)
+            without = search.refine(solution.graph.remove_contact(number).mark_pushed_strikes(), solution)
+            gain = without.chi2 - solution.chi2
             graph = solution.graph.replace_contact(number, replace(solution.graph.contacts[number], gain=gain))
             solution = replace(solution, graph=graph)
             outcome = ("confirmed" if gain >= REQUIRED_GAIN else "no_change", gain)
@@ -179,19 +168,19 @@ def find_contact(graph: ContactGraph, mark: ResolvedMark, t: float) -> int | Non
 Outcome = tuple[MarkOutcomeCode, float]
 
 
-def _apply_mark(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+def _apply_mark(solution: JointSolution, mark: ResolvedMark, search: StructureSearch) -> tuple[JointSolution, Outcome]:
     """Apply one mark; return also its outcome as far as it is known."""
     if mark.mark.kind == "delete":
-        return _delete_contact(solution, mark, fit)
+        return _delete_contact(solution, mark, search)
     number = find_contact(solution.graph, mark, mark.t)
     if mark.mark.kind == "move" and number is None:
         number = find_contact(solution.graph, mark, mark.earlier_t)
     if number is not None:
-        return _hold_contact(solution, number, mark, fit), ("confirmed", np.nan)
-    return _insert_contact(solution, mark, fit)
+        return _hold_contact(solution, number, mark, search), ("confirmed", np.nan)
+    return _insert_contact(solution, mark, search)
 
 
-def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, fit: MarkedFit) -> JointSolution:
+def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, search: StructureSearch) -> JointSolution:
     """Keep a contact through the search; a moved one starts from its new time."""
     contact = solution.graph.contacts[number]
     fixed = replace(contact, gain=HELD_GAIN)
@@ -199,39 +188,45 @@ def _hold_contact(solution: JointSolution, number: int, mark: ResolvedMark, fit:
         trial = solution.graph.replace_contact(number, replace(fixed, t=mark.t))
         spans = [(trial.start_time(k), trial.end_time(k)) for k in (*fixed.before, *fixed.after)]
         if all(end > start + MIN_CONTACT_INTERVAL for start, end in spans):
-            moved = refine_graph(trial, fit.observations, fit.table, initial=solution)
+            moved = search.refine(trial, solution)
             if moved.chi2 < solution.chi2 + HAND_CHI2:
                 return moved
     return replace(solution, graph=solution.graph.replace_contact(number, fixed))
 
 
-def _delete_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+def _delete_contact(
+    solution: JointSolution, mark: ResolvedMark, search: StructureSearch
+) -> tuple[JointSolution, Outcome]:
     """Remove a contact; where the velocity changes nevertheless, the change stays without a cause."""
     number = find_contact(solution.graph, mark, mark.t)
     if number is None:
         return solution, ("confirmed", 0.0)
     graph = solution.graph
-    trials = [_refine(graph.remove_contact(number).mark_pushed_strikes(), solution, fit)]
+    trials = [search.refine(graph.remove_contact(number).mark_pushed_strikes(), solution)]
     if graph.contacts[number].kind == "ball":
-        trials.append(_refine(separate_balls(graph, number), solution, fit))
+        trials.append(search.refine(separate_balls(graph, number), solution))
     else:
         free = replace(graph.contacts[number], kind="free", cushion="", gain=0.0)
-        trials.append(_refine(graph.replace_contact(number, free), solution, fit))
-    best = min(trials, key=lambda trial: total_cost(trial, fit.prices))
+        trials.append(search.refine(graph.replace_contact(number, free), solution))
+    best = min(trials, key=search.cost)
     if best is trials[0]:
         return best, ("confirmed", best.chi2 - solution.chi2)
     return best, ("change_remains", trials[0].chi2 - solution.chi2)
 
 
-def _insert_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> tuple[JointSolution, Outcome]:
+def _insert_contact(
+    solution: JointSolution, mark: ResolvedMark, search: StructureSearch
+) -> tuple[JointSolution, Outcome]:
     """Insert a missed contact; no change if its bodies are too far apart or the physics contradicts it."""
-    gap = _measure_gap(solution, mark, fit.table)
-    if gap > REACH_RADII * fit.table.ball_radius:
+    gap = _measure_gap(solution, mark, search.table)
+    if gap > REACH_RADII * search.table.ball_radius:
         return solution, ("too_far", gap)
-    graph = _insert_ball_contact(solution, mark, fit) if mark.b != NO_BALL else _insert_single(solution, mark, fit)
+    graph = (
+        _insert_ball_contact(solution, mark, search) if mark.b != NO_BALL else _insert_single(solution, mark, search)
+    )
     if graph is None:
         return solution, ("no_change", np.nan)
-    trial = _refine(graph.mark_pushed_strikes(), solution, fit)
+    trial = search.refine(graph.mark_pushed_strikes(), solution)
     if not trial.chi2 < solution.chi2 + HAND_CHI2:
         return solution, ("no_change", solution.chi2 - trial.chi2)
     number = find_contact(trial.graph, mark, mark.t)
@@ -257,19 +252,19 @@ def _evaluate_ball(solution: JointSolution, ball: int, t: float) -> FloatArray:
     return evaluate_state(graph, solution.friction, find_segment_at(graph, ball, t), t)
 
 
-def _insert_ball_contact(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:
+def _insert_ball_contact(solution: JointSolution, mark: ResolvedMark, search: StructureSearch) -> ContactGraph | None:
     """Insert a contact of two balls; a velocity change without a cause nearby becomes part of it."""
-    graph, interval = solution.graph, fit.observations.frame_interval
-    radius = fit.table.ball_radius * solution.diameter_factor
-    owner = assign_observations(graph, fit.observations)
+    graph, interval = solution.graph, search.interval
+    radius = search.table.ball_radius * solution.diameter_factor
+    owner = assign_observations(graph, search.observations)
     changes = (find_unexplained_change(graph, ball, mark.t, mark.tolerance) for ball in (mark.a, mark.b))
     times = [graph.contacts[number].t for number in changes if number is not None]
     t = float(np.mean(times)) if times else mark.t
     contacts = predict_cascade(graph, solution.friction, mark.a, mark.b, t, interval, radius)[:1]
-    return insert_cascade(graph, fit.observations, owner, contacts, mark.tolerance)
+    return insert_cascade(graph, search.observations, owner, contacts, mark.tolerance)
 
 
-def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) -> ContactGraph | None:
+def _insert_single(solution: JointSolution, mark: ResolvedMark, search: StructureSearch) -> ContactGraph | None:
     """Insert a contact with a cushion, or a strike; a velocity change without a cause nearby becomes it."""
     graph = solution.graph
     change = find_unexplained_change(graph, mark.a, mark.t, mark.tolerance)
@@ -280,7 +275,7 @@ def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) 
     k = find_segment_at(graph, mark.a, mark.t)
     if not graph.start_time(k) + MIN_CONTACT_INTERVAL < mark.t < graph.end_time(k) - MIN_CONTACT_INTERVAL:
         return None
-    before, data = _evaluate_ball(solution, mark.a, mark.t), fit.observations
+    before, data = _evaluate_ball(solution, mark.a, mark.t), search.observations
     if mark.mark.cushion:
         state = guess_rebound(before, INWARD_NORMALS[CUSHIONS.index(mark.mark.cushion)])
     else:
@@ -292,13 +287,3 @@ def _insert_single(solution: JointSolution, mark: ResolvedMark, fit: MarkedFit) 
             state[4:6] = state[2:4]
     contact = Contact(mark.mark.cause, mark.t, (k,), (), mark.mark.cushion)
     return graph.insert_contact(contact, (state,))
-
-
-def _evaluate_gain(solution: JointSolution, number: int, fit: MarkedFit) -> float:
-    """Return the chi2 that the whole clip gains by a contact."""
-    without = _refine(solution.graph.remove_contact(number).mark_pushed_strikes(), solution, fit)
-    return without.chi2 - solution.chi2
-
-
-def _refine(graph: ContactGraph, initial: JointSolution, fit: MarkedFit) -> JointSolution:
-    return refine_graph(graph, fit.observations, fit.table, initial=initial)

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.core.contact_graph import ClothFriction, Contact, ContactGraph, Observations, index_after_merge
 from models.core.typing import FloatArray, IntArray
-from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+from models.estimation.joint_fit.fit_solution import evaluate_path
 
 # Ball against ball, 0.92 to 0.98 (Alciatore, TP A-6).
 RESTITUTION = 0.95
@@ -126,15 +126,12 @@ def insert_cascade(
     for ball in sorted({contact.a for contact in contacts} | {contact.b for contact in contacts}):
         own_contacts = [contact for contact in contacts if ball in (contact.a, contact.b)]
         unexplained = find_unexplained_change(graph, ball, own_contacts[-1].t, time_tolerance)
-        k = (
-            find_segment_at(graph, ball, own_contacts[0].t)
-            if unexplained is None
-            else graph.contacts[unexplained].before[0]
-        )
-        cuts = own_contacts if unexplained is None else own_contacts[:-1]
-        end = (
-            graph.end_time(k) if unexplained is None else own_contacts[-1].t
-        )  # an unexplained velocity change moves to the contact
+        if unexplained is None:
+            k = find_segment_at(graph, ball, own_contacts[0].t)
+            cuts, end = own_contacts, graph.end_time(k)
+        else:  # an unexplained velocity change moves to the contact
+            k = graph.contacts[unexplained].before[0]
+            cuts, end = own_contacts[:-1], own_contacts[-1].t
         if any(not graph.start_time(k) + MIN_CONTACT_INTERVAL < contact.t < end for contact in cuts):
             return None
         if unexplained is None or len(own_contacts) > 1:
@@ -211,9 +208,7 @@ def _refit_short_segment(
     state = graph.segments[k].state.copy()
     state[:2] = observations.xy[rows].mean(axis=0) - v * (observations.t[rows].mean() - graph.start_time(k))
     state[2:4], state[4:8] = v, 0.0
-    segments = list(graph.segments)
-    segments[k] = replace(segments[k], state=state)
-    return ContactGraph(tuple(segments), graph.contacts)
+    return graph.replace_segment(k, replace(graph.segments[k], state=state))
 
 
 def _match_observed_velocity(
@@ -239,20 +234,6 @@ def _fit_velocity(observations: Observations, rows: IntArray) -> FloatArray | No
 
 
 def evaluate_state(graph: ContactGraph, friction: ClothFriction, k: int, t: float) -> FloatArray:
-    """Evaluate the state of a segment at a time.
-
-    Args:
-        graph: The contact graph.
-        friction: Friction of the cloth.
-        k: Index of the segment.
-        t: s.
-
-    Returns:
-        (6,) position, velocity and slip, m and m/s.
-    """
-    segment = graph.segments[k]
-    if segment.static:
-        return np.concatenate([segment.state[:2], np.zeros(4)])
-    tau = np.array([max(t - graph.start_time(k), 0.0)])
-    state: FloatArray = evaluate_kinematics(segment.state[None], tau, friction)[0]
+    """Evaluate the state (6,) of a segment at a time, s: position, velocity and slip, m and m/s."""
+    state: FloatArray = evaluate_path(graph, friction, k, np.array([t]))[0]
     return state

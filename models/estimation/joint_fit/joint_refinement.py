@@ -14,7 +14,7 @@ import numpy as np
 from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction, ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.fit_arrays import (
+from models.estimation.joint_fit.fit_solution import (
     DIAMETER_COLUMN,
     NONE,
     ROLLING_COLUMN,
@@ -23,12 +23,12 @@ from models.estimation.joint_fit.fit_arrays import (
     FitParameters,
     GraphArrays,
     apply_parameters,
+    assign_sorted_observations,
     build_graph_arrays,
     end_times,
     extract_parameters,
     start_times,
 )
-from models.estimation.joint_fit.fit_solution import assign_sorted_observations
 from models.estimation.joint_fit.prior_residuals import (
     ROLLING_PRIOR,
     RUBBER_PRIOR,
@@ -226,7 +226,7 @@ def _hold_parameters(equations: NormalEquations, fixed: IntArray) -> NormalEquat
 
 @compile_kernel
 def _add_prior_rows(residual, derivative, column, first, normal, gradient):  # type: ignore[no-untyped-def]
-    """Add the pseudo-observations, see `physics_priors.PriorRows`, to the normal equations."""
+    """Add the pseudo-observations, see `prior_residuals.PriorRows`, to the normal equations."""
     for row in range(len(residual)):
         for i in range(first[row], first[row + 1]):
             gradient[column[i]] += derivative[i] * residual[row]

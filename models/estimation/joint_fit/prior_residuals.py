@@ -13,26 +13,23 @@ import numpy as np
 from models.core.contact_graph import SEGMENT_STATE_SIZE, SHARED_COUNT
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
-from models.estimation.joint_fit.fit_arrays import (
+from models.estimation.joint_fit.fit_solution import (
     BALL,
     BREAK,
     CUSHION,
     DIAMETER_COLUMN,
+    FREE,
     JUMP,
     NONE,
     NOSE_COLUMN,
     ROLLING_COLUMN,
     RUBBER_COLUMN,
     SLIDING_COLUMN,
+    STRIKE,
     FitParameters,
     GraphArrays,
     end_times,
     start_times,
-)
-from models.estimation.joint_fit.segment_prior_residuals import (
-    append_derivative,
-    append_prior_row,
-    append_segment_priors,
 )
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
@@ -73,6 +70,18 @@ RESTITUTION_SCATTER, SPIN_SCATTER = 0.03, 0.12
 # m: scatter of the contact line of a nose.
 NOSE_SCATTER = 1.5e-3
 
+# m/s^2 per axis: slope, nap and drag, per segment.
+EXTRA_ACCELERATION_SIGMA = 0.02
+# Slip of a ball that begins to move for an unknown cause: share of its speed, and m/s.
+UNEXPLAINED_SLIP_SIGMA = 0.7, 0.2
+# Standard deviation of the slip after a strike, about that of a ball hit in its middle: share of the speed along the
+# path and across it, and m/s. A central hit gives no spin, so that the ball slips with all its velocity; a hit a fifth
+# of a radius above or below takes or adds half of that. Across the path only a raised cue makes a ball slip (Coriolis
+# 1835).
+STRUCK_SLIP, SWERVE_SLIP, LEAST_SLIP = 0.5, 0.25, 0.1
+# m/s: prior standard deviation of a velocity.
+_VELOCITY_SIGMA = 5.0
+
 # Standard deviations of the shared parameters, in their order.
 _SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
 # Most rows of one contact.
@@ -108,17 +117,9 @@ def evaluate_priors(
     Returns:
         The rows of pseudo-observations.
     """
-    shared = parameters.shared
-    shared_deviation = np.array(
-        [np.log(shared[SLIDING_COLUMN] / SLIDING_PRIOR[0]), np.log(shared[ROLLING_COLUMN] / ROLLING_PRIOR[0])]
-    )
-    shared_deviation = np.concatenate(
-        [
-            shared_deviation,
-            [shared[DIAMETER_COLUMN] - 1],
-            shared[NOSE_COLUMN:RUBBER_COLUMN],
-            shared[RUBBER_COLUMN:] - RUBBER_PRIOR,
-        ]
+    shared_deviation = parameters.shared - np.array([0.0, 0.0, 1.0, *np.zeros(4), *RUBBER_PRIOR])
+    shared_deviation[:DIAMETER_COLUMN] = np.log(
+        parameters.shared[:DIAMETER_COLUMN] / [SLIDING_PRIOR[0], ROLLING_PRIOR[0]]
     )
     size = np.array([table.length, table.width, table.ball_radius])
     return PriorRows(*evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
@@ -159,11 +160,11 @@ def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):
         count = _append_contact_rows(arrays, contact, rows, workspace, jacobian, output, count)
     for segment in range(segment_count):
         if not arrays.static[segment]:
-            count = append_segment_priors(
+            count = _append_segment_priors(
                 arrays, segment, parameters.state[segment], reference.state[segment], output, count
             )
     for k in range(SHARED_COUNT):
-        count = append_prior_row(output, count, shared_deviation[k], arrays.first_shared + k, 1 / _SHARED_SIGMA[k])
+        count = _append_prior_row(output, count, shared_deviation[k], arrays.first_shared + k, 1 / _SHARED_SIGMA[k])
     entries = output[3][count]
     return (
         output[0][:count].copy(),
@@ -388,7 +389,7 @@ def _append_contact_rows(arrays, c, rows, workspace, jacobian, output, count):  
                 continue
             if arrays.static[before]:
                 for k in range(2):
-                    position = append_derivative(
+                    position = _append_derivative(
                         output, position, arrays.column[before] + k, by_end[row, ball, k] / sigma[row]
                     )
             else:
@@ -397,7 +398,7 @@ def _append_contact_rows(arrays, c, rows, workspace, jacobian, output, count):  
                     for j in range(6):
                         derivative += by_end[row, ball, j] * jacobian[before, j, k]
                     if k < SEGMENT_STATE_SIZE:
-                        position = append_derivative(
+                        position = _append_derivative(
                             output, position, arrays.column[before] + k, derivative / sigma[row]
                         )
                     elif k > SEGMENT_STATE_SIZE:
@@ -405,18 +406,68 @@ def _append_contact_rows(arrays, c, rows, workspace, jacobian, output, count):  
                     else:  # a later contact lengthens the segment, a later start shortens it
                         time_derivative += derivative
                         if arrays.start[before] != NONE:
-                            position = append_derivative(
+                            position = _append_derivative(
                                 output, position, arrays.first_contact + arrays.start[before], -derivative / sigma[row]
                             )
             for k in range(2 if arrays.static[after] else SEGMENT_STATE_SIZE):
-                position = append_derivative(
+                position = _append_derivative(
                     output, position, arrays.column[after] + k, by_start[row, ball, k] / sigma[row]
                 )
         if row == 0 and (arrays.kind[c] == JUMP or arrays.kind[c] == BREAK):
             time_derivative = 1.0
-        position = append_derivative(output, position, arrays.first_contact + c, time_derivative / sigma[row])
+        position = _append_derivative(output, position, arrays.first_contact + c, time_derivative / sigma[row])
         for k in range(SHARED_COUNT):
-            position = append_derivative(output, position, arrays.first_shared + k, shared[k] / sigma[row])
+            position = _append_derivative(output, position, arrays.first_shared + k, shared[k] / sigma[row])
         count += 1
         output[3][count] = position
     return count
+
+
+@compile_kernel
+def _append_segment_priors(arrays, segment, state, reference_state, output, count):  # type: ignore[no-untyped-def]
+    """Append the priors of slip, extra acceleration and velocity; those of slip after a contact are in its rows."""
+    start, column = arrays.start[segment], arrays.column[segment]
+    speed = np.hypot(reference_state[2], reference_state[3])
+    if start == NONE or arrays.kind[start] in (FREE, JUMP, BREAK):
+        for k in (4, 5):
+            sigma = UNEXPLAINED_SLIP_SIGMA[0] * speed + UNEXPLAINED_SLIP_SIGMA[1]
+            count = _append_prior_row(output, count, state[k] / sigma, column + k, 1 / sigma)
+    elif arrays.kind[start] == STRIKE and not arrays.pushed[start]:
+        count = _append_strike_priors(state, reference_state, column, output, count)
+    for k in (2, 3, 6, 7):
+        sigma = _VELOCITY_SIGMA if k < 4 else EXTRA_ACCELERATION_SIGMA
+        count = _append_prior_row(output, count, state[k] / sigma, column + k, 1 / sigma)
+    return count
+
+
+@compile_kernel
+def _append_strike_priors(state, reference_state, column, output, count):  # type: ignore[no-untyped-def]
+    """Append the prior of slip after a strike: equal to the velocity, uncertain along the path, hardly across it."""
+    speed = np.hypot(reference_state[2], reference_state[3])
+    direction = (reference_state[2] / speed, reference_state[3] / speed) if speed > 0 else (1.0, 0.0)
+    for share, (x, y) in ((STRUCK_SLIP, direction), (SWERVE_SLIP, (-direction[1], direction[0]))):
+        sigma = share * speed + LEAST_SLIP
+        output[0][count] = ((state[4] - state[2]) * x + (state[5] - state[3]) * y) / sigma
+        position = output[3][count]
+        for k, component in ((4, x), (5, y), (2, -x), (3, -y)):
+            position = _append_derivative(output, position, column + k, component / sigma)
+        count += 1
+        output[3][count] = position
+    return count
+
+
+@compile_kernel
+def _append_prior_row(output, count, value, column, derivative):  # type: ignore[no-untyped-def]
+    """Append a row that depends on one parameter only."""
+    output[0][count] = value
+    output[3][count + 1] = _append_derivative(output, output[3][count], column, derivative)
+    return count + 1
+
+
+@compile_kernel
+def _append_derivative(output, position, column, derivative):  # type: ignore[no-untyped-def]
+    """Append one derivative to the current row if it is not zero."""
+    if derivative != 0.0:
+        output[1][position], output[2][position] = derivative, column
+        position += 1
+    return position

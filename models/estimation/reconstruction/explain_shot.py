@@ -44,7 +44,6 @@ from models.estimation.contact_test.contact_moment import (
 from models.estimation.contact_test.contact_probability import estimate_contact_time
 from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma, make_shot_record
 from models.estimation.hand_marks.graph_marks import (
-    MarkedFit,
     apply_marks,
     combine_marked_times,
     contradict_unheld_marks,
@@ -62,11 +61,11 @@ from models.estimation.segmentation.contact_classification import build_contact_
 from models.estimation.segmentation.jitter_removal import extend_rest_until_hit, remove_jitter
 from models.estimation.segmentation.track_segmentation import BallSamples, segment_track
 from models.estimation.structure_search.contact_partners import collect_hypotheses
-from models.estimation.structure_search.initial_rests import insert_initial_rests, refit_strikes
 from models.estimation.structure_search.missed_cushions import refit_rebounds
-from models.estimation.structure_search.pass_log import log_pass
+from models.estimation.structure_search.motion_starts import insert_initial_rests, refit_strikes
 from models.estimation.structure_search.rack_detection import find_break_shots, rest_start_time
 from models.estimation.structure_search.structure_revision import remove_unexplained_contacts, revise_graph
+from models.estimation.structure_search.structure_trials import StructureSearch
 from models.tracking.track_noise import (
     NOISE_FLOOR_RADII,
     TrackNoise,
@@ -132,44 +131,46 @@ def _explain_tracks(
     observations = collect_observations(selected)
     if len(observations.t) == 0:
         return replace(blank, notes=(*blank.notes, Note("no_ball")))
-    prices = (options.break_price, options.free_price)
+    search = StructureSearch(observations, table, (options.break_price, options.free_price))
 
     def log(name: str, after: JointSolution) -> JointSolution:
-        return log_pass(name, solution, after, prices)
+        return search.log_pass(name, solution, after)
 
     solution = refine_graph(_build_initial_graph(selected, table, options), observations, table)
     progress(0.4)
-    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
-    solution = log("strike times", refit_strikes(solution, observations, table))
-    solution = log("rebounds", refit_rebounds(solution, observations, table))
+    solution = log("initial rests", insert_initial_rests(solution, search, selected))
+    solution = log("strike times", refit_strikes(solution, search))
+    solution = log("rebounds", refit_rebounds(solution, search))
     if marks:
-        solution = log("marks by hand", apply_marks(solution, marks, MarkedFit(observations, table, prices)))
+        solution = log("marks by hand", apply_marks(solution, marks, search))
     progress(0.6)
-    solution = log("structure search", revise_graph(solution, observations, table, *prices))
-    solution = log("initial rests", insert_initial_rests(solution, observations, selected, table, prices))
+    solution = log("structure search", revise_graph(solution, search))
+    solution = log("initial rests", insert_initial_rests(solution, search, selected))
     reestimated = _reestimate_noise(selected, tracks, noise, solution, observations)
     if reestimated is not None:
         selected = reestimated
         observations = replace(observations, whiten=collect_observations(selected).whiten)
+        search = search.restart(observations)
         solution = log("new noise", refine_graph(solution.graph, observations, table, initial=solution))
-        solution = log("structure search", revise_graph(solution, observations, table, *prices))
-    solution = log("strike times", refit_strikes(solution, observations, table))
-    solution = log("rebounds", refit_rebounds(solution, observations, table))
+        solution = log("structure search", revise_graph(solution, search))
+    solution = log("strike times", refit_strikes(solution, search))
+    solution = log("rebounds", refit_rebounds(solution, search))
     after_breaks, observations, breaks = reconstruct_breaks(solution, observations, table)
+    search = search.restart(observations)
     solution = log("simulated breaks", after_breaks)
     if breaks:
-        solution = log("structure search", revise_graph(solution, observations, table, *prices, 1))
+        solution = log("structure search", revise_graph(solution, search, 1))
     measured = observations
     excess = _excess_chi2(solution, observations)
     if np.any(excess > 1.5):  # systematic model errors count as noise
         observations = replace(observations, whiten=observations.whiten / np.sqrt(excess)[:, None, None])
+        search = search.restart(observations)
         solution = log("misfit as noise", refine_graph(solution.graph, observations, table, 10, solution))
-        fewer = remove_unexplained_contacts(solution, observations, table, options.free_price)
-        solution = log("remove needless contacts", fewer)
+        solution = log("remove needless contacts", remove_unexplained_contacts(solution, search))
     progress(0.9)
     outcomes: tuple[MarkOutcome, ...] = ()
     if marks:
-        marked, outcomes = settle_marks(solution, marks, MarkedFit(observations, table, prices), tracks.ids)
+        marked, outcomes = settle_marks(solution, marks, search, tracks.ids)
         solution = log("marks by hand", marked)
     solution = add_covariance(solution, observations, table)
     tests = refine_contact_times(solution, measured, blank.scene)
@@ -181,7 +182,7 @@ def _explain_tracks(
         blank, whitening=whitening, solution=solution, breaks=breaks, outcomes=(*outcomes, *blank.outcomes),
         hypotheses=(ContactRivals((), 0.0),) * len(solution.graph.contacts), gaps=list_gaps(solution, tests),
     )  # fmt: skip
-    shot = replace(shot, hypotheses=collect_hypotheses(solution, shot.observations, table))
+    shot = replace(shot, hypotheses=collect_hypotheses(solution, search.restart(shot.observations)))
     progress(1.0)
     return shot
 

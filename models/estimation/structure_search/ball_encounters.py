@@ -1,52 +1,45 @@
-"""Ball contacts proposed where two fitted paths come near each other.
+"""Ball contacts proposed where two fitted paths come near each other, and those that follow from others or are false.
 
 Wherever paths pass within reach, a contact is tried: the segments around it are refined with and without it, and it is
 kept if its gain in chi2 exceeds its price. A velocity change nearby that had no cause, or another one, becomes part of
 the contact.
+
+Contacts that follow from one within a few frames are inserted together: a ball that runs into another one which lies
+against a third seems to stop while the third starts; the one between hardly moves. With the first contact alone, the
+following motion has no cause, or the paths are bent.
+
+In a break one ball seems to meet another where several met within a frame interval. The contact laws then bend both
+paths for their whole duration: such a contact is replaced by unexplained changes until a better cause is found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
-from models.core.scene import CUSHIONS, Table
-from models.core.typing import FloatArray, IntArray
+from models.core.contact_graph import Contact, ContactGraph, JointSolution
+from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import (
-    MIN_CONTACT_INTERVAL,
     MIN_CONTACT_SPEED,
     CascadeContact,
     find_unexplained_change,
     insert_cascade,
     predict_cascade,
 )
-from models.estimation.joint_fit.fit_solution import assign_observations, end_state, evaluate_residuals
-from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.segmentation.contact_classification import BALL_TOLERANCE, INWARD_NORMALS
+from models.estimation.joint_fit.fit_solution import assign_observations, evaluate_residuals
+from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
+from models.estimation.segmentation.contact_classification import BALL_TOLERANCE
+from models.estimation.structure_search.structure_trials import StructureSearch, copy_refined_states, separate_balls
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 # s between the evaluated distances; a ball at 5 m/s moves a third of its radius.
 TIME_STEP = 2e-3
 # Frame intervals: a velocity change so near to a contact may be its effect.
 TIME_TOLERANCE = 1.2
-LOCAL_ITERATIONS = 12
-
-
-@dataclass(frozen=True, slots=True)
-class SearchCache:
-    """Results of earlier trials, by the situation they were evaluated in."""
-
-    gains: dict[tuple[Hashable, ...], float] = field(default_factory=dict)
-    """chi2 that contacts of a graph improve."""
-    trials: dict[tuple[Hashable, ...], tuple[float, ContactGraph]] = field(default_factory=dict)
-    """chi2 that proposed contacts gain, minus their prices, and the segments that they change, refined by themselves.
-    """
-    required: set[tuple[Hashable, ...]] = field(default_factory=set)
-    """Contacts that the whole clip needs unchanged: the balls, and the time to a hundredth of a second."""
+# Successive rounds: one contact often reveals the next.
+MAX_INSERTION_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,43 +63,95 @@ class ContactProposal:
     """These segments, in order, and the new ones, refined by themselves."""
 
 
-def find_ball_contacts(
-    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float], cache: SearchCache,
-    changed: frozenset[int] | None = None,
-) -> list[ContactProposal]:  # fmt: skip
+def insert_passing_contacts(solution: JointSolution, search: StructureSearch) -> JointSolution:
+    """Insert contacts of passing balls as long as new ones come up."""
+    changed: frozenset[int] | None = None
+    for _ in range(MAX_INSERTION_ROUNDS):
+        proposals = _find_ball_contacts(solution, search, changed)
+        solution, changed = _insert_paying_proposals(solution, proposals, search)
+        if not changed:
+            break
+    return solution
+
+
+def _insert_paying_proposals(
+    solution: JointSolution, proposals: list[ContactProposal], search: StructureSearch
+) -> tuple[JointSolution, frozenset[int]]:
+    """Insert the proposals that lower the total cost of the clip; return also the segments that changed.
+
+    If all together do not, half of them are tried, then the others: a contact that is right locally may be wrong for
+    what comes before or after.
+    """
+    extended, changed = _insert_proposals(solution, proposals, search)
+    if not changed:
+        return solution, changed
+    trial = search.refine(extended, solution)
+    if search.cost(trial) < search.cost(solution):
+        return trial, changed
+    if len(proposals) == 1:
+        return solution, frozenset()
+    half = len(proposals) // 2
+    solution, one = _insert_paying_proposals(solution, proposals[:half], search)
+    rest = [other for other in proposals[half:] if not other.segments & one]
+    solution, two = _insert_paying_proposals(solution, rest, search)
+    return solution, one | two
+
+
+def _find_ball_contacts(
+    solution: JointSolution, search: StructureSearch, changed: frozenset[int] | None
+) -> list[ContactProposal]:
     """Find the ball contacts that gain more than their price locally, the best first.
 
-    `prices` are those of contacts with a cause and without; `cache` keeps the trials, so that none is repeated while
-    nothing changes. If `changed` segments are given, only passes of these are tried.
+    No trial is repeated while nothing changes. If `changed` segments are given, only passes of these are tried.
     """
-    interval, owner = observations.frame_interval, assign_observations(solution.graph, observations)
+    owner = assign_observations(solution.graph, search.observations)
     base_costs: dict[frozenset[int], float] = {}
-    trials = []
-    time_tolerance = TIME_TOLERANCE * interval
-    for near_pass in find_near_passes(solution, observations, table):
-        for contacts in _propose_contacts(solution, table, near_pass, interval):
-            extended = insert_cascade(solution.graph, observations, owner, contacts, time_tolerance)
-            trial = (
-                None
-                if extended is None
-                else _evaluate_proposal(
-                    solution, observations, owner, table, extended, contacts, prices, base_costs, cache, changed
-                )
+    proposals = []
+    for near_pass in _find_near_passes(solution, search):
+        for contacts in _propose_contacts(solution, search, near_pass):
+            extended = insert_cascade(
+                solution.graph, search.observations, owner, contacts, TIME_TOLERANCE * search.interval
             )
-            if trial is not None and trial.gain > 0:
-                trials.append(trial)
-    return sorted(trials, key=lambda trial: -trial.gain)
+            if extended is not None:
+                proposals += _evaluate_proposal(solution, search, extended, contacts, base_costs, changed)
+    return sorted(proposals, key=lambda one: -one.gain)
 
 
-def insert_proposals(
-    solution: JointSolution, observations: Observations, proposals: list[ContactProposal], time_tolerance: float
+def _evaluate_proposal(
+    solution: JointSolution,
+    search: StructureSearch,
+    extended: ContactGraph,
+    contacts: list[CascadeContact],
+    base_costs: dict[frozenset[int], float],
+    changed: frozenset[int] | None,
+) -> list[ContactProposal]:
+    """Evaluate contacts of an extended graph; none if they do not pay, or concern unchanged segments alone."""
+    new_segments = frozenset(range(len(solution.graph.segments), len(extended.segments)))
+    moments = {contact.t for contact in contacts}
+    new_contacts = [item for item in extended.contacts if item.kind == "ball" and item.t in moments]
+    region = frozenset(k for item in new_contacts for k in (*item.before, *item.after)) - new_segments
+    if changed is not None and not region & changed:
+        return []
+    key = (len(contacts), *extended.cache_key(sorted(region | new_segments)))
+    if key not in search.trials:
+        trial = search.evaluate_extension(solution, extended, region, base_costs)
+        if trial is None:
+            return []
+        search.trials[key] = trial
+    gain, subgraph = search.trials[key]
+    return [ContactProposal(contacts, gain, region, subgraph)] if gain > 0 else []
+
+
+def _insert_proposals(
+    solution: JointSolution, proposals: list[ContactProposal], search: StructureSearch
 ) -> tuple[ContactGraph, frozenset[int]]:
     """Insert the proposals that do not touch a better one; return also the segments that changed."""
-    graph, changed, owner = solution.graph, frozenset[int](), assign_observations(solution.graph, observations)
+    observations, graph, changed = search.observations, solution.graph, frozenset[int]()
+    owner = assign_observations(graph, observations)
     for proposal in proposals:
         if proposal.segments & changed:
             continue
-        extended = insert_cascade(graph, observations, owner, proposal.contacts, time_tolerance)
+        extended = insert_cascade(graph, observations, owner, proposal.contacts, TIME_TOLERANCE * search.interval)
         if extended is not None:
             new_segments = range(len(graph.segments), len(extended.segments))
             changed |= proposal.segments | frozenset(new_segments)
@@ -114,30 +159,20 @@ def insert_proposals(
     return graph.mark_pushed_strikes(), changed
 
 
-def copy_refined_states(graph: ContactGraph, subgraph: ContactGraph, segments: list[int]) -> ContactGraph:
-    """Copy states and times of a refined subgraph, which has the segments `segments`; no change if they do not fit."""
-    states, contacts = list(graph.segments), list(graph.contacts)
-    for k, refined in zip(segments, subgraph.segments, strict=True):
-        if states[k].static == refined.static:
-            states[k] = replace(states[k], state=refined.state)
-    for contact in subgraph.contacts:
-        number = states[segments[contact.before[0]]].end
-        if number is not None:
-            contacts[number] = replace(contacts[number], t=contact.t)
-    updated = ContactGraph(tuple(states), tuple(contacts))
-    is_ordered = all(updated.end_time(k) > updated.start_time(k) + MIN_CONTACT_INTERVAL for k in range(len(states)))
-    return updated if is_ordered else graph
-
-
-def find_near_passes(solution: JointSolution, observations: Observations, table: Table) -> list[NearPass]:
+def _find_near_passes(solution: JointSolution, search: StructureSearch) -> list[NearPass]:
     """Find where two balls, one of them in motion, come within reach without a contact in the graph."""
-    graph, interval = solution.graph, observations.frame_interval
+    graph, observations, interval, radius = (
+        solution.graph,
+        search.observations,
+        search.interval,
+        search.table.ball_radius,
+    )
     balls = np.unique(observations.ball)
     t = np.arange(float(observations.t.min()), float(observations.t.max()), TIME_STEP)
     residual = evaluate_residuals(solution, observations)
-    paths = {int(ball): _path_from_samples(solution, observations, residual, int(ball), t) for ball in balls}
-    changes = {int(ball): _times_of_unexplained_changes(graph, int(ball)) for ball in balls}
-    reach = 2 * table.ball_radius * solution.diameter_factor + BALL_TOLERANCE * table.ball_radius
+    paths = {ball: _path_from_samples(solution, search, residual, ball, t) for ball in balls.tolist()}
+    changes = {ball: _times_of_unexplained_changes(graph, ball) for ball in balls.tolist()}
+    reach = 2 * radius * solution.diameter_factor + BALL_TOLERANCE * radius
     passes = []
     for i, a in enumerate(balls[:-1].tolist()):
         for b in balls[i + 1 :].tolist():
@@ -151,114 +186,48 @@ def find_near_passes(solution: JointSolution, observations: Observations, table:
                 early, late = t[first] - interval, t[end - 1] + interval
                 moments += [m for m in changes[a] + changes[b] if early < m < late]
                 for moment in sorted(moments):
-                    recorded = [m for m in contact_times if abs(m - moment) < TIME_TOLERANCE * interval]
-                    if not recorded:
+                    if all(abs(m - moment) >= TIME_TOLERANCE * interval for m in contact_times):
                         contact_times.append(moment)
                         passes.append(NearPass(a, b, moment))
     return passes
 
 
 def _propose_contacts(
-    solution: JointSolution, table: Table, near_pass: NearPass, interval: float
+    solution: JointSolution, search: StructureSearch, near_pass: NearPass
 ) -> list[list[CascadeContact]]:
     """Propose the contact of two balls alone, and with the cascade that it starts, if any."""
-    graph, radius = solution.graph, table.ball_radius * solution.diameter_factor
+    graph, radius = solution.graph, search.table.ball_radius * solution.diameter_factor
     unexplained = (
-        find_unexplained_change(graph, ball, near_pass.t, TIME_TOLERANCE * interval)
+        find_unexplained_change(graph, ball, near_pass.t, TIME_TOLERANCE * search.interval)
         for ball in (near_pass.a, near_pass.b)
     )
     times = [graph.contacts[number].t for number in unexplained if number is not None]
     t = float(np.mean(times)) if times else near_pass.t
-    contacts = predict_cascade(graph, solution.friction, near_pass.a, near_pass.b, t, interval, radius)
+    contacts = predict_cascade(graph, solution.friction, near_pass.a, near_pass.b, t, search.interval, radius)
     return [contacts[:1], contacts] if len(contacts) > 1 else [contacts]
 
 
-def is_doubtful(solution: JointSolution, contact: Contact) -> bool:
-    """Return whether a contact has no cause, or is so slow that a bent path would do as well."""
-    if contact.kind == "ball" and not contact.driven:
-        return closing_speed(solution, contact) < MIN_CONTACT_SPEED
-    if contact.kind == "cushion":
-        return bool(
-            -INWARD_NORMALS[CUSHIONS.index(contact.cushion)] @ end_state(solution, contact.before[0])[2:4]
-            < MIN_CONTACT_SPEED
-        )
-    return contact.kind in ("free", "jump") or contact.pushed
-
-
-def closing_speed(solution: JointSolution, contact: Contact) -> float:
-    """Return the speed at which two balls approach each other, m/s."""
-    one, two = (end_state(solution, k) for k in contact.before)
-    separation = two[:2] - one[:2]
-    return float((one[2:4] - two[2:4]) @ separation) / max(float(np.hypot(*separation)), 1e-9)
-
-
-def _evaluate_proposal(
-    solution: JointSolution,
-    observations: Observations,
-    owner: IntArray,
-    table: Table,
-    extended: ContactGraph,
-    contacts: list[CascadeContact],
-    prices: tuple[float, float],
-    base_costs: dict[frozenset[int], float],
-    cache: SearchCache,
-    changed: frozenset[int] | None,
-) -> ContactProposal | None:
-    """Evaluate the gain of an extended graph where it differs; None if only unchanged segments are concerned."""
-    graph = solution.graph
-    new_segments = frozenset(range(len(graph.segments), len(extended.segments)))
-    moments = {contact.t for contact in contacts}
-    new_contacts = [item for item in extended.contacts if item.kind == "ball" and item.t in moments]
-    region = frozenset(k for item in new_contacts for k in (*item.before, *item.after)) - new_segments
-    rows = np.isin(owner, list(region))
-    if not rows.any() or (changed is not None and not region & changed):
-        return None
-    key = (len(contacts), *extended.cache_key(sorted(region | new_segments)))
-    if key not in cache.trials:
-        local = observations.select_rows(rows)
-        if region not in base_costs:
-            base_costs[region] = total_cost(refine_subgraph(solution, graph, sorted(region), local, table), prices)
-        refined = refine_subgraph(solution, extended, sorted(region | new_segments), local, table)
-        cache.trials[key] = base_costs[region] - total_cost(refined, prices), refined.graph
-    return ContactProposal(contacts, cache.trials[key][0], region, cache.trials[key][1])
-
-
-def refine_subgraph(
-    solution: JointSolution, graph: ContactGraph, segments: list[int], local: Observations, table: Table
-) -> JointSolution:
-    """Refine some segments of a graph and the contacts among them by themselves."""
-    return refine_graph(graph.select_segments(segments), local, table, iterations=LOCAL_ITERATIONS, initial=solution)
-
-
-def total_cost(solution: JointSolution, prices: tuple[float, float]) -> float:
-    """Return the chi2 of a solution plus the prices of its contacts."""
-    doubtful = sum(is_doubtful(solution, c) for c in solution.graph.contacts)
-    return solution.chi2 + doubtful * prices[1] + (len(solution.graph.contacts) - doubtful) * prices[0]
-
-
 def _path_from_samples(
-    solution: JointSolution, observations: Observations, residual: FloatArray, ball: int, t: FloatArray
+    solution: JointSolution, search: StructureSearch, residual: FloatArray, ball: int, t: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return places (M, 2) of a ball, NaN where it was not tracked, and whether it moves (M,).
 
     The fitted path is shifted to the samples by its `residual` (K, 2) m, because it is wrong where a contact is
     missing.
     """
-    graph, is_own = solution.graph, observations.ball == ball
-    times = observations.t[is_own]
+    graph, is_own = solution.graph, search.observations.ball == ball
+    times = search.observations.t[is_own]
     segments = graph.segments_of_ball(ball)
     starts = np.array([graph.start_time(k) for k in segments])
-    chosen = np.array(segments)[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]
-    states = np.array([segment.state for segment in graph.segments])[chosen]
-    static = np.array([segment.static for segment in graph.segments])[chosen]
-    tau = np.maximum(t - np.array([graph.start_time(k) for k in range(len(graph.segments))])[chosen], 0.0)
-    path = evaluate_kinematics(states, tau, solution.friction)
+    row = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
+    states = np.array([graph.segments[k].state for k in segments])[row]
+    static = np.array([graph.segments[k].static for k in segments])[row]
+    path = evaluate_kinematics(states, np.maximum(t - starts[row], 0.0), solution.friction)
     xy = np.where(static[:, None], states[:, :2], path[:, :2])
     xy = xy + np.stack([np.interp(t, times, residual[is_own, axis]) for axis in (0, 1)], axis=1)
     is_observed = (t >= times[0]) & (t <= times[-1])
-    return np.where(is_observed[:, None], xy, np.nan), ~static & (
-        np.linalg.norm(path[:, 2:4], axis=1) > MIN_CONTACT_SPEED
-    )
+    is_moving = ~static & (np.linalg.norm(path[:, 2:4], axis=1) > MIN_CONTACT_SPEED)
+    return np.where(is_observed[:, None], xy, np.nan), is_moving
 
 
 def _times_of_unexplained_changes(graph: ContactGraph, ball: int) -> list[float]:
@@ -270,3 +239,90 @@ def _find_runs(is_within: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and end of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], is_within.astype(np.int8), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+# Frame intervals after a contact in which it may set balls in motion.
+HORIZONS = (1.0, 2.5)
+# chi2 per degree of freedom of a path that one more contact may improve, and of one that its contacts bend.
+IMPROVABLE_CHI2, BENT_CHI2 = 1.5, 3.0
+# Trials of chains in one round, and removals, the most bent first.
+MAX_CHAINS, MAX_REMOVALS = 6, 3
+
+
+def complete_chains(solution: JointSolution, search: StructureSearch) -> JointSolution:
+    """Complete the chains of ball contacts where the total cost of the clip falls."""
+    trial_count = 0
+    for contact in _find_suspicious_contacts(solution, search):
+        for horizon in HORIZONS:
+            number = next((k for k, one in enumerate(solution.graph.contacts) if one == contact), None)
+            if number is None or trial_count >= MAX_CHAINS:
+                break
+            key = (horizon, *sorted(solution.graph.balls_at(contact)), round(contact.t, 2))
+            extended = None if key in search.required else _insert_chain(solution, search, number, horizon)
+            if extended is None:
+                continue
+            trial_count += 1
+            better = search.refine_if_cheaper(extended, solution)
+            if better is None:
+                search.required.add(key)
+            solution = better or solution
+    return solution
+
+
+def _rate_ball_contacts(solution: JointSolution, search: StructureSearch) -> dict[int, float]:
+    """Return the largest chi2 per degree of freedom of the segments at each ball contact."""
+    chi2 = np.nan_to_num(evaluate_segment_chi2(solution, search.observations)[0], nan=0.0)
+    return {
+        number: float(chi2[[*contact.before, *contact.after]].max())
+        for number, contact in enumerate(solution.graph.contacts)
+        if contact.kind == "ball"
+    }
+
+
+def _find_suspicious_contacts(solution: JointSolution, search: StructureSearch) -> list[Contact]:
+    """Find ball contacts beside an unexplained start, or with bent paths, the worst first."""
+    contacts, reach = solution.graph.contacts, TIME_TOLERANCE * search.interval
+    unexplained_times = np.array([c.t for c in contacts if c.kind == "free" or c.pushed])
+    suspicious = []
+    for number, worst_chi2 in _rate_ball_contacts(solution, search).items():
+        t = contacts[number].t
+        is_beside_unexplained = bool(len(unexplained_times) and np.abs(unexplained_times - t).min() < reach)
+        if is_beside_unexplained or worst_chi2 > IMPROVABLE_CHI2:
+            suspicious.append((-worst_chi2 - 10.0 * is_beside_unexplained, t, number))
+    return [contacts[number] for *_, number in sorted(suspicious)]
+
+
+def _insert_chain(solution: JointSolution, search: StructureSearch, number: int, horizon: float) -> ContactGraph | None:
+    """Insert what follows from a contact; None if the graph already contains it."""
+    graph, interval = solution.graph, search.interval
+    contact = graph.contacts[number]
+    a, b = (graph.segments[k].ball for k in contact.before)
+    reduced = graph.remove_contact(number)
+    radius = search.table.ball_radius * solution.diameter_factor
+    contacts = predict_cascade(reduced, solution.friction, a, b, contact.t, horizon * interval, radius)
+    known_contacts = [(c.t, graph.balls_at(c)) for c in graph.contacts if c.kind == "ball"]
+    if all(_is_in_graph(item, known_contacts, 2 * horizon * interval) for item in contacts[1:]):
+        return None
+    owner = assign_observations(reduced, search.observations)
+    extended = insert_cascade(reduced, search.observations, owner, contacts, TIME_TOLERANCE * interval)
+    return None if extended is None else extended.mark_pushed_strikes()
+
+
+def _is_in_graph(contact: CascadeContact, known_contacts: list[tuple[float, set[int]]], time_tolerance: float) -> bool:
+    """Return whether a contact of the same balls is in the graph at about that time."""
+    return any(balls == {contact.a, contact.b} and abs(t - contact.t) < time_tolerance for t, balls in known_contacts)
+
+
+def remove_false_contacts(solution: JointSolution, search: StructureSearch) -> JointSolution:
+    """Remove ball contacts with bent paths where two unexplained changes cost less."""
+    worst = _rate_ball_contacts(solution, search)
+    for number in sorted(worst, key=lambda number: -worst[number])[:MAX_REMOVALS]:
+        contact = solution.graph.contacts[number]
+        key = (*sorted(solution.graph.balls_at(contact)), round(contact.t, 2))
+        if worst[number] < BENT_CHI2 or key in search.required:
+            continue
+        better = search.refine_if_cheaper(separate_balls(solution.graph, number), solution)
+        if better is None:
+            search.required.add(key)
+        solution = better or solution
+    return solution

@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.contact_graph import CAUSELESS_KINDS, Contact, ContactGraph, JointSolution, Observations
-from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
-from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
-from models.estimation.joint_fit.fit_solution import assign_observations, end_state
-from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.structure_search.ball_encounters import LOCAL_ITERATIONS, SearchCache, total_cost
-from models.estimation.structure_search.contact_removal import refine_differences, separate_balls
+from models.estimation.joint_fit.fit_solution import end_state, evaluate_path
 from models.estimation.structure_search.missed_cushions import classify_cushion_turns, insert_crossed_cushions
-from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+from models.estimation.structure_search.structure_trials import (
+    LOCAL_ITERATIONS,
+    StructureSearch,
+    join_changes,
+    separate_balls,
+)
 
 # Ball radii: two balls so far from touching may have met where one of them changes its velocity.
 TOUCH_TOLERANCE = 0.5
@@ -43,21 +43,21 @@ class Partner:
     """m: distance of the centres minus two radii, absolute."""
 
 
-def find_partners(solution: JointSolution, observations: Observations, number: int, table: Table) -> list[Partner]:
+def find_partners(solution: JointSolution, search: StructureSearch, number: int) -> list[Partner]:
     """Find the balls that may have touched the ball of a contact, the nearest first.
 
     Args:
         solution: A refined solution.
-        observations: K observations.
+        search: Observations and table.
         number: Contact of one ball, or of which the first ball is meant.
 
     Returns:
         At most `MAX_PARTNERS` candidates, one per ball.
     """
     graph, contact = solution.graph, solution.graph.contacts[number]
-    ball = graph.segments[contact.before[0]].ball
-    early, late, interval = find_unobserved_span(observations, ball, contact.t)
-    reach = 2 * table.ball_radius * solution.diameter_factor
+    ball, interval, radius = graph.segments[contact.before[0]].ball, search.interval, search.table.ball_radius
+    early, late = _find_unobserved_span(search.observations, ball, contact.t, interval)
+    reach = 2 * radius * solution.diameter_factor
     best: dict[int, Partner] = {}
     for k, segment in enumerate(graph.segments):
         if segment.static or segment.ball == ball:
@@ -68,33 +68,30 @@ def find_partners(solution: JointSolution, observations: Observations, number: i
         if end - begin < MIN_CONTACT_INTERVAL:
             continue
         t = np.linspace(begin, end, 41)
-        states = np.repeat(segment.state[None], len(t), axis=0)
-        path = evaluate_kinematics(states, np.maximum(t - graph.start_time(k), 0.0), solution.friction)
+        path = evaluate_path(graph, solution.friction, k, t)
         path[:, :2] += np.minimum(t - graph.start_time(k), 0.0)[:, None] * segment.state[2:4]
-        mismatch = np.abs(np.linalg.norm(path[:, :2] - _place_of(solution, contact, t), axis=1) - reach)
+        place = evaluate_path(graph, solution.friction, contact.before[0], t)[:, :2]
+        mismatch = np.abs(np.linalg.norm(path[:, :2] - place, axis=1) - reach)
         least = int(np.argmin(mismatch))
         speed = float(np.hypot(*path[least, 2:4]))
-        tolerance = TOUCH_TOLERANCE * table.ball_radius + TIME_TOLERANCE * interval * speed
+        tolerance = TOUCH_TOLERANCE * radius + TIME_TOLERANCE * interval * speed
         candidate = Partner(k, float(t[least]), float(mismatch[least]))
         if candidate.mismatch < tolerance and speed > MIN_CONTACT_SPEED:
-            nearest = best.get(segment.ball)
-            if nearest is None or candidate.mismatch < nearest.mismatch:
-                best[segment.ball] = candidate
+            best[segment.ball] = min(best.get(segment.ball, candidate), candidate, key=lambda one: one.mismatch)
     return sorted(best.values(), key=lambda one: one.mismatch)[:MAX_PARTNERS]
 
 
-def find_unobserved_span(observations: Observations, ball: int, t: float) -> tuple[float, float, float]:
-    """Find the samples of a ball before and after a time, widened by half of a frame, and the frame interval, s."""
+def _find_unobserved_span(observations: Observations, ball: int, t: float, interval: float) -> tuple[float, float]:
+    """Find the samples of a ball before and after a time, s, widened by half of a frame interval."""
     times = observations.t[observations.ball == ball]
-    interval = observations.frame_interval
     row = int(np.searchsorted(times, t))
     early = float(times[row - 1]) if row else t - interval
     late = float(times[row]) if row < len(times) else t + interval
-    return early - 0.5 * interval, late + 0.5 * interval, interval
+    return early - 0.5 * interval, late + 0.5 * interval
 
 
 def join_by_ball_contact(
-    solution: JointSolution, observations: Observations, number: int, partner: Partner, table: Table
+    solution: JointSolution, search: StructureSearch, number: int, partner: Partner
 ) -> ContactGraph | None:
     """Explain a velocity change by a contact with another ball.
 
@@ -103,7 +100,7 @@ def join_by_ball_contact(
 
     Args:
         solution: A refined solution.
-        observations: K observations.
+        search: Observations and table.
         number: Contact of one ball.
         partner: The other ball.
 
@@ -112,45 +109,32 @@ def join_by_ball_contact(
     """
     graph, contact = solution.graph, solution.graph.contacts[number]
     one, other = contact.before[0], graph.segments[partner.segment].ball
-    _, _, interval = find_unobserved_span(observations, other, partner.t)
-    turn = _find_causeless_turn(graph, partner, number, interval)
-    if turn is None and not (
-        graph.start_time(partner.segment) + MIN_CONTACT_INTERVAL
-        < partner.t
-        < graph.end_time(partner.segment) - MIN_CONTACT_INTERVAL
-    ):
+    t, observations = partner.t, search.observations
+    turn = _find_causeless_turn(graph, partner, number, search.interval)
+    if turn is None and not _lasts_around(graph, partner.segment, partner.segment, t):
         return None
     before = partner.segment if turn is None else graph.contacts[turn].before[0]
-    t = partner.t
-    if not graph.start_time(one) + MIN_CONTACT_INTERVAL < t < graph.end_time(contact.after[0]) - MIN_CONTACT_INTERVAL:
+    is_at_rest = graph.segments[one].static and graph.segments[before].static
+    if is_at_rest or not _lasts_around(graph, one, contact.after[0], t):
         return None
-    if graph.segments[one].static and graph.segments[before].static:
-        return None
-    place = _place_of(solution, contact, np.array([t]))[0]
+    place = evaluate_path(graph, solution.friction, one, np.array([t]))[0, :2]
     change = graph.segments[contact.after[0]].state[2:4] - end_state(solution, one)[2:4]
     line = change / max(float(np.hypot(*change)), 1e-9)
-    meeting = place - 2 * table.ball_radius * solution.diameter_factor * line
+    meeting = place - 2 * search.table.ball_radius * solution.diameter_factor * line
     later = np.flatnonzero((observations.ball == other) & (observations.t > t + MIN_CONTACT_INTERVAL))
     after = end_state(solution, before)
     after[2:6] -= np.tile(float(after[2:4] @ line) * line, 2)
     after[:2] = meeting
     if len(later):
-        velocity = (observations.xy[later[0]] - meeting) / (observations.t[later[0]] - t)
-        after[2:4] = velocity
+        after[2:4] = (observations.xy[later[0]] - meeting) / (observations.t[later[0]] - t)
     if turn is None:
         graph = graph.insert_contact(Contact("free", t, (before,), ()), (np.concatenate([after, np.zeros(2)]),))
         turn = len(graph.contacts) - 1
     elif not graph.segments[graph.contacts[turn].after[0]].static:
         k = graph.contacts[turn].after[0]
         state = np.concatenate([after, graph.segments[k].state[6:]])
-        graph = ContactGraph(
-            tuple(replace(s, state=state) if q == k else s for q, s in enumerate(graph.segments)), graph.contacts
-        )
-    second = graph.contacts[turn]
-    joined = Contact(
-        "ball", t, (*contact.before, *second.before), (*contact.after, *second.after), gain=contact.gain + second.gain
-    )
-    merged = graph.merge_contacts(number, turn, joined)
+        graph = graph.replace_segment(k, replace(graph.segments[k], state=state))
+    merged = join_changes(graph, number, turn, t, keep=number)
     is_ordered = all(merged.end_time(k) > merged.start_time(k) + 1e-4 for k in range(len(merged.segments)))
     return merged.mark_pushed_strikes() if is_ordered else None
 
@@ -167,13 +151,9 @@ def _find_causeless_turn(graph: ContactGraph, partner: Partner, number: int, int
     return min(turns, key=lambda c: abs(graph.contacts[c].t - partner.t), default=None)
 
 
-def _place_of(solution: JointSolution, contact: Contact, t: FloatArray) -> FloatArray:
-    """Return the places (M, 2) of the first ball of a contact at times t (M,) s on its path before the contact."""
-    segment = solution.graph.segments[contact.before[0]]
-    if segment.static:
-        return np.repeat(segment.state[None, :2], len(t), axis=0)
-    tau = np.maximum(t - solution.graph.start_time(contact.before[0]), 0.0)
-    return evaluate_kinematics(np.repeat(segment.state[None], len(t), axis=0), tau, solution.friction)[:, :2]
+def _lasts_around(graph: ContactGraph, first: int, last: int, t: float) -> bool:
+    """Return whether a time, s, lies between the start of a segment and the end of another one."""
+    return graph.start_time(first) + MIN_CONTACT_INTERVAL < t < graph.end_time(last) - MIN_CONTACT_INTERVAL
 
 
 # Prices of a causeless change by which a contact may cost more locally before all segments are refined: a turn nearby
@@ -186,159 +166,114 @@ MAX_FAILED_TRIALS = 4
 TURN_TIME_ERROR = 0.1
 
 
-def explain_causeless_changes(
-    solution: JointSolution, observations: Observations, table: Table, prices: tuple[float, float], cache: SearchCache
-) -> JointSolution:
-    """Explain velocity changes without a cause by contacts with other balls where that lowers the total cost.
-
-    Args:
-        solution: A refined solution.
-        observations: K observations.
-        prices: chi2 that contacts with a cause and without cost.
-        cache: Keeps the changes that are not to be tried again.
-
-    Returns:
-        The refined solution.
-    """
+def explain_causeless_changes(solution: JointSolution, search: StructureSearch) -> JointSolution:
+    """Explain velocity changes without a cause by contacts with other balls where that lowers the total cost."""
     number, failed = 0, 0
     while number < len(solution.graph.contacts) and failed < MAX_FAILED_TRIALS:
         contact, graph = solution.graph.contacts[number], solution.graph
         key = ("causeless", *graph.cache_key((*contact.before, *contact.after)))
-        if contact.kind not in CAUSELESS_KINDS or key in cache.required:
+        if contact.kind not in CAUSELESS_KINDS or key in search.required:
             number += 1
             continue
-        cache.required.add(key)
-        cost = total_cost(solution, prices)
-        trial = _join_best_partner(solution, observations, number, table, prices)
+        search.required.add(key)
+        cost = search.cost(solution)
+        trial = _join_best_partner(solution, search, number)
         is_turn = contact.kind == "free" and not graph.segments[contact.before[0]].static
-        if is_turn and (trial is None or total_cost(trial, prices) >= cost):
-            trial = _continue_to_cushion(solution, observations, table, number, prices)
-        is_better = trial is not None and total_cost(trial, prices) < cost
+        if is_turn and (trial is None or search.cost(trial) >= cost):
+            trial = _continue_to_cushion(solution, search, number)
+        is_better = trial is not None and search.cost(trial) < cost
         failed += trial is not None and not is_better
         solution, number = (trial, 0) if trial is not None and is_better else (solution, number + 1)
     return solution
 
 
-def _join_best_partner(
-    solution: JointSolution, observations: Observations, number: int, table: Table, prices: tuple[float, float]
-) -> JointSolution | None:
-    """Join a change with the ball whose contact costs least locally; None where every one costs much more."""
-    best, least = None, LOCAL_SLACK * prices[1]
-    for partner in find_partners(solution, observations, number, table):
-        joined = join_by_ball_contact(solution, observations, number, partner, table)
-        parts = joined and refine_differences(solution, solution.graph, joined, observations, table)
+def _join_best_partner(solution: JointSolution, search: StructureSearch, number: int) -> JointSolution | None:
+    """Join a change with the ball whose contact costs least locally; None where every one costs much more.
+
+    Where a ball then turns at a cushion, that is the cause.
+    """
+    best, least = None, LOCAL_SLACK * search.prices[1]
+    for partner in find_partners(solution, search, number):
+        joined = join_by_ball_contact(solution, search, number, partner)
+        parts = joined and search.refine_differences(solution, solution.graph, joined)
         if parts:
-            before, after = (total_cost(part, prices) for part in parts)
+            before, after = map(search.cost, parts)
             if after - before < least:
                 best, least = joined, after - before
-    return None if best is None else _refine_trial(best, solution, observations, table)
+    if best is None:
+        return None
+    trial = search.refine(best, solution)
+    classified = classify_cushion_turns(trial, search, TURN_TIME_ERROR * search.interval)
+    return trial if classified is trial.graph else search.refine(classified, trial)
 
 
-def _refine_trial(
-    graph: ContactGraph, initial: JointSolution, observations: Observations, table: Table
-) -> JointSolution:
-    """Refine a graph; where a ball then turns at a cushion, that is the cause."""
-    trial = refine_graph(graph, observations, table, initial=initial)
-    classified = classify_cushion_turns(trial, table, TURN_TIME_ERROR * observations.frame_interval)
-    return trial if classified is trial.graph else refine_graph(classified, observations, table, initial=trial)
-
-
-def _continue_to_cushion(
-    solution: JointSolution, observations: Observations, table: Table, number: int, prices: tuple[float, float]
-) -> JointSolution | None:
+def _continue_to_cushion(solution: JointSolution, search: StructureSearch, number: int) -> JointSolution | None:
     """Remove a velocity change, and let the ball turn at the cushion that its path then meets.
 
     None where the path meets none and bends too much to be that of one motion.
     """
     contact = solution.graph.contacts[number]
     excerpt, chosen = solution.graph.extract_contact(number)
-    rows = np.isin(assign_observations(solution.graph, observations), chosen)
-    local = observations.select_rows(rows)
-    single = refine_graph(excerpt.remove_contact(0), local, table, iterations=LOCAL_ITERATIONS, initial=solution)
-    without = solution.graph.remove_contact(number)
+    local = search.select_observations(solution.graph, chosen)
+    single = search.refine(excerpt.remove_contact(0), solution, LOCAL_ITERATIONS, local)
     k = contact.before[0] - int(contact.after[0] < contact.before[0])
-    segments = list(without.segments)
-    segments[k] = replace(segments[k], static=False, state=single.graph.segments[0].state)
-    joined = replace(solution, graph=ContactGraph(tuple(segments), without.contacts))
-    extended = insert_crossed_cushions(joined, joined.graph, observations, table)
-    if extended is joined.graph and contact.gain > LOCAL_SLACK * prices[1]:
+    without = solution.graph.remove_contact(number)
+    moving = replace(without.segments[k], static=False, state=single.graph.segments[0].state)
+    joined = replace(solution, graph=without.replace_segment(k, moving))
+    extended = insert_crossed_cushions(joined, search)
+    if extended is joined.graph and contact.gain > LOCAL_SLACK * search.prices[1]:
         return None
-    return refine_graph(extended, observations, table, initial=joined)
+    return search.refine(extended, joined)
 
 
-def collect_hypotheses(solution: JointSolution, observations: Observations, table: Table) -> tuple[ContactRivals, ...]:
+def collect_hypotheses(solution: JointSolution, search: StructureSearch) -> tuple[ContactRivals, ...]:
     """Collect what may have happened instead of every contact of the graph.
+
+    The contact law of two balls explains nothing where separate velocity changes fit much better.
 
     Args:
         solution: The best explanation, with C contacts.
-        observations: K observations.
+        search: Observations and table.
 
     Returns:
-        (C,) rivals of each contact.
+        (C,) rivals of each contact, each refined by itself, and the chi2, at most 0, by which separate changes differ
+        from a contact of two balls.
     """
-    collected = []
-    for number, contact in enumerate(solution.graph.contacts):
+    graph, collected = solution.graph, []
+    for number, contact in enumerate(graph.contacts):
         if contact.kind in ("jump", "break"):
             collected.append(ContactRivals((), 0.0))
-            continue
-        apart = _cost_of_separate_changes(solution, observations, number, table) if contact.kind == "ball" else 0.0
-        rivals = _find_rival_contacts(solution, observations, number, table)
-        collected.append(ContactRivals(tuple(rivals), apart))
+        elif contact.kind != "ball":
+            collected.append(ContactRivals(tuple(_find_rivals(solution, search, number, graph)), 0.0))
+        else:
+            separate = separate_balls(graph, number)
+            apart = replace(solution, graph=separate)
+            rivals = [
+                one
+                for slot in (number, len(separate.contacts) - 1)
+                for one in _find_rivals(apart, search, slot, graph)
+                if one.other not in graph.balls_at(contact)
+            ]
+            cost = min(_evaluate_cost(solution, search, separate, graph), 0.0)
+            collected.append(ContactRivals(tuple(sorted(rivals, key=lambda one: one.cost)), cost))
     return tuple(collected)
 
 
-def _find_rival_contacts(
-    solution: JointSolution, observations: Observations, number: int, table: Table
+def _find_rivals(
+    solution: JointSolution, search: StructureSearch, number: int, best: ContactGraph
 ) -> list[RivalContact]:
-    """Find the other balls that may have caused a velocity change, the best first.
-
-    Args:
-        solution: The best explanation.
-        observations: K observations.
-        number: Contact whose rivals are wanted.
-
-    Returns:
-        The rivals, each refined by itself.
-    """
-    contact = solution.graph.contacts[number]
-    if contact.kind != "ball":
-        return _find_rivals_of_change(solution, observations, number, table, solution.graph)
-    partners = solution.graph.balls_at(contact)
-    apart = replace(solution, graph=separate_balls(solution.graph, number))
-    rivals = []
-    for slot in (number, len(apart.graph.contacts) - 1):
-        rivals += [
-            one for one in _find_rivals_of_change(apart, observations, slot, table, solution.graph)
-            if one.other not in partners
-        ]  # fmt: skip
-    return sorted(rivals, key=lambda one: one.cost)
-
-
-def _cost_of_separate_changes(solution: JointSolution, observations: Observations, number: int, table: Table) -> float:
-    """Return the chi2 by which two separate velocity changes differ from a contact of two balls, at most 0.
-
-    The law of the contact explains nothing where separate changes fit much better.
-    """
-    apart = separate_balls(solution.graph, number)
-    return min(_evaluate_cost(solution, solution.graph, apart, observations, table), 0.0)
-
-
-def _find_rivals_of_change(
-    solution: JointSolution, observations: Observations, number: int, table: Table, best: ContactGraph
-) -> list[RivalContact]:
-    rivals = []
-    for partner in find_partners(solution, observations, number, table):
-        joined = join_by_ball_contact(solution, observations, number, partner, table)
+    """Find the other balls that may have caused a velocity change, the best first."""
+    segments, rivals = solution.graph.segments, []
+    ball = segments[solution.graph.contacts[number].before[0]].ball
+    for partner in find_partners(solution, search, number):
+        joined = join_by_ball_contact(solution, search, number, partner)
         if joined is not None:
-            ball = solution.graph.segments[solution.graph.contacts[number].before[0]].ball
-            cost = _evaluate_cost(solution, best, joined, observations, table)
-            rivals.append(RivalContact(ball, solution.graph.segments[partner.segment].ball, cost))
+            cost = _evaluate_cost(solution, search, joined, best)
+            rivals.append(RivalContact(ball, segments[partner.segment].ball, cost))
     return sorted(rivals, key=lambda one: one.cost)
 
 
-def _evaluate_cost(
-    solution: JointSolution, best: ContactGraph, other: ContactGraph, observations: Observations, table: Table
-) -> float:
+def _evaluate_cost(solution: JointSolution, search: StructureSearch, other: ContactGraph, best: ContactGraph) -> float:
     """Return the chi2 of another graph minus that of the best one, on the segments that differ."""
-    parts = refine_differences(solution, best, other, observations, table)
+    parts = search.refine_differences(solution, best, other)
     return 0.0 if parts is None else parts[1].chi2 - parts[0].chi2

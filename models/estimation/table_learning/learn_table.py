@@ -16,7 +16,7 @@ from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.fit_arrays import NOSE_COLUMN
+from models.estimation.joint_fit.fit_solution import NOSE_COLUMN
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows, summarize_parameters
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
 from models.estimation.table_learning.cushion_learning import MIN_NOSE_SIGMA, learn_cushions, refit_scatter

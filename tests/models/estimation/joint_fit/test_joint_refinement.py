@@ -9,8 +9,13 @@ import pytest
 from support.filmed_shots import RADIUS, scene
 
 from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Observations, Segment
-from models.estimation.joint_fit.fit_arrays import apply_parameters, build_graph_arrays, extract_parameters, start_times
-from models.estimation.joint_fit.fit_solution import assign_sorted_observations
+from models.estimation.joint_fit.fit_solution import (
+    apply_parameters,
+    assign_sorted_observations,
+    build_graph_arrays,
+    extract_parameters,
+    start_times,
+)
 from models.estimation.joint_fit.joint_refinement import _apply_step, _has_valid_order, _linearize_fit
 from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR, PriorRows, evaluate_priors
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from support.contact_graphs import PRICES, list_contact_names, moving, refine_segments, resting
-from support.filmed_shots import DELAY, RADIUS, Filmed, film
+from support.contact_graphs import list_contact_names, moving, resting, start_search
+from support.filmed_shots import DELAY, RADIUS, film
 
-from models.core.contact_graph import Contact, JointSolution, Observations
-from models.estimation.structure_search.ball_encounters import SearchCache, total_cost
-from models.estimation.structure_search.contact_chains import complete_chains
-from models.estimation.structure_search.contact_removal import remove_false_contacts
+from models.core.contact_graph import Contact, JointSolution
+from models.estimation.structure_search.ball_encounters import complete_chains, remove_false_contacts
+from models.estimation.structure_search.structure_trials import StructureSearch
 
 
-def onto_a_pair(seed: int, partner: int) -> tuple[Filmed, JointSolution, Observations]:
+def onto_a_pair(seed: int, partner: int) -> tuple[JointSolution, StructureSearch]:
     """Ball 0 runs into 1, which almost touches 2. In the graph, 0 meets ball `partner`, and the other one starts
     without a cause.
     """
@@ -34,35 +33,35 @@ def onto_a_pair(seed: int, partner: int) -> tuple[Filmed, JointSolution, Observa
         Contact("strike", DELAY, (0,), (1,)), Contact("ball", t, (1, 3), (2, 4)),
         Contact("strike", t + 1e-3, (5,), (6,)),
     ]  # fmt: skip
-    return shot, *refine_segments(shot, segments, contacts)
+    return start_search(shot, segments, contacts)
 
 
 def test_the_last_of_a_row_is_sent_off_by_the_one_before() -> None:
-    shot, solution, observations = onto_a_pair(1, 1)
-    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
+    solution, search = onto_a_pair(1, 1)
+    result = complete_chains(solution, search)
     assert list_contact_names(result) == [("strike", "0"), ("ball", "0", "1"), ("ball", "1", "2")]
-    assert total_cost(result, PRICES) < total_cost(solution, PRICES)
+    assert search.cost(result) < search.cost(solution)
 
 
 def test_a_complete_chain_is_not_inserted_again() -> None:
-    shot, solution, observations = onto_a_pair(2, 1)
-    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
-    assert complete_chains(result, observations, shot.scene.table, PRICES, SearchCache()) is result
+    solution, search = onto_a_pair(2, 1)
+    result = complete_chains(solution, search)
+    assert complete_chains(result, search.restart(search.observations)) is result
 
 
 def test_a_contact_with_the_wrong_ball_is_removed() -> None:
-    shot, solution, observations = onto_a_pair(3, 2)
-    result = remove_false_contacts(solution, observations, shot.scene.table, PRICES, SearchCache())
+    solution, search = onto_a_pair(3, 2)
+    result = remove_false_contacts(solution, search)
     assert ("ball", "0", "2") in list_contact_names(solution)
     assert ("ball", "0", "2") not in list_contact_names(result)
-    assert total_cost(result, PRICES) < total_cost(solution, PRICES)
+    assert search.cost(result) < search.cost(solution)
 
 
 def test_a_right_contact_is_kept_and_not_tried_twice() -> None:
-    shot, solution, observations = onto_a_pair(4, 1)
-    result = complete_chains(solution, observations, shot.scene.table, PRICES, SearchCache())
-    cache = SearchCache()
-    assert remove_false_contacts(result, observations, shot.scene.table, PRICES, cache) is result
-    count = len(cache.required)
-    assert remove_false_contacts(result, observations, shot.scene.table, PRICES, cache) is result
-    assert len(cache.required) == count
+    solution, search = onto_a_pair(4, 1)
+    result = complete_chains(solution, search)
+    again = search.restart(search.observations)
+    assert remove_false_contacts(result, again) is result
+    count = len(again.required)
+    assert remove_false_contacts(result, again) is result
+    assert len(again.required) == count

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import fixed_step_table as truth
-from support.contact_graphs import moving, refine_segments, resting
-from support.filmed_shots import DELAY, RADIUS, Filmed, film, scene
+from support.contact_graphs import moving, resting, start_search
+from support.filmed_shots import DELAY, RADIUS, film, scene
 
-from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Observations, Segment
-from models.estimation.joint_fit.joint_refinement import refine_graph
+from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Segment
 from models.estimation.structure_search.missed_cushions import refit_rebounds, split_corner_contacts
+from models.estimation.structure_search.structure_trials import StructureSearch
 
 
 def corner() -> JointSolution:
@@ -46,7 +46,7 @@ def test_a_graph_that_was_shortened_meanwhile_is_left_alone() -> None:
     assert split_corner_contacts(solution, nothing, table) == nothing
 
 
-def make_slow_rebound(seed: int, slip: float) -> tuple[Filmed, JointSolution, Observations]:
+def make_slow_rebound(seed: int, slip: float) -> tuple[JointSolution, StructureSearch]:
     """A slow ball off a nose that grips; in the graph it leaves with `slip` times its true slip."""
     start, v = np.array([[1.8, 0.4]]), np.array([[1.0, 0.25]])
     rolling = np.array([[-v[0, 1] / RADIUS, v[0, 0] / RADIUS, 0.0]])
@@ -58,29 +58,23 @@ def make_slow_rebound(seed: int, slip: float) -> tuple[Filmed, JointSolution, Ob
     ]  # fmt: skip
     segments[2].state[4:6] = slip * np.array([-1.3, 0.0])
     contacts = [Contact("strike", DELAY, (0,), (1,)), Contact("cushion", t, (1,), (2,), "right")]
-    return shot, *refine_segments(shot, segments, contacts)
+    return start_search(shot, segments, contacts)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_refitted_rebounds_reach_the_best_fit_from_a_wrong_rebound(seed: int) -> None:
-    shot, right, observations = make_slow_rebound(seed, 1.0)
-    _, altered, _ = make_slow_rebound(seed, 0.02)
+    right, search = make_slow_rebound(seed, 1.0)
+    altered, _ = make_slow_rebound(seed, 0.02)
     segments = list(altered.graph.segments)
     segments[2] = replace(segments[2], state=np.array([2.51, 0.57, -0.3, 0.2, 0.0, 0.0, 0.05, 0.0]))
-    wrong = refine_graph(
-        ContactGraph(tuple(segments), altered.graph.contacts),
-        observations,
-        shot.scene.table,
-        iterations=0,
-        initial=altered,
-    )
-    refitted = refit_rebounds(wrong, observations, shot.scene.table)
+    wrong = search.refine(ContactGraph(tuple(segments), altered.graph.contacts), altered, iterations=0)
+    refitted = refit_rebounds(wrong, search)
     assert refitted.chi2 < wrong.chi2 - 100
     assert refitted.chi2 == pytest.approx(right.chi2, abs=0.5)
     assert refitted.graph.contacts[1].t == pytest.approx(right.graph.contacts[1].t, abs=5e-4)
 
 
 def test_a_graph_without_cushions_has_no_rebounds_to_refit() -> None:
-    shot, solution, observations = make_slow_rebound(4, 1.0)
+    solution, search = make_slow_rebound(4, 1.0)
     without = replace(solution, graph=solution.graph.remove_contact(1))
-    assert refit_rebounds(without, observations, shot.scene.table) is without
+    assert refit_rebounds(without, search) is without
