@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support import staged_shot
-from support.contact_graphs import moving, refine_segments, resting
+from support.contact_graphs import moving, resting, start_search
 from support.filmed_shots import RADIUS, film, random_shot
 from support.frame_rates import convert_rate
 
@@ -80,7 +80,8 @@ def collision() -> tuple[JointSolution, Observations]:
         moving(0, 1, None, hit, place, (0.1, 0.0)), moving(1, 1, None, hit, (1.1, 0.61), (1.0, 0.0)),
     ]  # fmt: skip
     contacts = [Contact("strike", shot.strike, (0,), (2,)), Contact("ball", hit, (2, 1), (3, 4))]
-    solution, observations = refine_segments(shot, segments, contacts)
+    solution, search = start_search(shot, segments, contacts)
+    observations = search.observations
     return add_covariance(solution, observations, shot.scene.table), observations
 
 
