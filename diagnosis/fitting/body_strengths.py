@@ -27,8 +27,8 @@ from diagnosis.fitting.hypothesis_fits import (
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
-from models.estimation.multiple_shooting.fitted_parameters import FittedModel
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, fit_windows
+from models.estimation.multiple_shooting.shooting_windows import FittedModel
 from models.physics.effect import Prior
 
 # Information of a shot over that of the best one, below which it says nothing of a strength.

@@ -12,11 +12,15 @@ from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.gap_scene import GapScene, effect_parameter_mask, neutral_values
-from models.estimation.multiple_shooting.fitted_parameters import fix_parameters
-from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
-from models.estimation.multiple_shooting.shooting_problem import Iterate, ShootingProblem, build_problem
-from models.estimation.multiple_shooting.shooting_windows import ShootingModel, is_lost, simulate_window
+from models.estimation.multiple_shooting.shooting_problem import (
+    Iterate,
+    ShootingProblem,
+    build_problem,
+    linearize_chains,
+    simulate_chains,
+)
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel, fix_parameters, is_lost, simulate_window
 from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import solve_damped

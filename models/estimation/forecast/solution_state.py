@@ -32,7 +32,7 @@ from models.estimation.joint_fit.prior_residuals import (
     RUBBER_SIGMA,
     SLIDING_PRIOR,
 )
-from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
+from models.estimation.multiple_shooting.lack_of_fit import measure_lack_of_fit
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
@@ -103,11 +103,7 @@ def estimate_lack_of_fit(solution: JointSolution, observations: Observations) ->
     bounded = whitened * evaluate_huber_loss(whitened)[0][:, None]
     series = [bounded[owner == k] for k, segment in enumerate(solution.graph.segments) if not segment.static]
     free = sum(min(one.size, 5) for one in series)
-    count = sum(one.size for one in series)
-    if count <= free:
-        return 1.0
-    chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
-    return float(np.clip(chi2 * correlation_factor(series), 1.0, MAX_INFLATION))
+    return min(measure_lack_of_fit(series, free)[1], MAX_INFLATION)
 
 
 def build_state_estimate(

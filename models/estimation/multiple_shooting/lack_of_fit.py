@@ -1,4 +1,4 @@
-"""Increase of the uncertainty of a fit by residuals that are correlated in time."""
+"""Increase of the uncertainty of a fit by residuals that are too large, or correlated in time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,24 @@ from models.core.typing import FloatArray
 
 # Residuals below which a series contains no usable autocorrelation.
 _MIN_SERIES_LENGTH = 4
+
+
+def measure_lack_of_fit(series: list[FloatArray], free: int) -> tuple[float, float]:
+    """Measure by how much residuals exceed their nominal errors.
+
+    Args:
+        series: Residuals (K, d) of each body in standard deviations, bounded by a robust loss, in the order of time.
+        free: Number of fitted parameters.
+
+    Returns:
+        chi2 per degree of freedom, and the factor on variances that it and correlations in time require, at least 1;
+        NaN and 1 without a degree of freedom.
+    """
+    count = sum(one.size for one in series)
+    if count <= free:
+        return float("nan"), 1.0
+    chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
+    return chi2, max(1.0, chi2 * correlation_factor(series))
 
 
 def correlation_factor(series: list[FloatArray]) -> float:

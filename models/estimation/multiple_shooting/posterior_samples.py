@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import linearize_chains, simulate_chains
 from models.estimation.multiple_shooting.shooting_problem import (
     Iterate,
     ShootingProblem,
     coordinate_bounds,
+    linearize_chains,
     prior_terms,
+    simulate_chains,
     values_from_coordinates,
 )
 from models.estimation.multiple_shooting.shooting_windows import ShootingModel

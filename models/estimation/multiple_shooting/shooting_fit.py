@@ -9,6 +9,7 @@ bounded by Huber's loss.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,30 +18,25 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import Parameter
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
-from models.estimation.multiple_shooting.normal_equations import (
-    assemble_normal_equations,
-    assemble_state_block,
-    chain_cost,
-    linearize_chains,
-    require_linearized,
-    simulate_chains,
-)
+from models.estimation.multiple_shooting.lack_of_fit import measure_lack_of_fit
 from models.estimation.multiple_shooting.shooting_problem import (
-    ChainIterate,
     Iterate,
     ShootingProblem,
+    assemble_normal_equations,
+    assemble_state_block,
     build_problem,
+    chain_cost,
     coordinate_bounds,
-    embed_chain,
-    extract_chain,
+    linearize_chains,
     map_chains,
     prior_terms,
-    replace_chains,
+    require_linearized,
+    simulate_chain,
+    simulate_chains,
     value_derivatives,
     values_from_coordinates,
 )
-from models.estimation.multiple_shooting.shooting_windows import ShootingModel, simulate_window
+from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import Minimum, SearchOptions, count_determined, minimize_cost, solve_damped
@@ -196,11 +192,7 @@ class ShootingFit:
             bounded = prediction.residual * np.sqrt(evaluate_huber_loss(prediction.residual)[0])[:, None]
             series += [bounded[window.body == body] for body in np.unique(window.body)]
             free += count_determined(prediction.start_jacobian.reshape(-1, len(window.start)))
-        count = sum(one.size for one in series)
-        if count <= free:
-            return float("nan"), 1.0
-        chi2 = sum(float((one**2).sum()) for one in series) / (count - free)
-        return chi2, max(1.0, chi2 * correlation_factor(series))
+        return measure_lack_of_fit(series, free)
 
 
 def fit_windows(
@@ -229,9 +221,8 @@ def fit_windows(
     guesses = tuple(w.start.copy() for w in problem.windows)
     point = simulate_chains(problem, guesses if starts is None else starts, first)
     if starts is None or retry_guesses:
-        chains, more = range(len(problem.chains)), () if starts is None else (guesses,)
-        parts = map_chains(problem, _fit_best_guess_task, point, chains, options, more)
-        point = replace_chains(problem, point, dict(zip(chains, parts, strict=True)))
+        more = () if starts is None else (guesses,)
+        point, _ = map_chains(problem, _fit_best_guess, point, range(len(problem.chains)), options, more)
     point, converged = _minimize_cost(problem, point, options)
     return ShootingFit(point.starts, point.shared, point.cost, converged, problem, point)
 
@@ -274,10 +265,8 @@ def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOpti
     Without shared parameters, chains have nothing in common: each is fitted alone, with a damping of its own.
     """
     if not problem.model.unknowns:
-        chains = range(len(problem.chains))
-        results = map_chains(problem, _converge_chain_task, now, chains, options.iterations)
-        point = replace_chains(problem, now, {k: part for k, (part, _) in zip(chains, results, strict=True)})
-        return point, all(converged for _, converged in results)
+        point, converged = map_chains(problem, _converge_chain, now, range(len(problem.chains)), options.iterations)
+        return point, all(converged)
     settling = min(options.shot_iterations, _SETTLING_ITERATIONS)
 
     def move(now: Iterate, step: tuple[FloatArray, list[FloatArray], FloatArray]) -> tuple[Iterate, float]:
@@ -318,44 +307,32 @@ def _refit_worse_chains(problem: ShootingProblem, before: Iterate, trial: Iterat
     if len(is_worse) < 2 or not is_worse.any() or not gains[np.append(~is_worse, True)].sum() > _COST_JUMP:
         return trial
     worse = [int(k) for k in np.flatnonzero(is_worse)]
-    parts = map_chains(problem, _fit_chain_task, trial, worse, settling)
-    return replace_chains(problem, trial, dict(zip(worse, parts, strict=True)))
+    return map_chains(problem, _fit_chain, trial, worse, settling)[0]
 
 
-def _converge_chain_task(
-    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, iterations: int
-) -> tuple[ChainIterate, bool]:
-    best = _search_chain_states(problem, embed_chain(problem, part, shared, chain), chain, iterations, quiet_steps=2)
+def _converge_chain(problem: ShootingProblem, now: Iterate, chain: int, iterations: int) -> tuple[Iterate, bool]:
+    """Fit the states of one chain; return also whether the search converged."""
+    best = _search_chain_states(problem, now, chain, iterations, quiet_steps=2)
     is_converged = best.outcome == "converged"
     if best.outcome == "stalled" and best.linear is not None:
         step = solve_damped(best.linear.states, best.linear.gradient, 0.0)
         is_converged = float(best.linear.gradient @ step) < _REMAINING_DECREASE
-    return extract_chain(problem, best.point, chain), is_converged
+    return best.point, is_converged
 
 
-def _fit_chain_task(
-    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, iterations: int
-) -> ChainIterate:
-    return extract_chain(
-        problem, _fit_chain_states(problem, embed_chain(problem, part, shared, chain), chain, iterations), chain
-    )
-
-
-def _fit_chain_states(
-    problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0
-) -> Iterate:
-    """Fit the states of one chain to the first `share` of each of its windows, with fixed shared parameters."""
-    return _search_chain_states(problem, now, chain, iterations, share).point
+def _fit_chain(problem: ShootingProblem, now: Iterate, chain: int, iterations: int) -> tuple[Iterate, None]:
+    """Fit the states of one chain."""
+    return _search_chain_states(problem, now, chain, iterations).point, None
 
 
 def _search_chain_states(
     problem: ShootingProblem, now: Iterate, chain: int, iterations: int, share: float = 1.0, quiet_steps: int = 1
 ) -> Minimum[Iterate, ChainBlock]:
-    """Search the best states of one chain, see `_fit_chain_states`."""
+    """Search the best states of one chain for the first `share` of its windows, with fixed shared parameters."""
     cost = chain_cost(problem, now, chain, share)
 
     def move(now: Iterate, step: FloatArray) -> tuple[Iterate, float]:
-        trial = _step_states(problem, now, chain, step)
+        trial = simulate_chain(problem, now, chain, _move_starts(problem, now.starts, {chain: step}))
         return trial, chain_cost(problem, trial, chain, share)
 
     return minimize_cost(
@@ -368,26 +345,13 @@ def _search_chain_states(
     )
 
 
-def _fit_best_guess_task(
-    problem: ShootingProblem,
-    part: ChainIterate,
-    shared: FloatArray,
-    chain: int,
-    options: ShootingOptions,
-    more: tuple[tuple[FloatArray, ...], ...],
-) -> ChainIterate:
-    return extract_chain(
-        problem, _fit_best_guess(problem, embed_chain(problem, part, shared, chain), chain, options, more), chain
-    )
-
-
 def _fit_best_guess(
     problem: ShootingProblem,
     now: Iterate,
     chain: int,
     options: ShootingOptions,
-    more: tuple[tuple[FloatArray, ...], ...] = (),
-) -> Iterate:
+    more: tuple[tuple[FloatArray, ...], ...],
+) -> tuple[Iterate, None]:
     """Fit the states of one chain from each of its initial guesses and return the best.
 
     `more` are further start states of all windows. Where an alternative guess of a window differs from its first guess,
@@ -408,7 +372,7 @@ def _fit_best_guess(
         starts = _fit_guesses(heads, now, chain, options, [*guesses, *alternatives]).starts
         first, end = own[0], own[_GUESS_WINDOWS]
         guesses, alternatives = [(*one[:first], *starts[first:end], *one[end:]) for one in guesses], []
-    return _fit_guesses(problem, now, chain, options, [*guesses, *alternatives])
+    return _fit_guesses(problem, now, chain, options, [*guesses, *alternatives]), None
 
 
 def _fit_guesses(
@@ -419,8 +383,8 @@ def _fit_guesses(
     count = sum(len(problem.windows[k].t) for k in own)
     fits: list[Iterate] = []
     for starts in guesses:
-        guess = _simulate_guess(problem, now, chain, starts)
-        fits.append(_fit_chain_states(problem, guess, chain, options.shot_iterations))
+        guess = simulate_chain(problem, now, chain, starts)
+        fits.append(_search_chain_states(problem, guess, chain, options.shot_iterations).point)
         explained = _NOISE_CHI2 * sum(fits[-1].windows[k].residual.size for k in own)
         if not options.tries_all_guesses and fits[-1].costs[chain] <= explained:
             return fits[-1]
@@ -428,7 +392,7 @@ def _fit_guesses(
     if options.is_smooth or best.costs[chain] <= _EXPLAINED_CHI2 * count:
         return best
     early = [
-        _fit_growing_share(problem, _simulate_guess(problem, now, chain, starts), chain, options, _EARLY_SHARES)
+        _fit_growing_share(problem, simulate_chain(problem, now, chain, starts), chain, options, _EARLY_SHARES)
         for starts in guesses
     ]
     early.sort(key=lambda one: chain_cost(problem, one, chain, _EARLY_SHARES[-1]))
@@ -438,24 +402,13 @@ def _fit_guesses(
     return min([best, *slow], key=lambda one: float(one.costs[chain]))
 
 
-def _simulate_guess(problem: ShootingProblem, now: Iterate, chain: int, starts: tuple[FloatArray, ...]) -> Iterate:
-    """Replace the start states of one chain and simulate it."""
-    predictions, costs = list(now.windows), now.costs.copy()
-    for k in problem.chains[chain]:
-        predictions[k] = simulate_window(problem.model, k, starts[k], now.shared)
-    guess = Iterate(starts, now.shared, tuple(predictions), costs)
-    costs[chain] = chain_cost(problem, guess, chain)
-    return guess
-
-
 def _fit_growing_share(
     problem: ShootingProblem, point: Iterate, chain: int, options: ShootingOptions, shares: tuple[float, ...]
 ) -> Iterate:
     """Fit the states to growing shares of a chain's windows, so that contacts are included one after another."""
     for share in shares:
-        point = _fit_chain_states(
-            problem, point, chain, options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1, share
-        )
+        iterations = options.shot_iterations if share == 1.0 else options.shot_iterations // 3 + 1
+        point = _search_chain_states(problem, point, chain, iterations, share).point
     return point
 
 
@@ -466,13 +419,21 @@ def _take_step(
     shared_step, state_steps, _ = step
     coordinates, low, high = coordinate_bounds(problem.model.unknowns, now.shared)
     moved = np.clip(coordinates + shared_step, low, high)
-    starts = list(now.starts)
-    for numbers, moves in zip(problem.chains, state_steps, strict=True):
+    starts = _move_starts(problem, now.starts, dict(enumerate(state_steps)))
+    return simulate_chains(problem, starts, values_from_coordinates(problem.model.unknowns, moved))
+
+
+def _move_starts(
+    problem: ShootingProblem, starts: tuple[FloatArray, ...], steps: Mapping[int, FloatArray]
+) -> tuple[FloatArray, ...]:
+    """Move the start states of chains by steps (M,) of all their states."""
+    moved = list(starts)
+    for chain, step in steps.items():
         offset = 0
-        for k in numbers:
-            starts[k] = now.starts[k] + moves[offset : offset + len(now.starts[k])]
-            offset += len(now.starts[k])
-    return simulate_chains(problem, tuple(starts), values_from_coordinates(problem.model.unknowns, moved))
+        for k in problem.chains[chain]:
+            moved[k] = starts[k] + step[offset : offset + len(starts[k])]
+            offset += len(starts[k])
+    return tuple(moved)
 
 
 def _solve_step(
@@ -488,13 +449,3 @@ def _solve_step(
         np.minimum(high - coordinates, _MAX_PARAMETER_STEP / scale),
     )
     return *eliminate_states(blocks, np.diag(prior_h), prior_g, damping, is_fixed, reach), gradient
-
-
-def _step_states(problem: ShootingProblem, now: Iterate, chain: int, step: FloatArray) -> Iterate:
-    """Move the states of one chain by a step (M,) and simulate it."""
-    starts, offset = list(now.starts), 0
-    for k in problem.chains[chain]:
-        size = len(starts[k])
-        starts[k] = starts[k] + step[offset : offset + size]
-        offset += size
-    return _simulate_guess(problem, now, chain, tuple(starts))

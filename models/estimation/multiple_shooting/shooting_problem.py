@@ -1,4 +1,4 @@
-"""The fixed data of a multiple-shooting fit, its current iterate, and the part of both that belongs to one chain.
+"""A multiple-shooting problem, its iterates, and their cost and normal equations, chain by chain.
 
 A chain is a window with those that are linked to it by continuity. Chains share nothing but the shared parameters, so
 that the cost of a fit grows linearly with their number, however many of them belong to one shot.
@@ -9,7 +9,7 @@ Shared parameters are searched by their logarithms where their prior is relative
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -21,9 +21,14 @@ from models.estimation.multiple_shooting.shooting_windows import (
     ShootingModel,
     SimulatedWindow,
     Window,
+    copy_contiguous,
     drop_shared_jacobian,
+    linearize_window,
+    simulate_window,
 )
+from models.estimation.multiple_shooting.state_elimination import ChainBlock
 from models.numerics.executor import SERIAL, Executor
+from models.numerics.statistics import evaluate_huber_loss
 from models.physics.effect import Prior
 
 # Stands for a window that was not simulated.
@@ -95,25 +100,46 @@ class ChainIterate:
     cost: float
 
 
-def extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:
-    """Extract the part of an iterate that belongs to one chain."""
+def map_chains(
+    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, chains: Sequence[int], *more: Any
+) -> tuple[Iterate, list[Any]]:
+    """Run one task per chain through the executor.
+
+    Args:
+        problem: Problem that the iterate belongs to.
+        work: Function `work(problem, point, chain, *more)`, importable in a worker process, which returns an iterate of
+            which this chain counts, and a result. Other chains of its `point` are not simulated.
+        point: Iterate to change; it stays as it is.
+        chains: Indices of the chains to work on.
+        more: Further arguments of every task.
+
+    Returns:
+        The changed iterate, and the results in the order of `chains`.
+    """
+    jobs = [(_extract_chain(problem, point, chain), point.shared, chain, work, *more) for chain in chains]
+    done = problem.executor.map_tasks(problem, _work_on_chain, jobs)
+    parts = {chain: part for chain, (part, _) in zip(chains, done, strict=True)}
+    return _replace_chains(problem, point, parts), [result for _, result in done]
+
+
+def _work_on_chain(
+    problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int, work: Callable[..., Any], *more: Any
+) -> tuple[ChainIterate, Any]:
+    starts = tuple(window.start for window in problem.windows)
+    blank = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
+    point, result = work(problem, _replace_chains(problem, blank, {chain: part}), chain, *more)
+    own = _extract_chain(problem, point, chain)
+    return replace(own, windows=tuple(map(copy_contiguous, own.windows))), result
+
+
+def _extract_chain(problem: ShootingProblem, point: Iterate, chain: int) -> ChainIterate:
     own = problem.chains[chain]
     return ChainIterate(
         tuple(point.starts[k] for k in own), tuple(point.windows[k] for k in own), float(point.costs[chain])
     )
 
 
-def replace_chains(problem: ShootingProblem, point: Iterate, parts: Mapping[int, ChainIterate]) -> Iterate:
-    """Replace the parts of some chains in an iterate.
-
-    Args:
-        problem: Problem that the iterate belongs to.
-        point: Iterate to change; it stays as it is.
-        parts: New parts by the index of their chain.
-
-    Returns:
-        The changed iterate.
-    """
+def _replace_chains(problem: ShootingProblem, point: Iterate, parts: Mapping[int, ChainIterate]) -> Iterate:
     starts, predictions, costs = list(point.starts), list(point.windows), point.costs.copy()
     for chain, part in parts.items():
         for k, start, prediction in zip(problem.chains[chain], part.starts, part.windows, strict=True):
@@ -122,31 +148,157 @@ def replace_chains(problem: ShootingProblem, point: Iterate, parts: Mapping[int,
     return Iterate(tuple(starts), point.shared, tuple(predictions), costs)
 
 
-def map_chains(
-    problem: ShootingProblem, work: Callable[..., Any], point: Iterate, chains: Sequence[int], *more: Any
-) -> list[Any]:
-    """Run one task per chain through the executor.
+def simulate_chains(problem: ShootingProblem, starts: tuple[FloatArray, ...], shared: FloatArray) -> Iterate:
+    """Simulate every window, without Jacobians where the model can leave them out.
 
     Args:
-        problem: Problem that the iterate belongs to.
-        point: Iterate whose parts the tasks receive.
-        chains: Indices of the chains to work on.
-        work: Function `work(problem, part, shared, chain, *more)`, importable in a worker process.
-        more: Further arguments of every task.
+        problem: Problem to simulate.
+        starts: (S,) start state of each window.
+        shared: (P,) shared parameters.
 
     Returns:
-        Results in the order of `chains`.
+        The iterate at these values.
     """
-    jobs = [(extract_chain(problem, point, chain), point.shared, chain, *more) for chain in chains]
-    return problem.executor.map_tasks(problem, work, jobs)
+    point = Iterate(starts, shared, (NOT_SIMULATED,) * len(starts), np.zeros(len(problem.chains) + 1))
+    point, _ = map_chains(problem, _simulate_chain_task, point, range(len(problem.chains)))
+    point.costs[-1] = prior_cost(problem.model.unknowns, shared)
+    return point
 
 
-def embed_chain(problem: ShootingProblem, part: ChainIterate, shared: FloatArray, chain: int) -> Iterate:
-    """Build an iterate in which one chain is simulated; all others stay at their initial guess and cost nothing."""
-    starts = [window.start for window in problem.windows]
-    costs = np.zeros(len(problem.chains) + 1)
-    point = Iterate(tuple(starts), shared, (NOT_SIMULATED,) * len(starts), costs)
-    return replace_chains(problem, point, {chain: part})
+def _simulate_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, None]:
+    return simulate_chain(problem, point, chain, point.starts), None
+
+
+def simulate_chain(problem: ShootingProblem, point: Iterate, chain: int, starts: tuple[FloatArray, ...]) -> Iterate:
+    """Replace the start states of one chain by those of `starts` and simulate it."""
+    predictions, costs = list(point.windows), point.costs.copy()
+    for k in problem.chains[chain]:
+        predictions[k] = simulate_window(problem.model, k, starts[k], point.shared)
+    simulated = Iterate(starts, point.shared, tuple(predictions), costs)
+    costs[chain] = chain_cost(problem, simulated, chain)
+    return simulated
+
+
+def linearize_chains(problem: ShootingProblem, point: Iterate) -> tuple[Iterate, list[ChainBlock]]:
+    """Linearize all windows of an iterate and assemble the normal equations of every chain.
+
+    Args:
+        problem: Problem to linearize.
+        point: Iterate at which to linearize.
+
+    Returns:
+        The iterate with all Jacobians, and one block of normal equations per chain.
+    """
+    return map_chains(problem, _linearize_chain_task, point, range(len(problem.chains)))
+
+
+def assemble_normal_equations(problem: ShootingProblem, point: Iterate) -> list[ChainBlock]:
+    """Assemble the normal equations of every chain: states, shared search coordinates, and their coupling."""
+    return map_chains(problem, _assemble_chain_task, point, range(len(problem.chains)))[1]
+
+
+def _linearize_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, ChainBlock]:
+    scale = value_derivatives(problem.model.unknowns, point.shared)
+    linearized = _linearize_windows(problem, point, chain, problem.model)
+    return linearized, _assemble_block(problem, linearized, chain, 1.0, scale)
+
+
+def _assemble_chain_task(problem: ShootingProblem, point: Iterate, chain: int) -> tuple[Iterate, ChainBlock]:
+    return point, _linearize_chain_task(problem, point, chain)[1]
+
+
+def _linearize_windows(problem: ShootingProblem, point: Iterate, chain: int, model: ShootingModel) -> Iterate:
+    """Linearize those windows of one chain that have no Jacobians yet."""
+    predictions = list(point.windows)
+    for k in problem.chains[chain]:
+        if isinstance(predictions[k], SimulatedWindow):
+            predictions[k] = linearize_window(model, k, point.starts[k], point.shared)
+    return replace(point, windows=tuple(predictions))
+
+
+def _count_first_observations(window: Window, share: float) -> int:
+    """Count the observations within the first `share` of a window's duration."""
+    if share >= 1.0 or len(window.t) == 0:
+        return len(window.t)
+    first, last = window.t[0], window.t[-1]
+    return int(np.searchsorted(window.t, first + share * (last - first), side="right"))
+
+
+def chain_cost(problem: ShootingProblem, point: Iterate, chain: int, share: float = 1.0) -> float:
+    """Compute the robust chi2 of the first `share` of a chain's windows, with the priors and links of its states."""
+    cost = 0.0
+    for k in problem.chains[chain]:
+        window, prediction = problem.windows[k], point.windows[k]
+        cost += evaluate_huber_loss(prediction.residual[: _count_first_observations(window, share)])[1]
+        cost += float((((point.starts[k] - window.start) / window.sigma) ** 2).sum())
+        if window.link_sigma is not None:
+            cost += float((((point.starts[k] - point.windows[k - 1].end) / window.link_sigma) ** 2).sum())
+    return cost if np.isfinite(cost) else float("inf")
+
+
+def assemble_state_block(problem: ShootingProblem, point: Iterate, chain: int, share: float) -> ChainBlock:
+    """Assemble the normal equations of the states of one chain alone, of the first `share` of its windows."""
+    linearized = _linearize_windows(problem, point, chain, problem.state_model)
+    return _assemble_block(problem, linearized, chain, share, np.empty(0))
+
+
+def _assemble_block(
+    problem: ShootingProblem, point: Iterate, chain: int, share: float, scale: FloatArray
+) -> ChainBlock:
+    """Assemble the normal equations of the states of a linearized chain and the first `len(scale)` shared coordinates.
+
+    `scale` (P,) are the derivatives of the shared parameters by their search coordinates; it may be empty.
+    """
+    numbers = problem.chains[chain]
+    offsets = np.concatenate([[0], np.cumsum([len(point.starts[k]) for k in numbers])])
+    block = ChainBlock.empty(int(offsets[-1]), len(scale))
+    for place, k in enumerate(numbers):
+        window, linearized = problem.windows[k], require_linearized(point, k)
+        here = slice(offsets[place], offsets[place + 1])
+        count = _count_first_observations(window, share)
+        weight = np.sqrt(evaluate_huber_loss(linearized.residual[:count])[0])[:, None]
+        by_start = (linearized.start_jacobian[:count] * weight[:, :, None]).reshape(-1, len(point.starts[k]))
+        by_shared = linearized.shared_jacobian[:count, :, : len(scale)] * weight[:, :, None]
+        by_shared = by_shared.reshape(len(by_start), len(scale)) * scale
+        block.add_rows(here, by_start, by_shared, (linearized.residual[:count] * weight).reshape(-1))
+        block.add_prior(here, point.starts[k] - window.start, window.sigma)
+        if window.link_sigma is not None:
+            _add_link(block, here, slice(offsets[place - 1], offsets[place]), window.link_sigma, point, k, scale)
+    return block
+
+
+def require_linearized(point: Iterate, k: int) -> LinearizedWindow:
+    """Return a window of an iterate with its Jacobians.
+
+    Args:
+        point: Iterate that should be linearized.
+        k: Index of the window.
+
+    Returns:
+        The linearized window.
+
+    Raises:
+        ValueError: The window has no Jacobians.
+    """
+    prediction = point.windows[k]
+    if isinstance(prediction, SimulatedWindow):
+        raise ValueError(f"the Jacobians of window {k} are needed; it was simulated without them")
+    return prediction
+
+
+def _add_link(
+    block: ChainBlock, here: slice, before: slice, sigma: FloatArray, point: Iterate, k: int, scale: FloatArray
+) -> None:
+    """Add the continuity of the start of window `k` with the end of the previous window."""
+    tied = np.flatnonzero(np.isfinite(sigma))
+    prediction = require_linearized(point, k - 1)
+    rows = np.zeros((len(tied), here.stop - before.start))
+    rows[:, : here.start - before.start] = -prediction.end_start_jacobian[tied]
+    rows[np.arange(len(tied)), here.start - before.start + tied] = 1.0
+    rows /= sigma[tied, None]
+    shared = -prediction.end_shared_jacobian[tied, : len(scale)] * scale / sigma[tied, None]
+    both = slice(before.start, here.stop)
+    block.add_rows(both, rows, shared, ((point.starts[k] - prediction.end) / sigma)[tied])
 
 
 def _search_coordinate(prior: Prior, value: float) -> float:

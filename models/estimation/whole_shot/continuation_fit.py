@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.normal_equations import simulate_chains
 from models.estimation.multiple_shooting.posterior_samples import sample_posterior
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
-from models.estimation.multiple_shooting.shooting_problem import ShootingProblem
+from models.estimation.multiple_shooting.shooting_problem import ShootingProblem, simulate_chains
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.numerics.statistics import huber_losses
 from models.physics.billiards.simulation.event_engine import EVENT_TIME
