@@ -33,7 +33,7 @@ LOG_RANGE = (-8.0, 1.0)
 REST_SIGMAS = 4.0
 # m/s: zero slip has no direction, and no derivative that a fit could follow.
 MIN_SLIP = 1e-3
-# Grid points of the search for the nearest approach, twice.
+# Grid points of the search for the nearest approach, three times.
 GRID_POINTS = 41
 # Size of the complex step.
 _COMPLEX_STEP = 1e-30
@@ -110,8 +110,18 @@ class PossibleContact:
 
     @property
     def common_column(self) -> int:
-        """First column of the parameters that both hypotheses share beside the states; those of the contact follow."""
+        """First column of the parameters that both hypotheses share beside the states."""
         return sum(ball.parameter_count for ball in self.balls)
+
+    @property
+    def contact_column(self) -> int:
+        """First column of the parameters of the contact: its time; number of parameters without a contact."""
+        return self.common_column + SHARED_COUNT
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample, s."""
+        return max(float(ball.t[-1]) for ball in self.balls)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +196,7 @@ def predict_nearest_approach(contact: PossibleContact, parameters: FloatArray) -
 
 def predict_contact_paths(contact: PossibleContact, parameters: FloatArray) -> PathPrediction:
     """Predict the samples with a contact at its time parameter, whether or not the surfaces touch then."""
-    moment = contact.common_column + SHARED_COUNT
+    moment = contact.contact_column
     t = float(parameters[moment])
     ends = [_propagate_ball(contact, parameters, k, np.array([t]), moment) for k in range(len(contact.balls))]
     after, after_jacobian = _resolve_contact(contact, ends, parameters)
@@ -204,10 +214,15 @@ def predict_contact_paths(contact: PossibleContact, parameters: FloatArray) -> P
 
 def _extract_friction(contact: PossibleContact, parameters: FloatArray) -> ClothFriction:
     """Extract the friction of the cloth from the parameters."""
-    sliding, rolling = np.exp(
-        np.clip(parameters[contact.common_column + 2 : contact.common_column + SHARED_COUNT], *LOG_RANGE)
-    )
+    sliding, rolling = np.exp(np.clip(parameters[contact.common_column + 2 : contact.contact_column], *LOG_RANGE))
     return ClothFriction(float(sliding), float(rolling))
+
+
+def _start_states(contact: PossibleContact, parameters: FloatArray, k: int, count: int) -> FloatArray:
+    """Return the state (8,) of a moving ball k where its path begins, with the slope, `count` times."""
+    own, shared = parameters[contact.columns[k]], contact.common_column
+    state = np.concatenate([own, np.zeros(STATE_SIZE - len(own)), parameters[shared : shared + 2]])
+    return np.repeat(state[None], count, axis=0)
 
 
 def _propagate_ball(
@@ -221,10 +236,7 @@ def _propagate_ball(
         value[:, :2] = parameters[columns]
         jacobian[:, [0, 1], [columns.start, columns.start + 1]] = 1.0
         return value, jacobian
-    state = np.concatenate(
-        [parameters[columns], np.zeros(STATE_SIZE - ball.parameter_count), parameters[shared : shared + 2]]
-    )
-    states = np.repeat(state[None], len(t), axis=0)
+    states = _start_states(contact, parameters, k, len(t))
     value, local = differentiate_kinematics(states, t - ball.begin, _extract_friction(contact, parameters))
     jacobian[:, :, columns] = local[:, :, : ball.parameter_count]
     jacobian[:, :, shared : shared + 2] = local[:, :, STATE_SIZE:SEGMENT_STATE_SIZE]
@@ -250,34 +262,21 @@ def _propagate_after_contact(
 
 def _time_of_nearest_approach(contact: PossibleContact, parameters: FloatArray) -> float:
     """Return the time of the nearest approach on free paths, within the samples, s."""
-    last = max(float(ball.t[-1]) for ball in contact.balls)
-    t = np.linspace(contact.begin, last, GRID_POINTS)
-    for _ in range(2):
-        runs = [_free_places(contact, parameters, k, t) for k in range(len(contact.balls))]
-        gap = _surface_gaps(contact, *runs)
-        least = int(np.argmin(gap))
-        t = np.linspace(t[max(least - 1, 0)], t[min(least + 1, GRID_POINTS - 1)], GRID_POINTS)
-    return float(
-        t[
-            int(
-                np.argmin(
-                    _surface_gaps(
-                        contact, *[_free_places(contact, parameters, k, t) for k in range(len(contact.balls))]
-                    )
-                )
-            )
-        ]
-    )
+    first, last = contact.begin, contact.end
+    for _ in range(3):
+        t = np.linspace(first, last, GRID_POINTS)
+        places = [_free_places(contact, parameters, k, t) for k in range(len(contact.balls))]
+        least = int(np.argmin(_surface_gaps(contact, *places)))
+        first, last = t[max(least - 1, 0)], t[min(least + 1, GRID_POINTS - 1)]
+    return float(t[least])
 
 
 def _free_places(contact: PossibleContact, parameters: FloatArray, k: int, t: FloatArray) -> FloatArray:
     """Return the places (n, 2) of ball k on its free path."""
-    ball, shared = contact.balls[k], contact.common_column
-    place = parameters[contact.columns[k]]
+    ball = contact.balls[k]
     if ball.rests:
-        return np.repeat(place[None], len(t), axis=0)
-    state = np.concatenate([place, np.zeros(STATE_SIZE - ball.parameter_count), parameters[shared : shared + 2]])
-    states = np.repeat(state[None], len(t), axis=0)
+        return np.repeat(parameters[contact.columns[k]][None], len(t), axis=0)
+    states = _start_states(contact, parameters, k, len(t))
     return evaluate_kinematics(states, t - ball.begin, _extract_friction(contact, parameters))[:, :2]
 
 
@@ -309,7 +308,7 @@ def _resolve_contact(
     contact: PossibleContact, ends: list[tuple[FloatArray, FloatArray]], parameters: FloatArray
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the states (6,) of the balls after the contact, and their derivatives (6, P)."""
-    first = contact.common_column + SHARED_COUNT + 1
+    first = contact.contact_column + 1
     law = parameters[first : first + CONTACT_COUNT - 1]
     inputs = np.concatenate([*(end[0][0] for end in ends), law])
     count = len(inputs)
@@ -319,11 +318,7 @@ def _resolve_contact(
     chosen = np.zeros((len(law), len(parameters)))
     chosen[np.arange(len(law)), first + np.arange(len(law))] = 1.0
     jacobian = (np.imag(out).T / _COMPLEX_STEP) @ np.concatenate([*(end[1][0] for end in ends), chosen])
-    value = np.real(out[0])
-    balls = range(len(ends))
-    return [value[STATE_SIZE * k : STATE_SIZE * k + STATE_SIZE] for k in balls], [
-        jacobian[STATE_SIZE * k : STATE_SIZE * k + STATE_SIZE] for k in balls
-    ]
+    return np.split(np.real(out[0]), len(ends)), np.split(jacobian, len(ends))
 
 
 def _collide_balls(contact: PossibleContact, inputs: Complex) -> Complex:

@@ -24,7 +24,6 @@ from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 from models.estimation.contact_test.contact_moment import (
     CONTACT_COUNT,
-    SHARED_COUNT,
     PathPrediction,
     PossibleContact,
     predict_contact_paths,
@@ -80,7 +79,7 @@ def evaluate_contact(
 def require_samples(contact: PossibleContact) -> None:
     """Raise ValueError with too few samples."""
     count = sum(len(ball.t) for ball in contact.balls)
-    if 2 * count < contact.common_column + SHARED_COUNT + CONTACT_COUNT:
+    if 2 * count < contact.contact_column + CONTACT_COUNT:
         raise ValueError(f"the contact test needs at least {contact.common_column} samples; got {count}")
 
 
@@ -102,7 +101,7 @@ def fit_contact(
     fitted = _weigh_hypothesis(option, True, start, is_inlier, correlation)
     if without_contact is None or fitted.fit.chi2 < without_contact.chi2:
         return fitted
-    column = option.common_column + SHARED_COUNT
+    column = option.contact_column
     alternative_start = np.concatenate([without_contact.parameters, [without_contact.paths.t], start[column + 1 :]])
     alternative = _weigh_hypothesis(option, True, alternative_start, is_inlier, correlation)
     return max(fitted, alternative, key=lambda hypothesis: hypothesis.log_evidence)
@@ -112,13 +111,8 @@ def predict_gap(contact: PossibleContact, t: float) -> tuple[float, float]:
     """Predict the gap and its sigma, m, from the samples before t (s) alone; errors are independent."""
     is_after = np.concatenate([ball.t >= t for ball in contact.balls])
     _, start = _guess_parameters(contact, t)
-    fitted = _fit_hypothesis(
-        contact,
-        predict_free_paths,
-        start[: contact.common_column + SHARED_COUNT],
-        _build_noise(contact, ~is_after, 0.0),
-    )
-    return _free_path_gap(contact, fitted)
+    noise = _build_noise(contact, ~is_after, 0.0)
+    return _free_path_gap(contact, _fit_hypothesis(contact, predict_free_paths, start[: contact.contact_column], noise))
 
 
 def list_motion_hypotheses(contact: PossibleContact) -> Iterator[PossibleContact]:
@@ -135,12 +129,8 @@ def _weigh_hypothesis(
     contact: PossibleContact, with_contact: bool, start: FloatArray, is_inlier: NDArray[np.bool_], correlation: float
 ) -> WeightedHypothesis:
     """Fit one hypothesis and evaluate its evidence."""
-    fitted = _fit_hypothesis(
-        contact,
-        predict_contact_paths if with_contact else predict_free_paths,
-        start,
-        _build_noise(contact, is_inlier, correlation),
-    )
+    model = predict_contact_paths if with_contact else predict_free_paths
+    fitted = _fit_hypothesis(contact, model, start, _build_noise(contact, is_inlier, correlation))
     slips = [fitted.parameters[columns][4:] for columns in contact.columns]
     is_duplicate = any(len(slip) and np.hypot(*slip) < MIN_SLIDING_SLIP for slip in slips)
     return WeightedHypothesis(contact, correlation, fitted, -np.inf if is_duplicate else fitted.log_evidence)
@@ -148,7 +138,7 @@ def _weigh_hypothesis(
 
 def _is_contact(hypothesis: WeightedHypothesis) -> bool:
     """Return whether a hypothesis includes the contact."""
-    return len(hypothesis.fit.parameters) > hypothesis.contact.common_column + SHARED_COUNT
+    return len(hypothesis.fit.parameters) > hypothesis.contact.contact_column
 
 
 def combine_hypotheses(hypotheses: list[WeightedHypothesis]) -> ContactTestResult:
@@ -161,7 +151,7 @@ def combine_hypotheses(hypotheses: list[WeightedHypothesis]) -> ContactTestResul
     best = max((item for item in hypotheses if _is_contact(item) is is_contact), key=lambda item: item.log_evidence)
     contact, fitted = best.contact, best.fit
     gap, gap_sigma = _free_path_gap(contact, fitted)
-    column = contact.common_column + SHARED_COUNT
+    column = contact.contact_column
     variance = fitted.covariance[column, column] if is_contact else _nearest_variance(contact, fitted)
     data = 2 * sum(len(ball.t) for ball in contact.balls)
     return ContactTestResult(
@@ -173,7 +163,7 @@ def combine_hypotheses(hypotheses: list[WeightedHypothesis]) -> ContactTestResul
 
 def _free_path_gap(contact: PossibleContact, fitted: _HypothesisFit) -> tuple[float, float]:
     """Return the gap of the free paths that begin like this fit, and its sigma, m."""
-    size = contact.common_column + SHARED_COUNT
+    size = contact.contact_column
     paths = predict_nearest_approach(contact, fitted.parameters[:size])
     variance = float(paths.gap_gradient @ fitted.covariance[:size, :size] @ paths.gap_gradient)
     if len(fitted.parameters) == size:
@@ -297,23 +287,22 @@ def _parameter_priors(contact: PossibleContact, size: int) -> tuple[FloatArray, 
             sigma[columns.start + 4 : columns.stop] = (
                 SLIP_SIGMA_SHARE * float(np.hypot(*ball.start_state[2:4])) + SLIP_SIGMA_FLOOR
             )
-    shared = contact.common_column
-    sliding, rolling = contact.cloth
+    shared, moment, (sliding, rolling) = contact.common_column, contact.contact_column, contact.cloth
     sigma[shared : shared + 2] = SLOPE_SIGMA
-    mean[shared + 2 : shared + SHARED_COUNT] = np.log([sliding.value, rolling.value])
-    sigma[shared + 2 : shared + SHARED_COUNT] = sliding.sigma, rolling.sigma
-    if size > shared + SHARED_COUNT:
+    mean[shared + 2 : moment] = np.log([sliding.value, rolling.value])
+    sigma[shared + 2 : moment] = sliding.sigma, rolling.sigma
+    if size > moment:
         wall = contact.cushion is not None
         e = find_prior("cushion_restitution" if wall else "ball_restitution", "e")
         friction = CUSHION_FRICTION if wall else BALL_FRICTION
-        mean[shared + SHARED_COUNT + 1] = e.value
-        sigma[shared + SHARED_COUNT + 1 :] = e.sigma, friction, (1.0 if wall else friction)
+        mean[moment + 1] = e.value
+        sigma[moment + 1 :] = e.sigma, friction, (1.0 if wall else friction)
     return mean, sigma
 
 
 def _guess_parameters(contact: PossibleContact, t: float) -> tuple[FloatArray, FloatArray]:
     """Guess the parameters of both hypotheses, free paths first."""
-    size = contact.common_column + SHARED_COUNT
+    size = contact.contact_column
     mean, _ = _parameter_priors(contact, size + CONTACT_COUNT)
     guesses = []
     for through in (True, False):
@@ -351,7 +340,7 @@ def _linearize_model(
     has_prior = np.isfinite(sigma)
     residual = [noise.whiten_rows(paths.xy - _places_of_samples(contact)), ((parameters - mean) / sigma)[has_prior]]
     jacobian = [noise.whiten_rows(paths.jacobian), (np.eye(len(parameters)) / sigma[:, None])[has_prior]]
-    if len(parameters) > contact.common_column + SHARED_COUNT:
+    if len(parameters) > contact.contact_column:
         residual.append(np.array([paths.gap / touch]))
         jacobian.append(paths.gap_gradient[None] / touch)
     return np.concatenate(residual), np.concatenate(jacobian), paths
@@ -363,10 +352,16 @@ def _fit_hypothesis(
     """Fit a hypothesis by damped least squares; the required gap of the surfaces tightens on the way."""
     final = float(np.hypot(TOUCH_SIGMA, contact.reach_sigma))
     parameters, initial_gap = start, 0.0
-    if len(start) > contact.common_column + SHARED_COUNT:
+    if len(start) > contact.contact_column:
         initial_gap = abs(model(contact, start).gap)
     for touch in sorted({final, *(loose for loose in LOOSE_TOUCH_SIGMAS if final < loose < initial_gap)}, reverse=True):
-        parameters = _minimize_residuals(contact, model, parameters, noise, touch)
+        parameters = minimize_residuals(
+            parameters,
+            lambda values, touch=touch: _linearize_model(contact, model, values, noise, touch)[:2],  # type: ignore[misc]
+            SEARCH,
+            lambda old, new: _limit_contact_time(contact, old, new),
+            RIDGE,
+        ).point
     residual, jacobian, paths = _linearize_model(contact, model, parameters, noise, final)
     if model is predict_free_paths:
         paths = predict_nearest_approach(contact, parameters)
@@ -385,10 +380,8 @@ def _fit_hypothesis(
     prior_sigma = sigma[np.isfinite(sigma)]
     density = -float(np.log(prior_sigma).sum()) - 0.5 * len(prior_sigma) * np.log(2 * np.pi)
     evidence = likelihood + density + 0.5 * len(parameters) * np.log(2 * np.pi) - log_volume
-    hypothesis = _HypothesisFit(parameters, paths, chi2, 0.0, covariance)
-    return _HypothesisFit(
-        parameters, paths, chi2, float(evidence + _log_geometry_factor(contact, hypothesis, final)), covariance
-    )
+    fit = _HypothesisFit(parameters, paths, chi2, 0.0, covariance)
+    return replace(fit, log_evidence=float(evidence + _log_geometry_factor(contact, fit, final)))
 
 
 def _log_geometry_factor(contact: PossibleContact, fit: _HypothesisFit, touch: float) -> float:
@@ -398,7 +391,7 @@ def _log_geometry_factor(contact: PossibleContact, fit: _HypothesisFit, touch: f
     paths that lead to it in proportion to their closing speed.
     """
     paths = fit.paths
-    if len(fit.parameters) == contact.common_column + SHARED_COUNT:
+    if len(fit.parameters) == contact.contact_column:
         spread = float(np.hypot(contact.reach_sigma, np.sqrt(paths.gap_gradient @ fit.covariance @ paths.gap_gradient)))
         gap = np.linspace(0, max(paths.gap, 0.0) + 6 * spread, 400)
         share = _normal_density((gap - paths.gap) / spread) / spread * _gap_prior_density(contact, gap)
@@ -407,7 +400,7 @@ def _log_geometry_factor(contact: PossibleContact, fit: _HypothesisFit, touch: f
     spread = max(float(np.sqrt(paths.closing_gradient @ fit.covariance @ paths.closing_gradient)), MIN_CLOSING_SIGMA)
     z = paths.closing / spread
     mean = spread * (z * ndtr(z) + _normal_density(z))  # mean of max(closing, 0)
-    overlap = min(predict_nearest_approach(contact, fit.parameters[: contact.common_column + SHARED_COUNT]).gap, 0.0)
+    overlap = min(predict_nearest_approach(contact, fit.parameters[: contact.contact_column]).gap, 0.0)
     weight = max(mean * float(_gap_prior_density(contact, np.array(overlap))), 1e-300)
     return float(np.log(weight) - np.log(touch) - 0.5 * np.log(2 * np.pi))
 
@@ -424,27 +417,13 @@ def _gap_prior_density(contact: PossibleContact, gap: FloatArray) -> FloatArray:
     return near + 0.25 / contact.reach
 
 
-def _minimize_residuals(
-    contact: PossibleContact, model: PathModel, parameters: FloatArray, noise: _CorrelatedNoise, touch: float
-) -> FloatArray:
-    """Minimize the residuals by damped least squares."""
-    return minimize_residuals(
-        parameters,
-        lambda values: _linearize_model(contact, model, values, noise, touch)[:2],
-        SEARCH,
-        lambda old, new: _limit_contact_time(contact, old, new),
-        RIDGE,
-    ).point
-
-
 def _limit_contact_time(contact: PossibleContact, old: FloatArray, new: FloatArray) -> FloatArray:
     """Keep the contact time within the window, and limit its move to a tenth of the window."""
-    column = contact.common_column + SHARED_COUNT
+    column = contact.contact_column
     if len(new) <= column:
         return new
-    last = max(float(ball.t[-1]) for ball in contact.balls)
-    tenth = 0.1 * (last - contact.begin)
+    tenth = 0.1 * (contact.end - contact.begin)
     limited = new.copy()
     limited[column] = np.clip(new[column], old[column] - tenth, old[column] + tenth)
-    limited[column] = np.clip(limited[column], contact.begin, last)
+    limited[column] = np.clip(limited[column], contact.begin, contact.end)
     return limited
