@@ -53,10 +53,10 @@ from models.estimation.contact_test.shot_record import make_shot_record  # noqa:
 from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
 from models.estimation.reconstruction.shot_views import view_shot  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402
-from models.estimation.shot_hypotheses.event_premises import PREMISE_EVIDENCE_NAMES  # noqa: E402
 from models.estimation.shot_hypotheses.event_probability import (  # noqa: E402
     CATEGORIES,
     EVIDENCE_NAMES,
+    PREMISE_EVIDENCE_NAMES,
     EventEvidence,
     estimate_event_probability,
 )

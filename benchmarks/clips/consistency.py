@@ -36,7 +36,7 @@ from models.core.answer import Answer
 from models.core.errors import TruerollError
 from models.core.naming import Naming
 from models.core.scene import CUSHIONS, POCKETS, Table
-from models.estimation.ball_placement.ball_places import measure_cushion_distances
+from models.estimation.ball_places import measure_cushion_distances
 from pipeline.actions.play_otherwise import MIN_PROBABILITY
 from pipeline.io.certificate_files import NAMES
 from pipeline.io.run_folder import list_folders_with

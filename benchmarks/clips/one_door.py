@@ -30,7 +30,7 @@ from models.core.errors import TruerollError
 from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.typing import ImageArray
-from models.estimation.ball_placement.ball_places import BallPlaces
+from models.estimation.ball_places import BallPlaces
 from pipeline.actions.check_clip import check_clip
 from pipeline.actions.put_back import PlacementGuide, WantedPlaces
 from pipeline.batch.clip_discovery import VIDEO_SUFFIXES

@@ -32,7 +32,7 @@ from detectors.still_images import classify_detections
 from models.core.errors import TableNotFound
 from models.core.naming import Naming
 from models.core.scene import Camera, Scene
-from models.estimation.ball_placement.ball_places import BallPlaces
+from models.estimation.ball_places import BallPlaces
 from models.physics.billiards.tables import TABLE_PRESETS
 from models.tracking.ball_classes import assign_ids
 from pipeline.actions.placement_views import draw_live_image

@@ -12,8 +12,7 @@ import pyarrow.csv
 
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.estimation.whole_shot.initial_states import estimate_initial_states
-from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states
 from models.estimation.whole_shot.table_fit import TableFit, search_laws
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 

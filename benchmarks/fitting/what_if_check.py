@@ -31,16 +31,18 @@ from benchmarks.support.figures import Figure, add_quick_option, estimate_statis
 from models.core.options import FitOptions
 from models.core.scene import Scene
 from models.core.typing import FloatArray
-from models.estimation.reconstruction.explain_shot import explain
-from models.estimation.reconstruction.shot_views import view_shot
-from models.estimation.what_if.changed_shot import (
+from models.estimation.changed_shot import (
     PlayerSpread,
+    ShotGoal,
     StrokeChange,
     change_stroke,
     draw_struck_ensemble,
+    group_by_ball,
+    is_scored,
     play_changed_shot,
 )
-from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
+from models.estimation.reconstruction.explain_shot import explain
+from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.whole_shot.whole_shot_fit import fit_shot_laws
 
 SPREAD = PlayerSpread(0.02, 0.5)

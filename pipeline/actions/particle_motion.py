@@ -12,7 +12,7 @@ from models.core.answer import Answer
 from models.core.errors import OptionError
 from models.core.recording import Recording
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import (
+from models.estimation.particle_fit import (
     MIN_SAMPLES,
     ParticleMotion,
     ParticlePrediction,

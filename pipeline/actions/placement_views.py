@@ -16,7 +16,7 @@ from models.core.naming import Naming
 from models.core.number_format import format_measured, format_moment, format_speed
 from models.core.scene import CUSHIONS, NOSE_HEIGHT_RADII, Table
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_placement.ball_places import BallPlaces, find_nearest_cushions, measure_cushion_distances
+from models.estimation.ball_places import BallPlaces, find_nearest_cushions, measure_cushion_distances
 from pipeline.actions.put_back import PLACED_M, PlacementState, WantedPlaces
 from pipeline.engine.atomic_write import replace_file, write_text
 from pipeline.io.image_file import write_image

@@ -17,19 +17,22 @@ from models.core.naming import Naming
 from models.core.scene import Scene
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.forecast.ensemble_prediction import QUANTILES, compute_quantiles
-from models.estimation.shot_numbers.session_statistics import estimate_player_spread
-from models.estimation.table_learning.learned_table import LearnedTable
-from models.estimation.what_if.changed_shot import (
+from models.estimation.changed_shot import (
     ChangedShot,
+    Game,
     PlayerSpread,
+    ShotGoal,
     StrokeChange,
     StruckEnsemble,
     draw_struck_ensemble,
+    group_by_ball,
+    is_scored,
     measure_stroke,
     play_changed_shot,
 )
-from models.estimation.what_if.shot_outcome import Game, ShotGoal, group_by_ball, is_scored
+from models.estimation.forecast.ensemble_prediction import QUANTILES, compute_quantiles
+from models.estimation.shot_numbers.session_statistics import estimate_player_spread
+from models.estimation.table_learning.learned_table import LearnedTable
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.csv_tables import Columns, write_columns

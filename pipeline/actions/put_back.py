@@ -14,7 +14,7 @@ from models.core.errors import OptionError, TableNotFound
 from models.core.naming import Naming
 from models.core.scene import Camera, Scene, Table
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_placement.ball_places import (
+from models.estimation.ball_places import (
     BallPlaces,
     locate_balls,
     match_places,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from models.core.naming import Naming
 from models.core.scene import CUSHIONS, Camera, Table
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_placement.ball_places import find_nearest_cushions
+from models.estimation.ball_places import find_nearest_cushions
 from video.drawing.circles import SHIFT, drawing_scale, to_fixed_point
 from video.drawing.label_layout import Rect, overlap_share, place_label
 from video.drawing.palette import INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours

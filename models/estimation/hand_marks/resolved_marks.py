@@ -1,4 +1,4 @@
-"""Marks of contacts with the balls and times that they name."""
+"""Marks of contacts with the balls and times that they name, and their prior odds on events and hypotheses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from typing import TypeVar
 import numpy as np
 
 from models.core.corrections import PLACE_RADII, BallPlace, ContactCorrection, Corrections, TrackEdit
-from models.core.fit_result import MarkOutcome, MarkOutcomeCode
+from models.core.events import Events, merge_events
+from models.core.fit_result import (
+    MIN_LISTED_PROBABILITY,
+    CauseHypothesis,
+    MarkOutcome,
+    MarkOutcomeCode,
+    Moment,
+    ShotExplanation,
+)
 from models.core.tracks import Tracks
 
 # Frame intervals within which a contact is the marked one: a person points at one of the two frames around it, and the
@@ -136,3 +144,118 @@ def describe_outcome(
 
 def _name_places(mark: ContactCorrection) -> tuple[str, ...]:
     return tuple(place.id for place in (mark.ball, mark.other) if place is not None)
+
+
+def weigh_marks(
+    events: Events,
+    explanation: ShotExplanation,
+    marks: Sequence[ResolvedMark],
+    outcomes: Sequence[MarkOutcome],
+    tracks: Tracks,
+) -> tuple[Events, ShotExplanation]:
+    """Multiply the odds of marked contacts by those of a person, and divide those of deleted ones.
+
+    Args:
+        events: Events of the shot.
+        explanation: Explanation of the shot.
+        outcomes: The outcome of each mark.
+        tracks: Tracks of N balls, at their capture times.
+
+    Returns:
+        The events that are probable enough to be listed, and the explanation. A marked contact that no event stands for
+        is added, unless its bodies are too far apart.
+    """
+    for mark, outcome in zip(marks, outcomes, strict=True):
+        odds = 1 / HAND_ODDS if mark.mark.kind == "delete" else HAND_ODDS
+        if mark.mark.kind == "move" and abs(mark.earlier_t - mark.t) > mark.tolerance:
+            events, explanation = _weigh_time(events, explanation, mark, mark.earlier_t, 1 / HAND_ODDS, tracks.ids)
+        events, explanation = _weigh_time(events, explanation, mark, mark.t, odds, tracks.ids)
+        is_listed = bool(_find_events(events, mark, mark.t, tracks.ids))
+        if mark.mark.kind != "delete" and not is_listed and outcome.code != "too_far":
+            events, explanation = _add_event(events, explanation, mark, tracks)
+    return events, explanation
+
+
+def _weigh_time(
+    events: Events, explanation: ShotExplanation, mark: ResolvedMark, t: float, odds: float, ids: tuple[str, ...]
+) -> tuple[Events, ShotExplanation]:
+    """Multiply the odds of the contact of a mark at t, s, by a factor."""
+    rows = _find_events(events, mark, t, ids)
+    if odds > 1 and rows:
+        rows = [min(rows, key=lambda k: abs(events.t[k] - t))]
+    probability = events.probability.copy()
+    for k in rows:
+        probability[k] = _multiply_odds(float(probability[k]), odds)
+    weighed = replace(events, probability=probability)
+    is_listed = probability >= MIN_LISTED_PROBABILITY
+    is_listed[~np.isin(np.arange(len(events)), rows)] = True
+    moments = tuple(
+        _weigh_moment(moment, mark, odds, ids) if abs(moment.t - t) <= mark.tolerance else moment
+        for moment in explanation.moments
+    )
+    return weighed.select_rows(is_listed), replace(explanation, moments=moments)
+
+
+def _weigh_moment(moment: Moment, mark: ResolvedMark, odds: float, ids: tuple[str, ...]) -> Moment:
+    """Multiply the odds of the hypotheses of a moment that stand for the contact of a mark."""
+    names = _name_bodies(mark, ids)
+    concerned = [
+        one.cause == mark.mark.cause and _is_same_contact(moment.ball, one.other, names) for one in moment.hypotheses
+    ]
+    before = sum(one.probability for one, is_own in zip(moment.hypotheses, concerned, strict=True) if is_own)
+    if not any(concerned) or before <= 0:
+        return moment
+    after = _multiply_odds(before, odds)
+    own, rest = after / before, (1 - after) / (1 - before) if before < 1 else 0.0
+    hypotheses = [
+        replace(one, probability=one.probability * (own if is_own else rest))
+        for one, is_own in zip(moment.hypotheses, concerned, strict=True)
+    ]
+    if before >= 1:
+        hypotheses.append(CauseHypothesis("none", "", 1 - after))
+    return replace(moment, hypotheses=tuple(sorted(hypotheses, key=lambda one: -one.probability)))
+
+
+def _add_event(
+    events: Events, explanation: ShotExplanation, mark: ResolvedMark, tracks: Tracks
+) -> tuple[Events, ShotExplanation]:
+    """Add the contact of a mark that no event stands for: unlisted, it is as probable as the least that is listed."""
+    p = _multiply_odds(MIN_LISTED_PROBABILITY, HAND_ODDS)
+    interval = float(np.median(np.diff(tracks.t)))
+    xy = np.array([np.interp(mark.t, tracks.t, np.nan_to_num(tracks.xy[:, mark.a, axis])) for axis in (0, 1)])
+    a, other = tracks.ids[mark.a], mark.mark.cushion or (tracks.ids[mark.b] if mark.b != NO_BALL else "")
+    row = float(np.interp(mark.t, tracks.t, tracks.frame))
+    nan = float("nan")
+    numbers = (np.array([value]) for value in (p, nan, nan, nan))
+    added = Events(
+        (mark.mark.cause,), np.array([mark.t]), np.array([HAND_TIME_FRAMES * interval]), np.array([row]),
+        (a,), (other,), xy[None], *numbers,
+    )  # fmt: skip
+    hypotheses = (CauseHypothesis(mark.mark.cause, other, p), CauseHypothesis("none", "", 1 - p))
+    moment = Moment(a, mark.t, HAND_TIME_FRAMES * interval, xy, hypotheses)
+    moments = tuple(sorted((*explanation.moments, moment), key=lambda one: one.t))
+    return merge_events(added, events), replace(explanation, moments=moments)
+
+
+def _find_events(events: Events, mark: ResolvedMark, t: float, ids: tuple[str, ...]) -> list[int]:
+    """Find the events that stand for the contact of a mark at t, s."""
+    names = _name_bodies(mark, ids)
+    return [
+        k
+        for k in range(len(events))
+        if events.kind[k] == mark.mark.cause
+        and _is_same_contact(events.a[k], events.b[k], names)
+        and abs(events.t[k] - t) <= mark.tolerance
+    ]
+
+
+def _name_bodies(mark: ResolvedMark, ids: tuple[str, ...]) -> tuple[str, str]:
+    return ids[mark.a], mark.mark.cushion or (ids[mark.b] if mark.b != NO_BALL else "")
+
+
+def _is_same_contact(a: str, b: str, names: tuple[str, str]) -> bool:
+    return (a, b) == names or (b, a) == names
+
+
+def _multiply_odds(probability: float, factor: float) -> float:
+    return probability * factor / (probability * factor + 1 - probability)

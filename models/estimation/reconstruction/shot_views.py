@@ -18,8 +18,7 @@ from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, Simu
 from models.core.tracks import Tracks
 from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import FloatArray
-from models.estimation.hand_marks.event_marks import weigh_marks
-from models.estimation.hand_marks.resolved_marks import resolve_marks
+from models.estimation.hand_marks.resolved_marks import resolve_marks, weigh_marks
 from models.estimation.joint_fit.fit_solution import DIAMETER_COLUMN, end_state
 from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
 from models.estimation.joint_fit.trust_level import (
@@ -40,8 +39,7 @@ from models.estimation.reconstruction.trajectory_assembly import (
     shift_polynomial,
 )
 from models.estimation.reconstruction.unexplained_motion import mark_unexplained_motion
-from models.estimation.shot_hypotheses.event_premises import assess_premises
-from models.estimation.shot_hypotheses.event_probability import EventRow, weigh_close_pass
+from models.estimation.shot_hypotheses.event_probability import EventRow, assess_premises, weigh_close_pass
 from models.estimation.shot_hypotheses.weigh_hypotheses import weigh_events
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.tracking.ball_classes import find_missing_colours

@@ -6,20 +6,23 @@ number of such shots allows.
 
 Evidence for and against an event is numbers that the fit of the shot yields, without any judgement.
 
-All of it takes for granted that the tracks are balls; `event_premises` doubts that.
+All of it rests on premises: the track of a ball is one ball, and its motion is that of balls on this table. An event
+happened if its premises hold and it happened given that, so that its probability is the product of both. The evidence
+against premises is what the trust level of the clip knows. Its weights are fitted to the same shots, to which objects
+were added that are no balls, and whose calibration was falsified.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from functools import cache
 from importlib.resources import files
 
 import numpy as np
 from scipy.special import expit
 
-from models.core.fit_result import CauseHypothesis
+from models.core.fit_result import BallPremise, CauseHypothesis
 from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
 
@@ -88,7 +91,7 @@ class EventEvidence:
     @property
     def vector(self) -> FloatArray:
         """Values in the order of `EVIDENCE_NAMES`."""
-        return np.array([getattr(self, name) for name in EVIDENCE_NAMES])
+        return np.array(astuple(self))
 
 
 EVIDENCE_NAMES = tuple(field.name for field in fields(EventEvidence))
@@ -193,3 +196,61 @@ def weigh_close_pass(
     p = premise * estimate_event_probability("close_pass", evidence)
     contact = CauseHypothesis("ball", other, p, "close_pass", tuple(evidence.vector.tolist()))
     return tuple(sorted((contact, CauseHypothesis("none", "", 1 - p)), key=lambda entry: -entry.probability)), p
+
+
+@dataclass(frozen=True, slots=True)
+class PremiseEvidence:
+    """Evidence against the premises of the events of a ball; every value is at least 0, and 0 where there is none."""
+
+    own: float = 0.0
+    """Share of the moving time of the ball that no accepted fit explains."""
+    others: float = 0.0
+    """The same share of all other balls together."""
+    changes: float = 0.0
+    """Logarithm of the sum of the sizes of velocity changes and jumps of the ball without a known cause, plus 1."""
+
+    @property
+    def vector(self) -> FloatArray:
+        """Values in the order of `PREMISE_EVIDENCE_NAMES`."""
+        return np.array(astuple(self))
+
+
+PREMISE_EVIDENCE_NAMES = tuple(field.name for field in fields(PremiseEvidence))
+
+
+def estimate_premise_probability(evidence: PremiseEvidence) -> float:
+    """Estimate the probability that the premises of the events of a ball hold.
+
+    Args:
+        evidence: Evidence against them.
+
+    Returns:
+        The probability.
+    """
+    model = read_event_model()
+    weight = np.array([model.premise_weight[name] for name in PREMISE_EVIDENCE_NAMES])
+    return float(expit(model.premise_bias - weight @ evidence.vector))
+
+
+def assess_premises(seconds: FloatArray, explained_seconds: FloatArray, changes: FloatArray) -> list[BallPremise]:
+    """Assess the premises of the events of each ball.
+
+    Args:
+        seconds: (N,) moving time of each ball, s.
+        explained_seconds: (N,) the part of it that accepted fits explain, s.
+        changes: (N,) sum of the sizes of its velocity changes and jumps without a known cause.
+
+    Returns:
+        N premises.
+    """
+    unexplained = seconds - explained_seconds
+    premises = []
+    for ball in range(len(seconds)):
+        others = seconds.sum() - seconds[ball]
+        evidence = PremiseEvidence(
+            float(unexplained[ball] / seconds[ball]) if seconds[ball] > 0 else 0.0,
+            float((unexplained.sum() - unexplained[ball]) / others) if others > 0 else 0.0,
+            float(np.log1p(changes[ball])),
+        )
+        premises.append(BallPremise(estimate_premise_probability(evidence), tuple(evidence.vector.tolist())))
+    return premises

@@ -17,9 +17,8 @@ from models.core.options import FitOptions
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.estimation.whole_shot.continuation_fit import VIEW_BEYOND_CONTACT, UnexplainedView
-from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import TablePrior
-from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states
 from models.estimation.whole_shot.table_fit import LawSearch, TableFit, search_laws
 from models.numerics.statistics import huber_losses
 from models.physics.billiards.simulation.parametrised_shot import convert_to_starts, convert_to_states

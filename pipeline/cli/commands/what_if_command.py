@@ -11,8 +11,7 @@ import typer
 
 from models.core.answer import Answer
 from models.core.errors import OptionError
-from models.estimation.what_if.changed_shot import PlayerSpread, StrokeChange
-from models.estimation.what_if.shot_outcome import GAMES, Game
+from models.estimation.changed_shot import GAMES, Game, PlayerSpread, StrokeChange
 from pipeline.actions.play_otherwise import StrokePlan, estimate_session_spread, play_otherwise
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache

@@ -15,7 +15,7 @@ from models.core.number_format import (
 )
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
-from models.estimation.ball_placement.ball_places import find_nearest_cushions, measure_cushion_distances
+from models.estimation.ball_places import find_nearest_cushions, measure_cushion_distances
 from models.estimation.forecast.ensemble_prediction import ShotPrediction
 from pipeline.reporting.text.text_formatting import format_meeting, start_sentence
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.estimation.particles.particle_fit import ParticleMotion
-from pipeline.actions.particle_motion import format_physics_lines, summarize_physics
+from models.estimation.particle_fit import ParticleMotion
 from pipeline.cli.execute import execute_command_line
 
 RATE, SAMPLES = 20.0, 31

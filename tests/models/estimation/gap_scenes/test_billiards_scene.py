@@ -15,7 +15,7 @@ from models.core.tracks import TABLE_PLANE
 from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
 from models.estimation.gap_scenes.gap_scene import neutral_values
 from models.estimation.multiple_shooting.shooting_windows import drop_shared_jacobian
-from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
+from models.estimation.whole_shot.shot_segments import estimate_initial_states, find_shot_rows
 from models.physics.billiards.simulation.parametrised_shot import (
     SHOT_PARAMETERS,
     ContactModels,

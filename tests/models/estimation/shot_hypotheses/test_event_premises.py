@@ -11,15 +11,13 @@ from models.core.contact_graph import Contact, ContactGraph, Segment
 from models.core.fit_result import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, BallPremise, ShotExplanation
 from models.core.shot import ContactTestResult
 from models.estimation.reconstruction import shot_views
-from models.estimation.shot_hypotheses.event_premises import (
+from models.estimation.shot_hypotheses.event_probability import (
     PREMISE_EVIDENCE_NAMES,
+    EventEvidence,
+    EventRow,
     PremiseEvidence,
     assess_premises,
     estimate_premise_probability,
-)
-from models.estimation.shot_hypotheses.event_probability import (
-    EventEvidence,
-    EventRow,
     read_event_model,
     weigh_close_pass,
 )

@@ -12,6 +12,7 @@ from models.core.errors import TrackError
 from models.core.fit_result import Fit, ShotNumber, ShotNumbers, WholeShotSolution
 from models.core.scene import Table
 from models.core.tracks import Tracks
+from models.estimation.changed_shot import draw_struck_ensemble
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import (
@@ -21,7 +22,6 @@ from models.estimation.shot_numbers.measure_shots import (
     measure_shots,
 )
 from models.estimation.shot_numbers.strike_numbers import rewind_samples
-from models.estimation.what_if.changed_shot import draw_struck_ensemble
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.parametrised_shot import NEUTRAL_SHOT_PARAMETERS, convert_to_starts

@@ -10,7 +10,7 @@ from support.simulated_shots import LAWS, SIGMA, TABLE, filmed, numbers
 
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.estimation.whole_shot.continuation_fit import ShotGuess, fit_by_continuation, is_explained, next_view_time
-from models.estimation.whole_shot.initial_states import estimate_initial_states
+from models.estimation.whole_shot.shot_segments import estimate_initial_states
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.estimation.whole_shot.table_fit import table_priors
 from models.physics.billiards.simulation.parametrised_shot import pack_start

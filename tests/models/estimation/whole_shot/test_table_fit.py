@@ -10,8 +10,7 @@ from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions
 from models.estimation.whole_shot.continuation_fit import fit_if_explained
-from models.estimation.whole_shot.initial_states import estimate_initial_states
-from models.estimation.whole_shot.shot_segments import ShotSegment
+from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.estimation.whole_shot.table_fit import TableFit, search_laws, table_priors
 from models.physics.billiards.simulation.parametrised_shot import SHOT_PARAMETERS, ContactModels

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
-from models.estimation.whole_shot.initial_states import estimate_initial_states
 from models.estimation.whole_shot.known_table import build_table_prior
+from models.estimation.whole_shot.shot_segments import estimate_initial_states
 from models.estimation.whole_shot.table_fit import search_laws, table_priors
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 

@@ -9,7 +9,7 @@ import pytest
 from support import synthetic_run as shot
 
 from models.core.scene import Table
-from models.estimation.ball_placement.ball_places import (
+from models.estimation.ball_places import (
     locate_balls,
     match_places,
     measure_cushion_distances,

@@ -8,18 +8,20 @@ from support.filmed_pot import RED, SCENE, TARGET, play_pot
 
 from models.core.events import Events
 from models.core.fit_result import ShotNumber, ShotNumbers
-from models.estimation.forecast.ensemble_prediction import EventKey
-from models.estimation.what_if.changed_shot import (
+from models.estimation.changed_shot import (
     ChangedShot,
     PlayerSpread,
+    ShotGoal,
     StrokeChange,
     StruckEnsemble,
     StruckMember,
     change_stroke,
+    group_by_ball,
+    is_scored,
     measure_stroke,
     play_changed_shot,
 )
-from models.estimation.what_if.shot_outcome import ShotGoal, group_by_ball, is_scored
+from models.estimation.forecast.ensemble_prediction import EventKey
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from pipeline.actions.play_otherwise import list_play_times, summarize_changed_shot
 

@@ -9,7 +9,7 @@ import pytest
 
 from models.core.recording import Recording, record_points
 from models.core.typing import FloatArray
-from models.estimation.particles.particle_fit import (
+from models.estimation.particle_fit import (
     MIN_SAMPLES,
     build_extrapolation,
     build_spline_fit,

@@ -1,1 +1,0 @@
-"""Places of balls on a table at one time, and how they are restored."""
