@@ -196,9 +196,8 @@ def is_explained(model: ShotWindows, guess: ShotGuess, variance_ratio: float) ->
     costs = []
     for k, window in enumerate(model.windows):
         cost = huber_losses(model.simulate(k, guess.starts[k], guess.shared).residual)
-        part = window.body + (int(window.body.max(initial=0)) + 1) * (
-            (window.t - window.t[0]) / ASSESSMENT_TIME
-        ).astype(int)
+        interval = ((window.t - window.t[0]) / ASSESSMENT_TIME).astype(int)
+        part = window.body + (int(window.body.max(initial=0)) + 1) * interval
         costs += [(cost, _SIGNIFICANT_TOTAL), *((cost[part == one], _SIGNIFICANT_PART) for one in np.unique(part))]
     return all(
         one.sum() <= _EXPECTED_COST * variance_ratio * (len(one) + clear * np.sqrt(len(one))) for one, clear in costs
@@ -237,20 +236,17 @@ def _select_samples(
     before: ShotWindows, part: ShotWindows, current: ShotGuess, rng: np.random.Generator
 ) -> list[ShotGuess]:
     """Select the posterior samples that explain `part` best, one of each order of contacts first."""
-    previous = ShotGuess(current.starts[: len(before.windows)], current.shared)
+    previous = current.starts[: len(before.windows)]
     problem = ShootingProblem(part, part.windows, (tuple(range(len(part.windows))),))
     candidates = []
-    for starts, shared in sample_posterior(
-        before, previous.starts, previous.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng
-    ):
-        guess = _add_new_windows(part, ShotGuess(starts, shared))
+    for sample in sample_posterior(before, previous, current.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng):
+        guess = _add_new_windows(part, ShotGuess(*sample))
         point = simulate_chains(problem, guess.starts, guess.shared)
         candidates.append((point.cost, tuple(flow.event_order for flow in point.windows), guess))
     candidates.sort(key=lambda one: one[0])
-    firsts = [k for k, one in enumerate(candidates) if one[1] not in [other[1] for other in candidates[:k]]]
-    ranked = firsts[: _REFITTED_SAMPLES // 2] + [
-        k for k in range(len(candidates)) if k not in firsts[: _REFITTED_SAMPLES // 2]
-    ]
+    orders = [order for _, order, _ in candidates]
+    firsts = [k for k, order in enumerate(orders) if order not in orders[:k]][: _REFITTED_SAMPLES // 2]
+    ranked = [*firsts, *(k for k in range(len(candidates)) if k not in firsts)]
     return [candidates[k][2] for k in ranked[:_REFITTED_SAMPLES] if np.isfinite(candidates[k][0])]
 
 

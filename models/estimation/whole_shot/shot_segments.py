@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ EXPECTED_SLIP = 0.3
 SPIN_GUESSES = ((0.3, 0.4), (0.3, -0.4), (0.9, 0.4), (-0.3, -0.4))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ShotSegment:
     """Observations of all N balls from `begin` on, at T times."""
 
@@ -52,34 +53,31 @@ class ShotSegment:
     """(T, N) image row of a ball relative to the image centre, in image heights; None without an image."""
     dropped_frame_delay: FloatArray | None = None
     """(T,) s by which one dropped frame would shift each time; None where none is suspected."""
-
     windows: dict[bool, Window] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Windows that were built of it, by `guess_spins`: every hypothesis is fitted to the same."""
-    observation_indices: tuple[IntArray, IntArray] = field(init=False, repr=False)
-    """(K,) row and (K,) ball of each observation."""
-    observations: FloatArray = field(init=False, repr=False)
-    """(K, 2) m, observed positions."""
-    observation_whitening: FloatArray = field(init=False, repr=False)
-    """(K, 2, 2) `whitening` of each observation."""
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def observation_indices(self) -> tuple[IntArray, IntArray]:
+        """(K,) row and (K,) ball of each observation."""
         rows, balls = np.nonzero(np.isfinite(self.xy[..., 0]))
-        object.__setattr__(self, "observation_indices", (rows.astype(np.int64), balls.astype(np.int64)))
-        object.__setattr__(self, "observations", self.xy[rows, balls])
-        object.__setattr__(self, "observation_whitening", self.whitening[rows, balls])
+        return rows.astype(np.int64), balls.astype(np.int64)
+
+    @cached_property
+    def observations(self) -> FloatArray:
+        """(K, 2) m, observed positions."""
+        return self.xy[self.observation_indices]
+
+    @cached_property
+    def observation_whitening(self) -> FloatArray:
+        """(K, 2, 2) `whitening` of each observation."""
+        return self.whitening[self.observation_indices]
 
     def truncate(self, t: float) -> ShotSegment:
         """Keep the observations up to a time."""
         before = self.t <= t
         row, late = (None if shift is None else shift[before] for shift in (self.image_row, self.dropped_frame_delay))
-        return replace(
-            self,
-            t=self.t[before],
-            xy=self.xy[before],
-            whitening=self.whitening[before],
-            image_row=row,
-            dropped_frame_delay=late,
-        )
+        part = {name: getattr(self, name)[before] for name in ("t", "xy", "whitening")}
+        return replace(self, **part, image_row=row, dropped_frame_delay=late)
 
 
 def build_window(segment: ShotSegment, guess_spins: bool) -> Window:
@@ -92,13 +90,8 @@ def build_window(segment: ShotSegment, guess_spins: bool) -> Window:
     Returns:
         The window.
     """
-    if guess_spins not in segment.windows:
-        segment.windows[guess_spins] = _build_new_window(segment, guess_spins)
-    return segment.windows[guess_spins]
-
-
-def _build_new_window(segment: ShotSegment, guess_spins: bool) -> Window:
-    """Build what `build_window` returns."""
+    if guess_spins in segment.windows:
+        return segment.windows[guess_spins]
     rows, balls = segment.observation_indices
     start = pack_start(segment.start, segment.moving)
     speed = np.hypot(segment.start[:, 2], segment.start[:, 3])
@@ -115,9 +108,11 @@ def _build_new_window(segment: ShotSegment, guess_spins: bool) -> Window:
         pack_start(_replace_spins(segment.start, *guess), segment.moving) for guess in SPIN_GUESSES if guess_spins
     )
     state_sigma = pack_start(sigma, segment.moving)
-    return Window(
+    window = Window(
         segment.shot, segment.t[rows], balls, first, state_sigma, tied, () if segment.continues_previous else others
     )
+    segment.windows[guess_spins] = window
+    return window
 
 
 def _replace_spins(start: FloatArray, slip: float, side: float) -> FloatArray:

@@ -8,6 +8,8 @@ cloth, cushions, balls and camera explains all balls at all times.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -52,7 +54,7 @@ VIEW_PARAMETERS = slice(IMAGE_START, IMAGE_START + len(IMAGE_PARAMETERS))
 _SECANT_SLIDING_MU = 0.2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ShotWindows:
     """Segments of shots on one table; segments of one shot are neighbours, in the order of time."""
 
@@ -69,43 +71,60 @@ class ShotWindows:
     """(P,) unknowns whose Jacobian is needed; None: all."""
     guess_spins: bool = True
     """Whether the slips of the initial states are guesses, so that others are to be tried."""
-    windows: tuple[Window, ...] = field(init=False)
-    """One window per segment."""
-    parameter_indices: IntArray = field(init=False, repr=False)
-    """(P,) index of each unknown among all parameters."""
-    is_differentiated: BoolArray = field(init=False, repr=False)
-    """(P,) unknowns whose Jacobian is needed."""
-    affects_motion: BoolArray = field(init=False, repr=False)
-    """(P,) those of them that change the motion, not only its observation."""
     latest_runs: dict[int, tuple[bytes, WindowRun, ObservedStates]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
     """By window: inputs and result of its latest simulation. A step that is accepted is differentiated next."""
-    model_codes: tuple[int, int] = field(init=False, repr=False)
-    """Codes of the contact models in compiled functions."""
-    handover_times: tuple[float, ...] = field(init=False, repr=False)
-    """Per window: s from its start to that of the next one; infinite where none follows."""
-    simulated_seconds: tuple[float, ...] = field(init=False, repr=False)
-    """Per window: s that its simulation lasts."""
-    handover_indices: tuple[IntArray, ...] = field(init=False, repr=False)
-    """Per window (S',): which of the 7 N state variables start the next window; empty where none follows."""
 
     def __post_init__(self) -> None:
         if unknown := {prior.name for prior in self.unknowns} - set(SHOT_PARAMETERS):
             raise ValueError(f"shots depend on {', '.join(SHOT_PARAMETERS)}; got {', '.join(sorted(unknown))}")
-        indices = np.array([SHOT_PARAMETERS.index(prior.name) for prior in self.unknowns], dtype=np.int64)
-        differentiated = np.ones(len(indices), bool) if self.jacobian_mask is None else self.jacobian_mask
-        object.__setattr__(self, "parameter_indices", indices)
-        object.__setattr__(self, "is_differentiated", differentiated)
-        object.__setattr__(self, "affects_motion", differentiated & (indices < IMAGE_START))
-        object.__setattr__(self, "model_codes", find_model_codes(self.laws.cushion, self.laws.ball))
-        for name, compute in (
-            ("handover_times", self._compute_handover_time),
-            ("simulated_seconds", self._compute_simulated_seconds),
-            ("handover_indices", self._find_handover_indices),
-        ):
-            object.__setattr__(self, name, tuple(map(compute, range(len(self.segments)))))
-        object.__setattr__(self, "windows", tuple(build_window(one, self.guess_spins) for one in self.segments))
+
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """One window per segment."""
+        return tuple(build_window(one, self.guess_spins) for one in self.segments)
+
+    @cached_property
+    def parameter_indices(self) -> IntArray:
+        """(P,) index of each unknown among all parameters."""
+        return np.array([SHOT_PARAMETERS.index(prior.name) for prior in self.unknowns], dtype=np.int64)
+
+    @cached_property
+    def is_differentiated(self) -> BoolArray:
+        """(P,) unknowns whose Jacobian is needed."""
+        return np.ones(len(self.unknowns), bool) if self.jacobian_mask is None else self.jacobian_mask
+
+    @cached_property
+    def affects_motion(self) -> BoolArray:
+        """(P,) those of them that change the motion, not only its observation."""
+        return self.is_differentiated & (self.parameter_indices < IMAGE_START)
+
+    @cached_property
+    def model_codes(self) -> tuple[int, int]:
+        """Codes of the contact models in compiled functions."""
+        return find_model_codes(self.laws.cushion, self.laws.ball)
+
+    @cached_property
+    def handover_times(self) -> tuple[float, ...]:
+        """Per window: s from its start to that of the next one; infinite where none follows."""
+        times = [two.begin - one.begin if two.continues_previous else np.inf for one, two in pairwise(self.segments)]
+        return (*times, np.inf) if self.segments else ()
+
+    @cached_property
+    def simulated_seconds(self) -> tuple[float, ...]:
+        """Per window: s that its simulation lasts, past its last frame, and up to the next window."""
+        ends = np.array(self.handover_times)
+        lasts = np.array([one.t[-1] + 1.0 / 60 - one.begin for one in self.segments])
+        return tuple(np.where(ends == np.inf, lasts, np.maximum(lasts, ends)).tolist())
+
+    @cached_property
+    def handover_indices(self) -> tuple[IntArray, ...]:
+        """Per window (S',): which of the 7 N state variables start the next window; empty where none follows."""
+        return tuple(
+            np.empty(0, np.int64) if end == np.inf else _index_start(self.segments[k + 1].moving)
+            for k, end in enumerate(self.handover_times)
+        )
 
     def fill_values(self, shared: FloatArray) -> FloatArray:
         """Insert the unknown parameters (P,) into all (Q,) parameters."""
@@ -138,10 +157,7 @@ class ShotWindows:
             segment, observed, _replace_nan(derivatives), values
         )
         residual = self._compute_residual(segment, predicted, observed)
-        by_start, by_shared = (
-            _apply_whitening(segment.observation_whitening, by_start),
-            _apply_whitening(segment.observation_whitening, by_shared),
-        )
+        by_start, by_shared = (_apply_whitening(segment.observation_whitening, one) for one in (by_start, by_shared))
         if values[SLIDING_MU] == 0:
             self._fill_sliding_secant(window, start, shared, residual, by_shared)
         handed = self._linearize_handover(window, observed.end, at_end, run, values)
@@ -155,12 +171,7 @@ class ShotWindows:
             failed = self._infinite_cost_window(window, len(start))
             return SimulatedWindow(failed.residual, failed.end)
         run, observed = simulated
-        predicted = (
-            distort_places(self._camera_view, observed.xy, values[VIEW_PARAMETERS])[0]
-            if self._has_view_error(values)
-            else observed.xy
-        )
-        residual = self._compute_residual(segment, predicted, observed)
+        residual = self._compute_residual(segment, self._distort(observed.xy, values), observed)
         return SimulatedWindow(residual, self._next_window_start(window, observed.end, run), run.contact_order)
 
     def predict_observed_path(self, window: int, start: FloatArray, shared: FloatArray) -> FloatArray:
@@ -188,9 +199,7 @@ class ShotWindows:
             positions = np.stack(
                 [_hold_pocketed_balls(run.states_at(later[:, k])[..., :2])[:, k] for k in balls], axis=1
             )
-        return (
-            distort_places(view, positions, values[VIEW_PARAMETERS])[0] if self._has_view_error(values) else positions
-        )
+        return self._distort(positions, values)
 
     def simulate_possible_run(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedShot | None:
         """Simulate the shot of a window; None where the parameters are unphysical or the balls touch endlessly."""
@@ -213,6 +222,10 @@ class ShotWindows:
     def _has_view_error(self, values: FloatArray) -> bool:
         """Return whether the camera parameters shift observed positions."""
         return self.view is not None and bool((values[VIEW_PARAMETERS] != NEUTRAL_IMAGE_PARAMETERS).any())
+
+    def _distort(self, xy: FloatArray, values: FloatArray) -> FloatArray:
+        """Return the places where true positions are observed."""
+        return distort_places(self._camera_view, xy, values[VIEW_PARAMETERS])[0] if self._has_view_error(values) else xy
 
     def _simulate_observations(
         self, window: int, start: FloatArray, values: FloatArray
@@ -253,17 +266,14 @@ class ShotWindows:
             derivatives[..., :size],
             self._parameter_jacobian(segment, observed, derivatives[..., size:]),
         )
-        on_view = (
-            self.is_differentiated
-            & (self.parameter_indices >= IMAGE_START)
-            & (self.parameter_indices < SHUTTER_READOUT)
-        )
+        indices = self.parameter_indices
+        on_view = self.is_differentiated & (indices >= IMAGE_START) & (indices < SHUTTER_READOUT)
         if self.view is None or not (self._has_view_error(values) or on_view.any()):
             return observed.xy, by_start, by_shared
         xy, by_place, by_picture = distort_places(self.view, observed.xy, values[VIEW_PARAMETERS])
         by_shared = by_place @ by_shared
         if self._jacobian_columns:
-            by_shared[..., on_view] = by_picture[..., self.parameter_indices[on_view] - IMAGE_START]
+            by_shared[..., on_view] = by_picture[..., indices[on_view] - IMAGE_START]
         return xy, by_place @ by_start, by_shared
 
     def _parameter_jacobian(self, segment: ShotSegment, observed: ObservedStates, by_motion: FloatArray) -> FloatArray:
@@ -294,26 +304,6 @@ class ShotWindows:
         """Number of columns of the Jacobians by shared parameters: all or none."""
         return len(self.unknowns) if self.is_differentiated.any() else 0
 
-    def _compute_handover_time(self, window: int) -> float:
-        """Compute the s from the start of a window to the start of the next one; infinite where none follows."""
-        follows = window + 1 < len(self.segments) and self.segments[window + 1].continues_previous
-        return self.segments[window + 1].begin - self.segments[window].begin if follows else np.inf
-
-    def _compute_simulated_seconds(self, window: int) -> float:
-        """Compute the s that a simulation of a window lasts: past its last frame, and up to the next window."""
-        segment, end = self.segments[window], self.handover_times[window]
-        last = segment.t[-1] + 1.0 / 60 - segment.begin
-        return float(last if end == np.inf else max(last, end))
-
-    def _find_handover_indices(self, window: int) -> IntArray:
-        """Find the state variables that start the next window, as `handover_indices`."""
-        if self.handover_times[window] == np.inf:
-            return np.empty(0, np.int64)
-        following = self.segments[window + 1].moving
-        return pack_start(
-            np.arange(len(following) * MOVING_BALL_SIZE, dtype=np.float64).reshape(-1, MOVING_BALL_SIZE), following
-        ).astype(int)
-
     def _next_window_start(self, window: int, end: FloatArray, run: WindowRun) -> FloatArray:
         """Compute the start (S',) of the next window from the states (1, N, 7) at the end of this one."""
         indices = self.handover_indices[window]
@@ -334,10 +324,9 @@ class ShotWindows:
         converted = convert_ends(by, run.radius, indices)
         by_shared = np.zeros((len(indices), self._jacobian_columns))
         if self._jacobian_columns:
-            by_radius = np.zeros((len(run.radius), MOVING_BALL_SIZE, int(self.affects_motion.sum())))
-            by_radius[:, CENTRE_SIZE:] = _radius_derivatives(end[0], run.radius, values)[
-                ..., self.parameter_indices[self.affects_motion]
-            ]
+            numbers = self.parameter_indices[self.affects_motion]
+            by_radius = np.zeros((len(run.radius), MOVING_BALL_SIZE, len(numbers)))
+            by_radius[:, CENTRE_SIZE:] = _radius_derivatives(end[0], run.radius, values)[..., numbers]
             converted[:, size:] += by_radius.reshape(-1, by_radius.shape[2])[indices]
         converted = _replace_nan(converted)
         if self._jacobian_columns:
@@ -346,11 +335,8 @@ class ShotWindows:
 
     def _infinite_cost_window(self, window: int, size: int) -> LinearizedWindow:
         """Return a prediction with infinite cost."""
-        count, end, shared = (
-            len(self.segments[window].observation_indices[0]),
-            len(self.handover_indices[window]),
-            self._jacobian_columns,
-        )
+        count = len(self.segments[window].observations)
+        end, shared = len(self.handover_indices[window]), self._jacobian_columns
         return LinearizedWindow(np.full((count, 2), np.inf), np.zeros((count, 2, size)), np.zeros((count, 2, shared)),
                     np.zeros(end), np.zeros((end, size)), np.zeros((end, shared)))  # fmt: skip
 
@@ -370,6 +356,12 @@ def _apply_whitening(whiten, values):  # type: ignore[no-untyped-def]
 def _replace_nan(values: FloatArray) -> FloatArray:
     """Replace the NaN of pocketed balls by 0; usually there is none, which is tested first."""
     return values if np.isfinite(values).all() else np.nan_to_num(values)
+
+
+def _index_start(moving: BoolArray) -> IntArray:
+    """Return which of the 7 N state variables (S',) start a window."""
+    numbers = np.arange(len(moving) * MOVING_BALL_SIZE, dtype=np.float64).reshape(-1, MOVING_BALL_SIZE)
+    return pack_start(numbers, moving).astype(int)
 
 
 def _radius_derivatives(states: FloatArray, radius: FloatArray, values: FloatArray) -> FloatArray:
