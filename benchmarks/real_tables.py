@@ -46,7 +46,8 @@ from models.core.errors import TrackError  # noqa: E402
 from models.core.scene import Scene, Table  # noqa: E402
 from models.core.tracks import Tracks  # noqa: E402
 from models.estimation.forecast.ensemble_prediction import forecast_shot  # noqa: E402
-from models.estimation.forecast.forecast_check import estimate_states  # noqa: E402
+from models.estimation.forecast.forecast_check import estimate_state  # noqa: E402
+from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts  # noqa: E402
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402
@@ -92,9 +93,9 @@ def score_shot(
 ) -> Iterator[Row]:  # fmt: skip
     """Score all balls that move at the cut, for the tables learned, published, catalogue and none."""
     at, times = arguments.at, arguments.at + np.array([0.0, *AHEAD])
-    predictions = [
-        forecast_shot(state, times, draws=arguments.draws) for state in estimate_states(tracks, scene, at, tables)
-    ]
+    past = explain(tracks.truncate_after(at), scene)
+    states = (estimate_state(tracks, scene, at, table, lambda *_: past) for table in tables)
+    predictions = [forecast_shot(state, times, draws=arguments.draws) for state in states]
     state = predictions[0].state
     for ball, name in enumerate(state.ids):
         if not state.moving[ball]:

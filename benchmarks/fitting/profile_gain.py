@@ -22,7 +22,8 @@ from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.table_cases.session_shots import LEAD_S, draw_table, play_session
 from models.core.errors import TrackError
 from models.estimation.forecast.ensemble_prediction import forecast_shot
-from models.estimation.forecast.forecast_check import estimate_states
+from models.estimation.forecast.forecast_check import estimate_state
+from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.table_learning.learn_table import learn_table
 from pipeline.actions.fit_table import prepare_shot, write_learned_profile
 from pipeline.engine.result_cache import ResultCache
@@ -114,7 +115,9 @@ def play_set(number: int, place: Path) -> GainRow:
     learned = parse_learned_table(read_profile_text(place / "profile.json"))
     times = tracks.t[tracks.t > LEAD_S + AHEAD_S]
     errors = []
-    for state in estimate_states(tracks, scene, float(times[0]), (learned, None)):
+    past = explain(tracks.truncate_after(float(times[0])), scene)
+    for table in (learned, None):
+        state = estimate_state(tracks, scene, float(times[0]), table, lambda *_: past)
         prediction = forecast_shot(state, times[[0, -1]], 0, DRAWS)
         errors.append(1e3 * float(np.linalg.norm(prediction.path[-1, 0] - tracks.xy[-1, 0])))
     return GainRow(number, lesson.contact_count, *errors)

@@ -230,34 +230,26 @@ def forecast_particles(particles: Recording, t: FloatArray) -> ParticlePredictio
     Returns:
         The prediction by springs where they are accepted, else by the candidate of least error in the past.
     """
-    springs = fit_spring_motion(particles)
-    if springs is not None:
-        growth = fit_error_growth(*measure_backtest_errors(particles, _refit_springs), particles)
-        sigma = growth.sigma_at(t - particles.t[-1])
-        return ParticlePrediction(
-            springs.kind,
-            t,
-            springs.motion(t),
-            sigma,
-            springs.parameters,
-            springs.parameter_sigma,
-            springs.not_identifiable,
-        )
-    candidates: dict[str, ParticleFit] = {"straight on": build_extrapolation(1), "falling": build_extrapolation(2)}
-    candidates |= {name: fit for name, fit in list_candidate_fits(particles).items() if name == "rigid bodies"}
-    backtests = {name: measure_backtest_errors(particles, fit) for name, fit in candidates.items()}
-    kind = min(
-        backtests, key=lambda name: float(np.median(np.abs(backtests[name][1]))) if len(backtests[name][1]) else np.inf
-    )
-    motion, numbers = candidates[kind](particles)
+    fitted = fit_spring_motion(particles)
+    if fitted is not None:
+        errors = measure_backtest_errors(particles, _refit_springs)
+    else:
+        candidates: dict[str, ParticleFit] = {"straight on": build_extrapolation(1), "falling": build_extrapolation(2)}
+        candidates |= {name: fit for name, fit in list_candidate_fits(particles).items() if name == "rigid bodies"}
+        backtests = {name: measure_backtest_errors(particles, fit) for name, fit in candidates.items()}
+        medians = {name: np.median(np.abs(off)) if len(off) else np.inf for name, (_, off) in backtests.items()}
+        kind = min(medians, key=medians.__getitem__)
+        errors, (motion, numbers) = backtests[kind], candidates[kind](particles)
+        fitted = ParticleMotion(kind, motion, np.empty(0), numbers)
+    sigma = fit_error_growth(*errors, particles).sigma_at(t - particles.t[-1])
     return ParticlePrediction(
-        kind, t, motion(t), fit_error_growth(*backtests[kind], particles).sigma_at(t - particles.t[-1]), numbers
+        fitted.kind, t, fitted.motion(t), sigma, fitted.parameters, fitted.parameter_sigma, fitted.not_identifiable
     )
 
 
 def _refit_springs(particles: Recording) -> tuple[Motion, dict[str, float]]:
     """Fit springs to fewer samples; extrapolate straight on where they are not accepted."""
-    springs: ParticleMotion | None = fit_spring_motion(particles)
+    springs = fit_spring_motion(particles)
     return build_extrapolation(1)(particles) if springs is None else (springs.motion, springs.parameters)
 
 
@@ -268,24 +260,14 @@ def build_extrapolation(degree: int) -> ParticleFit:
     """
 
     def fit(past: Recording) -> tuple[Motion, dict[str, float]]:
-        curves: list[Callable[[FloatArray], FloatArray]] = []
+        curves = []
         for k, there in enumerate(past.is_observed.T):
             recent = np.flatnonzero(there)[-(EXTRAPOLATION_SAMPLES * degree // 2) :]
             last = past.t[recent[-1]]
-            curves.append(_build_polynomial(np.polyfit(past.t[recent] - last, past.positions[recent, k], degree), last))
-        return lambda t: np.stack([curve(t) for curve in curves], axis=1), {}
+            curves.append((np.polyfit(past.t[recent] - last, past.positions[recent, k], degree), last))
+        return lambda t: np.stack([np.polyval(curve, (t - last)[:, None]) for curve, last in curves], axis=1), {}
 
     return fit
-
-
-def _build_polynomial(coefficients: FloatArray, begin: float) -> Callable[[FloatArray], FloatArray]:
-    """Build the function of a polynomial in the time since `begin`."""
-
-    def curve(t: FloatArray) -> FloatArray:
-        powers = (t - begin)[:, None] ** np.arange(len(coefficients) - 1, -1, -1)
-        return np.asarray(powers @ coefficients, np.float64)
-
-    return curve
 
 
 def measure_backtest_errors(particles: Recording, fit: ParticleFit) -> tuple[FloatArray, FloatArray]:

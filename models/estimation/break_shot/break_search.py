@@ -121,11 +121,10 @@ def search_break(break_shot: BreakShot, rng: np.random.Generator) -> BreakEnsemb
 def _search_from_random_racks(break_shot: BreakShot, rng: np.random.Generator) -> BreakEnsemble | None:
     """Search from random racks drawn once."""
     model = BreakModel(break_shot, break_shot.end)
-    value, sigma = _proposal_spread(model)
-    racks = [model.separate_balls(value)] + [
-        model.separate_balls(model.clip_to_bounds(value + sigma * rng.normal(size=len(value))))
-        for _ in range(RANDOM_RACKS - 1)
-    ]
+    value, sigma = model.prior
+    sigma = np.where(np.isfinite(sigma), sigma, 0.0)  # what samples alone determine needs no draws
+    draws = (value + sigma * rng.normal(size=len(value)) for _ in range(RANDOM_RACKS - 1))
+    racks = [model.separate_balls(value), *map(model.make_feasible, draws)]
     noise_levels = _noise_levels(break_shot)
     best: list[BreakSample] = []
     for share, count, steps in STAGES:
@@ -143,13 +142,11 @@ def _search_from_random_racks(break_shot: BreakShot, rng: np.random.Generator) -
         best = _hop_basins(noisy_model, best, sigma, MAX_HOPS // len(noise_levels), rng)
     misfit = max(best[0].cost / dof, 1.0)
     axes = _posterior_axes(model, best[0]) * np.sqrt(misfit)
-    draws = _sample_around(model, best[0], axes, misfit, rng)
-    others = [(one, np.exp(-(one.cost - best[0].cost) / (2 * misfit))) for one in best[1:]]
-    weighted = [(best[0], 1.0 / (1 + len(draws)))] + [(one, share / (1 + len(draws))) for one, share in draws] + others
-    weight = np.array([share for _, share in weighted])
-    return BreakEnsemble(
-        break_shot, tuple(one for one, _ in weighted), weight / weight.sum(), axes @ axes.T, best[0].cost / dof
-    )
+    around = [(best[0], 1.0), *_sample_around(model, best[0], axes, misfit, rng)]
+    others = [np.exp(-(one.cost - best[0].cost) / (2 * misfit)) for one in best[1:]]
+    weight = np.array([*(share / len(around) for _, share in around), *others])
+    samples = (*(one for one, _ in around), *best[1:])
+    return BreakEnsemble(break_shot, samples, weight / weight.sum(), axes @ axes.T, best[0].cost / dof)
 
 
 def _noise_levels(break_shot: BreakShot) -> tuple[float, ...]:
@@ -168,12 +165,6 @@ def _optimize_racks(model: BreakModel, racks: list[FloatArray], steps: int) -> l
     return sorted(optimized, key=lambda one: one.cost)
 
 
-def _proposal_spread(model: BreakModel) -> tuple[FloatArray, FloatArray]:
-    """Return initial parameters (P,) and the spread of draws; what samples alone determine needs no draws."""
-    value, sigma = model.prior
-    return value, np.where(np.isfinite(sigma), sigma, 0.0)
-
-
 def _hop_basins(
     model: BreakModel, best: list[BreakSample], sigma: FloatArray, times: int, rng: np.random.Generator
 ) -> list[BreakSample]:
@@ -182,11 +173,8 @@ def _hop_basins(
     for _ in range(times):
         one = best[min(int(rng.exponential()), len(best) - 1)]
         size = 10 ** rng.uniform(*_HOP_POWERS)
-        other = _optimize_rack(
-            model,
-            model.separate_balls(model.clip_to_bounds(one.parameters + size * sigma * rng.normal(size=len(sigma)))),
-            OPTIMIZATION_STEPS,
-        )
+        rack = model.make_feasible(one.parameters + size * sigma * rng.normal(size=len(sigma)))
+        other = _optimize_rack(model, rack, OPTIMIZATION_STEPS)
         if other is None:
             continue
         idle_hops = 0 if other.cost < best[0].cost - _MIN_HOP_GAIN else idle_hops + 1
@@ -214,8 +202,7 @@ def _sample_around(
     draws = []
     for _ in range(POSTERIOR_DRAWS):
         draw = rng.normal(size=len(axes))
-        parameters = model.separate_balls(model.clip_to_bounds(best.parameters + axes @ draw))
-        other = _simulate_sample(model, parameters)
+        other = _simulate_sample(model, model.make_feasible(best.parameters + axes @ draw))
         if other is not None:
             excess = (other.cost - best.cost) / misfit - float(draw @ draw)
             draws.append((other, float(np.exp(-0.5 * max(excess, 0.0)))))
@@ -340,19 +327,13 @@ def _summarize_contact(
         if occurrence < len(other_times) and abs(other_times[occurrence] - t) < break_shot.interval:
             moments[m] = other_times[occurrence]
     is_shared = np.isfinite(moments)
-    share = ensemble.weight[is_shared] / ensemble.weight[is_shared].sum()
-    spread = float(
-        np.hypot(np.sqrt(share @ (moments[is_shared] - t) ** 2), _contact_time_sigma(ensemble, directions, a, b, t))
-    )
+    probability = float(ensemble.weight[is_shared].sum())
+    scatter = np.sqrt(ensemble.weight[is_shared] / probability @ (moments[is_shared] - t) ** 2)
+    sigma = max(float(np.hypot(scatter, _contact_time_sigma(ensemble, directions, a, b, t))), MIN_TIME_SIGMA)
     return BreakContact(
-        break_shot.start + t,
-        max(spread, MIN_TIME_SIGMA),
-        break_shot.balls[a],
-        break_shot.balls[b],
-        best.states_at(t)[a, :2],
-        float(row[EVENT_SPEED]),
-        MAX_PROBABILITY * float(ensemble.weight[is_shared].sum()),
-    )
+        break_shot.start + t, sigma, break_shot.balls[a], break_shot.balls[b], best.states_at(t)[a, :2],
+        float(row[EVENT_SPEED]), MAX_PROBABILITY * probability,
+    )  # fmt: skip
 
 
 def _is_same_pair(contacts: FloatArray, a: int, b: int) -> NDArray[np.bool_]:
@@ -387,9 +368,8 @@ def _state_with_covariance(
     (jacobian,), other = _state_derivatives(ensemble, directions, (number,), t), states - states[0]
     speed = float(np.hypot(*states[0, 2:4]))
     floor = np.repeat([PLACE_SIGMA, SPEED_SIGMA * speed + MIN_SPEED, SLIP_SIGMA * speed + MIN_SPEED], 2)
-    return states[0], jacobian @ ensemble.covariance @ jacobian.T + (other.T * ensemble.weight) @ other + np.diag(
-        floor**2
-    )
+    spread = jacobian @ ensemble.covariance @ jacobian.T + (other.T * ensemble.weight) @ other
+    return states[0], spread + np.diag(floor**2)
 
 
 def _state_derivatives(

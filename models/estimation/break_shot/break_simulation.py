@@ -173,20 +173,18 @@ class BreakModel:
     def simulate(self, parameters: FloatArray) -> SimulatedShot:
         """Simulate the shot from its start; raise ArithmeticError where contacts do not end."""
         seconds = min(self.until, self.break_shot.end) - self.break_shot.start + self.break_shot.interval
-        return simulate_start(
-            parameters[: self.common_column],
-            self.is_moving,
-            self.break_shot.table,
-            self.physics_values(parameters),
-            CONTACT_LAWS,
-            seconds,
-        )
+        start, values = parameters[: self.common_column], self.physics_values(parameters)
+        return simulate_start(start, self.is_moving, self.break_shot.table, values, CONTACT_LAWS, seconds)
 
     def clip_to_bounds(self, parameters: FloatArray) -> FloatArray:
         """Clip the shared parameters to their bounds."""
         clipped = parameters.copy()
         clipped[self.common_column :] = np.clip(clipped[self.common_column :], *self.bounds)
         return clipped
+
+    def make_feasible(self, parameters: FloatArray) -> FloatArray:
+        """Clip the shared parameters to their bounds, and move overlapping resting balls apart."""
+        return self.separate_balls(self.clip_to_bounds(parameters))
 
     def separate_balls(self, parameters: FloatArray) -> FloatArray:
         """Move overlapping resting balls apart, until none overlap."""

@@ -140,9 +140,8 @@ def forecast_shot(state: StateEstimate, t: FloatArray, seed: int = 0, draws: int
         raise ValueError(f"moments to predict ascend from {state.t:g} s on; got {t[:3]} ...")
     after = np.maximum(t - state.t, 0.0)
     seconds = float(max(after[-1], 1e-3)) + 1e-6
-    central = state.simulate_ahead(
-        state.simulation_inputs(state.mean, state.most_probable_law), state.most_probable_law, seconds
-    )
+    law = state.most_probable_law
+    central = state.simulate_ahead(state.simulation_inputs(state.mean, law), law, seconds)
     runs = [
         state.simulate_ahead(inputs, law, seconds, deviations)
         for inputs, law, deviations in draw_members(state, np.random.default_rng(seed), draws)
@@ -190,7 +189,10 @@ def draw_members(
     for ball, spin in enumerate(state.spins):
         if spin is not None:
             numbers[:, PARAMETERS_PER_BALL * (ball + 1) - 1] = spin.draw(rng, draws)
-    disturbances = _draw_disturbances(state, rng, draws)
+    # deviations of cushion contacts from the model of a learned table
+    disturbances = np.zeros((draws, 0, len(DISTURBED)))
+    if state.learned is not None:
+        disturbances = state.learned.scatter.draw(rng, (draws, DISTURBED_CONTACTS))
     inputs = [state.simulation_inputs(one, CUSHION_MODELS[law]) for one, law in zip(numbers, laws, strict=True)]
     if state.learned is not None:
         first = len(BALL_COLUMNS) * len(state.ids)
@@ -199,13 +201,6 @@ def draw_members(
     return [
         (own, CUSHION_MODELS[law], deviations) for own, law, deviations in zip(inputs, laws, disturbances, strict=True)
     ]
-
-
-def _draw_disturbances(state: StateEstimate, rng: np.random.Generator, draws: int) -> FloatArray:
-    """Draw the deviations (M, D, 5) of cushion contacts from the model of a learned table; D = 0 without one."""
-    if state.learned is None:
-        return np.zeros((draws, 0, len(DISTURBED)))
-    return state.learned.scatter.draw(rng, (draws, DISTURBED_CONTACTS))
 
 
 def _propagate_linearly(
@@ -220,12 +215,8 @@ def _propagate_linearly(
     covariance = jacobian @ state.covariance @ np.swapaxes(jacobian, 2, 3)
     possible = np.flatnonzero(state.laws)  # a learned table has one
     weights, laws = state.laws[possible], [CUSHION_MODELS[k] for k in possible]
-    each = np.stack(
-        [
-            state.simulate_ahead(state.simulation_inputs(state.mean, law), law, seconds).states_at(after)[..., :4]
-            for law in laws
-        ]
-    )
+    runs = [state.simulate_ahead(state.simulation_inputs(state.mean, law), law, seconds) for law in laws]
+    each = np.stack([run.states_at(after)[..., :4] for run in runs])
     path = np.einsum("l,ltnk->tnk", weights, each)
     deviations = (each - path)[..., :2]
     covariance = covariance + np.einsum("l,ltni,ltnj->tnij", weights, deviations, deviations)
@@ -238,17 +229,11 @@ def _propagate_linearly(
 
 def _input_derivatives(state: StateEstimate) -> FloatArray:
     """Return the derivatives (9N + 17, D) of the simulation inputs."""
-    return np.stack(
-        [
-            (
-                state.simulation_inputs(state.mean + step, state.most_probable_law)
-                - state.simulation_inputs(state.mean - step, state.most_probable_law)
-            )
-            / (2 * _DIFFERENCE_STEP)
-            for step in _DIFFERENCE_STEP * np.eye(len(state.mean))
-        ],
-        axis=1,
-    )
+    law, columns = state.most_probable_law, []
+    for step in _DIFFERENCE_STEP * np.eye(len(state.mean)):
+        ahead, behind = (state.simulation_inputs(state.mean + side * step, law) for side in (1, -1))
+        columns.append((ahead - behind) / (2 * _DIFFERENCE_STEP))
+    return np.stack(columns, axis=1)
 
 
 def _ensemble_moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -274,12 +259,8 @@ def list_contacts(run: SimulatedShot) -> list[list[tuple[float, EventKey]]]:
     contacts: list[list[tuple[float, EventKey]]] = [[] for _ in ids]
     sides = {0: run.rails.lines[:, 5], 1: run.rails.arcs[:, 3] if len(run.rails.arcs) else np.empty(0)}
     for event in run.contacts[run.contacts[:, EVENT_GENTLE] == 0]:
-        t, kind, a, other = (
-            float(event[EVENT_TIME]),
-            int(event[EVENT_KIND]),
-            int(event[EVENT_FIRST]),
-            int(event[EVENT_SECOND]),
-        )
+        t = float(event[EVENT_TIME])
+        kind, a, other = event[[EVENT_KIND, EVENT_FIRST, EVENT_SECOND]].astype(int).tolist()
         if kind == BALL:
             contacts[a].append((t, ("ball", ids[a], ids[other])))
             contacts[other].append((t, ("ball", ids[other], ids[a])))

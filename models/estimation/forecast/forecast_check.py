@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,27 +55,6 @@ def estimate_state(
     Raises:
         TrackError: If there are too few frames, or physics cannot be fitted.
     """
-    return estimate_states(tracks, scene, t, (learned,), explain_past)[0]
-
-
-def estimate_states(
-    tracks: Tracks, scene: Scene, t: float, tables: Sequence[LearnedTable | None], explain_past: Explain = explain
-) -> tuple[StateEstimate, ...]:
-    """Estimate the state as `estimate_state` for several tables, with one fit.
-
-    Args:
-        tracks: Tracks of N balls over T frames.
-        scene: Table and camera.
-        t: Presentation time, s.
-        tables: What other shots taught about the table, in several ways; None for nothing.
-        explain_past: As in `estimate_state`.
-
-    Returns:
-        One state per table.
-
-    Raises:
-        TrackError: If there are too few frames, or physics cannot be fitted.
-    """
     observed_tracks = tracks.truncate_after(t)
     if len(observed_tracks.t) < FEWEST_FRAMES:
         raise TrackError(
@@ -90,13 +69,10 @@ def estimate_states(
     inflation = estimate_lack_of_fit(solution, collect_captured_observations(observed_tracks, clock, scene.table))
     events = fit.events
     pocketed = {a for a, kind in zip(events.a, events.kind, strict=True) if kind == "pocket"}
-    states = (
-        build_state_estimate(
-            solution, observed_tracks.ids, now, scene.table, pocketed, fit.trust, inflation, learned
-        )
-        for learned in tables
+    state = build_state_estimate(
+        solution, observed_tracks.ids, now, scene.table, pocketed, fit.trust, inflation, learned
     )  # fmt: skip
-    return tuple(_adopt_measured_motion(replace(state, t=t), fit, observed_tracks) for state in states)
+    return _adopt_measured_motion(replace(state, t=t), fit, observed_tracks)
 
 
 def _adopt_measured_motion(state: StateEstimate, fit: Fit, tracks: Tracks) -> StateEstimate:
@@ -161,23 +137,12 @@ def compare_rest_of_shot(tracks: Tracks, scene: Scene, events: Events, learned: 
     except (TrackError, ArithmeticError, ValueError):
         return None
     check = check_prediction(prediction, tracks)
-    ball = tuple(prediction.state.ids[k] for k in check.ball)
-    moved = np.isin(
-        ball, [one for one, moves in zip(prediction.state.ids, prediction.state.moving, strict=True) if moves]
-    )
-    cushions = np.array(
-        [
-            sum(
-                events.kind[k] == "cushion" and events.a[k] == name and t < events.t[k] <= until
-                for k in range(len(events))
-            )
-            for name, until in zip(ball, check.t, strict=True)
-        ],
-        np.int64,
-    )
-    return ForecastErrors(
-        t, tuple(np.array(ball)[moved]), check.t[moved] - t, cushions[moved], check.error[moved]
-    )  # fmt: skip
+    moved = prediction.state.moving[check.ball]
+    ball, until = np.array(prediction.state.ids)[check.ball][moved], check.t[moved]
+    is_later_cushion = (np.array(events.kind) == "cushion") & (events.t > t)
+    is_before = (np.array(events.a) == ball[:, None]) & (events.t <= until[:, None])  # (K, E)
+    cushions = (is_before & is_later_cushion).sum(axis=1)
+    return ForecastErrors(t, tuple(ball.tolist()), until - t, cushions, check.error[moved])
 
 
 def check_prediction(prediction: ShotPrediction, tracks: Tracks) -> PredictionCheck:

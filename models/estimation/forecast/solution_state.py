@@ -147,14 +147,12 @@ def build_state_estimate(
         mean[here], jacobian[here, : len(solution.covariance)] = evaluate_segment_state(solution, segment, t)
         moving[row] = bool(np.any(mean[here][2:4]))
         if moving[row]:
-            side[PARAMETERS_PER_BALL * row + 6] = _side_spin_sigma(
-                graph.segments[segment], t - graph.start_time(segment), table.ball_radius
-            )
+            since = t - graph.start_time(segment)
+            side[here.stop] = _side_spin_sigma(graph.segments[segment], since, table.ball_radius)
     _fill_shared_parameters(solution, mean, jacobian)
-    total = jacobian @ covariance @ jacobian.T + np.diag(side**2)
-    total[np.diag_indices(SHARED_COUNT)[0] - SHARED_COUNT, np.diag_indices(SHARED_COUNT)[1] - SHARED_COUNT] += (
-        _variances_beyond_fit()
-    )
+    beyond_fit = side**2
+    beyond_fit[-SHARED_COUNT:] = _variances_beyond_fit()
+    total = jacobian @ covariance @ jacobian.T + np.diag(beyond_fit)
     names = tuple(ids[k] for k in balls)
     grip = layout_parameters(graph).shared + 9
     laws = law_probabilities(float(solution.rubber[2] + shift[grip]), float(np.sqrt(covariance[grip, grip])))

@@ -11,8 +11,8 @@ from models.core.contact_graph import ContactGraph, JointSolution, Observations
 from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.break_shot.break_simulation import BreakShot
-from models.estimation.joint_fit.contact_cascades import find_segment_at
-from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
+from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
+from models.estimation.joint_fit.fit_solution import evaluate_path
 from models.tracking.track_noise import NOISE_FLOOR_RADII
 
 # Balls that lie together, and that start at once: with fewer the contacts are fitted one by one.
@@ -77,13 +77,9 @@ def find_break_shots(solution: JointSolution, observations: Observations, table:
             continue
         resting = _find_resting_balls(solution, observations, first, table)
         rack = _select_racks(resting, leaving, (2 * solution.diameter_factor + RACK_GAP_RADII) * table.ball_radius)
-        incoming = (
-            _find_incoming_segment(solution, rack, first, SIMULTANEOUS_INTERVALS * interval, table) if rack else None
-        )
-        break_shot = (
-            _collect_break_shot(solution, observations, table, *incoming, resting, interval) if incoming else None
-        )
-        if break_shot is not None:
+        incoming = rack and _find_incoming_segment(solution, rack, first, SIMULTANEOUS_INTERVALS * interval, table)
+        break_shot = incoming and _collect_break_shot(solution, observations, table, *incoming, resting, interval)
+        if break_shot:
             break_shots.append(replace(break_shot, rack=tuple(one.ball for one in rack)))
             end = break_shot.end
     return break_shots
@@ -101,11 +97,8 @@ def _find_resting_balls(
             place, sigma, is_resting = _estimate_rest_place(observations, rows)
         else:
             k = find_segment_at(graph, ball, t)
-            place, sigma, is_resting = (
-                graph.segments[k].state[:2].copy(),
-                _UNOBSERVED_SIGMA_RADII * table.ball_radius,
-                graph.segments[k].static,
-            )
+            place, is_resting = graph.segments[k].state[:2].copy(), graph.segments[k].static
+            sigma = _UNOBSERVED_SIGMA_RADII * table.ball_radius
         if is_resting:
             resting.append(_RestingBall(ball, place, float(np.hypot(sigma, NOISE_FLOOR_RADII * table.ball_radius))))
     return resting
@@ -169,7 +162,7 @@ def _find_incoming_segment(
         if segment.static or segment.ball in members or begin > t or graph.end_time(k) < t - time_tolerance:
             continue
         times = np.linspace(max(begin, t - time_tolerance), t + time_tolerance, 400)
-        path = evaluate_kinematics(np.repeat(segment.state[None], len(times), axis=0), times - begin, solution.friction)
+        path = evaluate_path(graph, solution.friction, k, times)
         touching = np.linalg.norm(path[:, None, :2] - places, axis=2).min(axis=1) <= 2 * radius
         if touching.any() and not touching[0]:
             candidates.append((float(times[np.argmax(touching)]), k))
@@ -189,13 +182,10 @@ def _collect_break_shot(
     graph = solution.graph
     segment, resting = graph.segments[incoming], [one for one in resting if one.ball != graph.segments[incoming].ball]
     start = max(graph.start_time(incoming), hit - INCOMING_TIME)
-    state = evaluate_kinematics(segment.state[None], np.array([start - graph.start_time(incoming)]), solution.friction)[
-        0
-    ]
+    state = evaluate_state(graph, solution.friction, incoming, start)
     speed = float(np.hypot(*state[2:4]))
-    window = min(
-        max(WATCHED_DISTANCE_RADII * table.ball_radius / speed, MIN_WATCHED_FRAMES * interval), MAX_WATCHED_TIME
-    )
+    window = max(WATCHED_DISTANCE_RADII * table.ball_radius / speed, MIN_WATCHED_FRAMES * interval)
+    window = min(window, MAX_WATCHED_TIME)
     balls = (segment.ball, *(one.ball for one in resting))
     selected, numbers = [], []
     for place, ball in enumerate(balls):
