@@ -71,27 +71,22 @@ class UnexplainedView:
     """s, end of the part that is explained."""
 
 
-def fit_by_continuation(
-    model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
-) -> ShootingFit:
+def fit_by_continuation(model: ShotWindows, shared: FloatArray, rng: np.random.Generator) -> ShootingFit:
     """Fit one shot to a growing part of its observations.
 
     Args:
         model: Model of one shot.
         shared: (P,) initial guess of the shared parameters.
         rng: Random generator of the posterior samples.
-        options: Iteration limits of the final fit.
 
     Returns:
         The fit to all observations of the shot.
     """
     guess, _ = _extend_view(model, shared, rng, to_the_end=True)
-    return _fit_whole_view(model, guess, options)
+    return _fit_whole_view(model, guess)
 
 
-def fit_if_explained(
-    model: ShotWindows, shared: FloatArray, rng: np.random.Generator, options: ShootingOptions
-) -> ShootingFit | UnexplainedView:
+def fit_if_explained(model: ShotWindows, shared: FloatArray, rng: np.random.Generator) -> ShootingFit | UnexplainedView:
     """Fit one shot over a growing time span; stop when no posterior sample agrees with the next observations.
 
     A wrong contact model shows at the first cushion; following it to the end costs more than the whole fit of the right
@@ -101,13 +96,12 @@ def fit_if_explained(
         model: Model of one shot.
         shared: (P,) initial guess of the shared parameters.
         rng: Random generator of the posterior samples.
-        options: Iteration limits of the final fit.
 
     Returns:
         The fit, or the first view that the model does not explain.
     """
     guess, unexplained = _extend_view(model, shared, rng, to_the_end=False)
-    return _fit_whole_view(model, guess, options) if unexplained is None else unexplained
+    return unexplained or _fit_whole_view(model, guess)
 
 
 def _extend_view(
@@ -138,14 +132,14 @@ def _extend_view(
     return guess, unexplained
 
 
-def _fit_whole_view(model: ShotWindows, guess: ShotGuess, options: ShootingOptions) -> ShootingFit:
+def _fit_whole_view(model: ShotWindows, guess: ShotGuess) -> ShootingFit:
     """Fit all observations of a shot from the last guess and from alternatives to the result."""
-    fitted = fit_windows(model, guess.shared, options, guess.starts)
+    fitted = fit_windows(model, guess.shared, starts=guess.starts)
     alternatives = [
         fit_windows(model, one.shared, _TRIAL_OPTIONS, one.starts) for one in _alternative_guesses(model, fitted)
     ]
     best = min([fitted, *alternatives], key=lambda one: one.cost)
-    return fitted if best is fitted else fit_windows(model, best.shared, options, best.starts)
+    return fitted if best is fitted else fit_windows(model, best.shared, starts=best.starts)
 
 
 def _alternative_guesses(model: ShotWindows, fitted: ShootingFit) -> list[ShotGuess]:

@@ -188,14 +188,13 @@ def _fit_all(
     models: dict[ContactModels, ShotWindows], rng: np.random.Generator, views: dict[ContactModels, UnexplainedView]
 ) -> list[tuple[ContactModels, ShootingFit]]:
     """Fit every model; `views` receives the first view that each of several does not explain."""
-    options = ShootingOptions()
-    fits = _fit_first_explaining(models, options, rng, views) if len(models) > 1 else []
+    fits = _fit_first_explaining(models, rng, views) if len(models) > 1 else []
     first = [laws for laws, _ in fits]
     for laws in (one for one in models if one not in first):
-        fits.append((laws, _fit_laws(models[laws], fits, options, rng)))
+        fits.append((laws, _fit_laws(models[laws], fits, rng)))
     best = _rank_by_evidence(fits)[0][0]
     if first and best != first[0]:  # spins that suit other contact models may have misled its fit
-        fits += _fit_first_explaining({best: models[best]}, options, rng, {})
+        fits += _fit_first_explaining({best: models[best]}, rng, {})
     return fits
 
 
@@ -284,70 +283,53 @@ def _rank_by_evidence(fits: list[tuple[ContactModels, ShootingFit]]) -> list[tup
 
 
 def _fit_first_explaining(
-    models: dict[ContactModels, ShotWindows],
-    options: ShootingOptions,
-    rng: np.random.Generator,
-    views: dict[ContactModels, UnexplainedView],
+    models: dict[ContactModels, ShotWindows], rng: np.random.Generator, views: dict[ContactModels, UnexplainedView]
 ) -> list[tuple[ContactModels, ShootingFit]]:
     """Fit the first pair of contact models that explains all shots, if any: the others can start from its states.
 
     `views` receives the first view that each of the others does not explain.
     """
     for (laws, model), own in zip(models.items(), rng.spawn(len(models)), strict=True):
-        numbers = list(dict.fromkeys(one.shot for one in model.segments))
         values, alone = _prior_values(model), {}
-        for number in numbers:
-            fitted = fit_if_explained(_select_shots(model, [number]), values, own, options)
+        for number in _list_shots(model):
+            fitted = fit_if_explained(_select_shots(model, [number]), values, own)
             if isinstance(fitted, UnexplainedView):
                 views[laws] = fitted
                 break
             alone[number] = fitted
         else:
-            return [(laws, _combine_shots(model, alone, options, own))]
+            return [(laws, _combine_shots(model, alone, own))]
     return []
 
 
 def _fit_laws(
-    model: ShotWindows,
-    others: list[tuple[ContactModels, ShootingFit]],
-    options: ShootingOptions,
-    rng: np.random.Generator,
+    model: ShotWindows, others: list[tuple[ContactModels, ShootingFit]], rng: np.random.Generator
 ) -> ShootingFit:
-    """Fit one pair of contact models, starting from the best fit of the others.
+    """Fit one pair of contact models, starting from the states and parameters of the best fit of others.
 
     There the states are nearly right, whichever the contact models. Without any fit that explains the shots, start from
     the observations alone.
     """
     if not others:
-        return fit_from_single_shots(model, options, rng)
-    fitted = _continue_fit(model, others, options)
+        return fit_from_single_shots(model, rng)
+    laws, neighbour = min(others, key=lambda one: one[1].cost)
+    fitted = _continue_from(model, table_priors(laws), neighbour.starts, neighbour.shared, ShootingOptions())
     if any(one.converged and one.chi2_per_dof < _GOOD_CHI2 for one in (*(one for _, one in others), fitted)):
         return fitted
-    return min([fitted, fit_from_single_shots(model, options, rng)], key=lambda one: one.cost)
-
-
-def _continue_fit(
-    model: ShotWindows, others: list[tuple[ContactModels, ShootingFit]], options: ShootingOptions
-) -> ShootingFit:
-    """Fit one pair of contact models from the states and parameters of the best fit of others."""
-    laws, neighbour = min(others, key=lambda one: one[1].cost)
-    return _continue_from(model, table_priors(laws), neighbour.starts, neighbour.shared, options)
+    return min([fitted, fit_from_single_shots(model, rng)], key=lambda one: one.cost)
 
 
 def _continue_from(
-    model: ShotWindows,
-    priors: tuple[Prior, ...],
-    starts: tuple[FloatArray, ...],
-    values: FloatArray,
+    model: ShotWindows, priors: tuple[Prior, ...], starts: tuple[FloatArray, ...], values: FloatArray,
     options: ShootingOptions,
-) -> ShootingFit:
+) -> ShootingFit:  # fmt: skip
     """Fit contact models from start states and from values (P,) of parameters that have these priors."""
     neighbour_values = {prior.name: value for prior, value in zip(priors, values, strict=True)}
     shared = np.array([neighbour_values.get(prior.name, prior.value) for prior in model.unknowns])
     return fit_windows(model, shared, options, starts)
 
 
-def fit_from_single_shots(model: ShotWindows, options: ShootingOptions, rng: np.random.Generator) -> ShootingFit:
+def fit_from_single_shots(model: ShotWindows, rng: np.random.Generator) -> ShootingFit:
     """Fit all shots together, starting from the fit of each alone.
 
     Which initial guess of a spin is right shows once the table is known. The shots that are explained alone therefore
@@ -355,20 +337,14 @@ def fit_from_single_shots(model: ShotWindows, options: ShootingOptions, rng: np.
 
     Args:
         model: Model of all shots.
-        options: Iteration limits.
         rng: Random generator.
 
     Returns:
         The fit of all shots.
     """
-    numbers = list(dict.fromkeys(one.shot for one in model.segments))
     values = _prior_values(model)
-    return _combine_shots(
-        model,
-        {one: fit_by_continuation(_select_shots(model, [one]), values, rng, options) for one in numbers},
-        options,
-        rng,
-    )
+    alone = {one: fit_by_continuation(_select_shots(model, [one]), values, rng) for one in _list_shots(model)}
+    return _combine_shots(model, alone, rng)
 
 
 def _prior_values(model: ShotWindows) -> FloatArray:
@@ -376,9 +352,12 @@ def _prior_values(model: ShotWindows) -> FloatArray:
     return np.array([prior.value for prior in model.unknowns])
 
 
-def _combine_shots(
-    model: ShotWindows, alone: dict[int, ShootingFit], options: ShootingOptions, rng: np.random.Generator
-) -> ShootingFit:
+def _list_shots(model: ShotWindows) -> list[int]:
+    """List the numbers of the shots, in the order of time."""
+    return list(dict.fromkeys(one.shot for one in model.segments))
+
+
+def _combine_shots(model: ShotWindows, alone: dict[int, ShootingFit], rng: np.random.Generator) -> ShootingFit:
     """Fit all shots together, starting from the fit of each alone."""
     numbers = list(alone)
     if len(numbers) == 1:
@@ -386,33 +365,25 @@ def _combine_shots(
     good = [number for number in numbers if alone[number].chi2_per_dof < _GOOD_CHI2]
     good = good or [min(numbers, key=lambda number: alone[number].chi2_per_dof)]
     first = alone[min(good, key=lambda number: float(np.log(alone[number].sigma).sum()))]
-    combined = _fit_together(model, good, alone, first.shared, options)
+    combined = _fit_together(model, good, alone, first.shared)
     for number in (one for one in numbers if one not in good):
-        with_priors = replace(_select_shots(model, [number]), unknowns=convert_to_priors(model.unknowns, combined))
-        other = fit_by_continuation(with_priors, combined.shared, rng, options)
+        other = _fit_with_priors(model, number, combined, rng)
         if other.chi2_per_dof < alone[number].chi2_per_dof:
             alone[number] = other
     if len(good) < len(numbers):
-        combined = _fit_together(model, numbers, alone, combined.shared, options)
-    return (
-        combined if _is_consistent(model, alone, combined) else _reconcile_shots(model, alone, combined, options, rng)
-    )
+        combined = _fit_together(model, numbers, alone, combined.shared)
+    return combined if _is_consistent(model, alone, combined) else _reconcile_shots(model, alone, combined, rng)
 
 
 def _is_consistent(model: ShotWindows, alone: dict[int, ShootingFit], combined: ShootingFit) -> bool:
     """Return whether one set of parameters costs no more than noise explains over one set per shot."""
     ties = len(model.unknowns) * (len(alone) - 1)
-    return bool(
-        combined.cost - sum(one.cost for one in alone.values()) < ties + _SIGNIFICANT_SIGMAS * np.sqrt(2 * ties) + 1
-    )
+    excess = combined.cost - sum(one.cost for one in alone.values())
+    return bool(excess < ties + _SIGNIFICANT_SIGMAS * np.sqrt(2 * ties) + 1)
 
 
 def _reconcile_shots(
-    model: ShotWindows,
-    alone: dict[int, ShootingFit],
-    combined: ShootingFit,
-    options: ShootingOptions,
-    rng: np.random.Generator,
+    model: ShotWindows, alone: dict[int, ShootingFit], combined: ShootingFit, rng: np.random.Generator
 ) -> ShootingFit:
     """Refit inconsistent shots, each with the others as prior.
 
@@ -420,13 +391,18 @@ def _reconcile_shots(
     """
     numbers = list(alone)
     for number in numbers:
-        others = _fit_together(model, [one for one in numbers if one != number], alone, combined.shared, options)
-        with_priors = replace(_select_shots(model, [number]), unknowns=convert_to_priors(model.unknowns, others))
-        again = {**alone, number: fit_by_continuation(with_priors, others.shared, rng, options)}
-        refitted = _fit_together(model, numbers, again, others.shared, options)
+        others = _fit_together(model, [one for one in numbers if one != number], alone, combined.shared)
+        again = {**alone, number: _fit_with_priors(model, number, others, rng)}
+        refitted = _fit_together(model, numbers, again, others.shared)
         if refitted.cost < combined.cost - 1.0:
             alone, combined = again, refitted
     return combined
+
+
+def _fit_with_priors(model: ShotWindows, number: int, others: ShootingFit, rng: np.random.Generator) -> ShootingFit:
+    """Fit one shot with the result of others as priors."""
+    own = replace(_select_shots(model, [number]), unknowns=convert_to_priors(model.unknowns, others))
+    return fit_by_continuation(own, others.shared, rng)
 
 
 def _select_shots(model: ShotWindows, numbers: list[int]) -> ShotWindows:
@@ -435,11 +411,11 @@ def _select_shots(model: ShotWindows, numbers: list[int]) -> ShotWindows:
 
 
 def _fit_together(
-    model: ShotWindows, numbers: list[int], alone: dict[int, ShootingFit], shared: FloatArray, options: ShootingOptions
+    model: ShotWindows, numbers: list[int], alone: dict[int, ShootingFit], shared: FloatArray
 ) -> ShootingFit:
     """Fit some shots together, each started from its own fit."""
     starts = tuple(start for number in numbers for start in alone[number].starts)
-    return fit_windows(_select_shots(model, numbers), shared, options, starts)
+    return fit_windows(_select_shots(model, numbers), shared, starts=starts)
 
 
 def _split_covariance(covariance: FloatArray, moving: BoolArray) -> FloatArray:

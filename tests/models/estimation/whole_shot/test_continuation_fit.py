@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.simulated_shots import LAWS, SIGMA, TABLE, filmed, numbers
 
-from models.estimation.multiple_shooting.shooting_fit import ShootingOptions
 from models.estimation.whole_shot.continuation_fit import ShotGuess, fit_by_continuation, is_explained, next_view_time
 from models.estimation.whole_shot.shot_segments import estimate_initial_states
 from models.estimation.whole_shot.shot_windows import ShotWindows
@@ -31,7 +30,7 @@ def prior_values(model: ShotWindows) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_shot_is_explained_with_the_spin_that_no_frame_shows(seed: int) -> None:
     model, truth = shot_from_observations(seed)
-    result = fit_by_continuation(model, prior_values(model), np.random.default_rng(0), ShootingOptions())
+    result = fit_by_continuation(model, prior_values(model), np.random.default_rng(0))
     # the predicted decrease beside a kink of the loss depends on the last bits, and so on the processor
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)
     pulls = (result.starts[0][:7] - truth[0]) / np.sqrt(np.diag(result.start_covariances[0])[:7])
@@ -51,7 +50,7 @@ def test_the_fitted_part_grows_past_the_next_contact_and_then_to_the_end() -> No
 
 def test_a_wrong_slip_does_not_explain_later_observations() -> None:
     model = shot_from_observations(1)[0]
-    best = fit_by_continuation(model, prior_values(model), np.random.default_rng(0), ShootingOptions())
+    best = fit_by_continuation(model, prior_values(model), np.random.default_rng(0))
     assert is_explained(model, ShotGuess(best.starts, best.shared), 1.0)
     wrong = best.starts[0].copy()
     wrong[4:6] = -wrong[4:6]

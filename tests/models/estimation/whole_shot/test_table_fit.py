@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.simulated_shots import SIGMA, TABLE, filmed, numbers
 
-from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions
+from models.estimation.multiple_shooting.shooting_fit import ShootingFit
 from models.estimation.whole_shot.continuation_fit import fit_if_explained
 from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states
 from models.estimation.whole_shot.shot_windows import ShotWindows
@@ -69,9 +69,9 @@ def test_nothing_to_fit_is_refused() -> None:
 
 
 def test_a_fit_stops_where_a_contact_model_cannot_explain_the_shot() -> None:
-    segments, options = shots_from_observations(1, MIRROR, 1), ShootingOptions()
+    segments = shots_from_observations(1, MIRROR, 1)
     for laws, explains in ((MIRROR, True), (ContactModels("stronge", "inelastic"), False)):
         model = ShotWindows(segments, TABLE, table_priors(laws), laws)
         usual = np.array([prior.value for prior in model.unknowns])
-        result = fit_if_explained(model, usual, np.random.default_rng(0), options)
+        result = fit_if_explained(model, usual, np.random.default_rng(0))
         assert isinstance(result, ShootingFit) == explains, laws
