@@ -110,15 +110,8 @@ def refine_graph(
     Returns:
         The best-fitting solution, without covariance.
     """
-    initial = initial or JointSolution(
-        graph,
-        ClothFriction(SLIDING_PRIOR[0], ROLLING_PRIOR[0]),
-        1.0,
-        np.zeros(4),
-        RUBBER_PRIOR.copy(),
-        np.inf,
-        NO_COVARIANCE,
-    )
+    cloth = ClothFriction(SLIDING_PRIOR[0], ROLLING_PRIOR[0])
+    initial = initial or JointSolution(graph, cloth, 1.0, np.zeros(4), RUBBER_PRIOR.copy(), np.inf, NO_COVARIANCE)
     arrays, parameters = build_graph_arrays(graph, continuity_sigma), extract_parameters(initial, graph)
     fixed = arrays.first_contact + np.array(fixed_contacts, np.int64)
     first = _linearize_fit(arrays, parameters, observations, table, parameters)
@@ -207,12 +200,9 @@ def condition_on_contact_times(
 
 def _build_normal_equations(linear: _Linearization, size: int) -> NormalEquations:
     """Build the normal equations of P = `size` parameters."""
-    observed = linear.jacobian.shape[0] * 2
-    normal, gradient, priors = np.zeros((size, size)), np.zeros(size), linear.priors
-    _add_prior_rows(priors.residual, priors.derivative, priors.column, priors.first, normal, gradient)
-    _add_observation_rows(
-        linear.jacobian, linear.columns, linear.residual[:observed], linear.weight[:observed], normal, gradient
-    )
+    normal, gradient, rows = np.zeros((size, size)), np.zeros(size), linear.priors
+    _add_prior_rows(rows.residual, rows.derivative, rows.column, rows.first, normal, gradient)
+    _add_observation_rows(linear.jacobian, linear.columns, linear.residual, linear.weight, normal, gradient)
     return NormalEquations(normal, gradient)
 
 
@@ -236,7 +226,7 @@ def _add_prior_rows(residual, derivative, column, first, normal, gradient):  # t
 
 @compile_kernel
 def _add_observation_rows(jacobian, columns, residual, weight, normal, gradient):  # type: ignore[no-untyped-def]
-    """Add the observations, Jacobian (K, 2, C) at columns (K, C), negative if unused, to the normal equations."""
+    """Add the first 2K rows: observations, Jacobian (K, 2, C) at columns (K, C), negative if unused."""
     for k in range(jacobian.shape[0]):
         for axis in range(2):
             w, r = weight[2 * k + axis], residual[2 * k + axis]
@@ -328,12 +318,9 @@ def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: i
     owner = assign_sorted_observations(arrays.ball, start, ball, t)
     residual, jacobian = np.empty(2 * len(t)), np.zeros((len(t), 2, SEGMENT_STATE_SIZE + 3))
     columns = np.full((len(t), SEGMENT_STATE_SIZE + 3), NONE)
-    slide_end, slide_derivative, value, derivative = (
-        np.empty(7),
-        np.empty((7, SEGMENT_STATE_SIZE + 3)),
-        np.empty(6),
-        np.zeros((6, SEGMENT_STATE_SIZE + 3)),
-    )
+    slide_end, slide_derivative = np.empty(7), np.empty((7, SEGMENT_STATE_SIZE + 3))
+    value, derivative = np.empty(6), np.zeros((6, SEGMENT_STATE_SIZE + 3))
+    sliding, rolling = parameters.shared[SLIDING_COLUMN], parameters.shared[ROLLING_COLUMN]
     for row in range(len(t)):  # loops over numbers: whole rows would take several times as long to compile
         k, w = owner[row], whiten[row]
         size = 2 if arrays.static[k] else SEGMENT_STATE_SIZE
@@ -343,25 +330,13 @@ def _linearize_observations(arrays, parameters, ball, t, xy, whiten):  # type: i
                 for i in range(SEGMENT_STATE_SIZE + 3):
                     derivative[axis, i] = 1.0 if i == axis else 0.0
         else:
-            tau = t[row] - start[k]
-            differentiate_segment(
-                parameters.state[k],
-                tau,
-                parameters.shared[SLIDING_COLUMN],
-                parameters.shared[ROLLING_COLUMN],
-                slide_end,
-                slide_derivative,
-                value,
-                derivative,
-            )
+            state, tau = parameters.state[k], t[row] - start[k]
+            differentiate_segment(state, tau, sliding, rolling, slide_end, slide_derivative, value, derivative)
             for axis in range(2):
                 derivative[axis, SEGMENT_STATE_SIZE] *= -1  # a later start is a shorter time since
-            columns[row, SEGMENT_STATE_SIZE + 1], columns[row, SEGMENT_STATE_SIZE + 2] = (
-                arrays.first_shared,
-                arrays.first_shared + 1,
-            )
-        if arrays.start[k] != NONE and not arrays.static[k]:
-            columns[row, SEGMENT_STATE_SIZE] = arrays.first_contact + arrays.start[k]
+                columns[row, SEGMENT_STATE_SIZE + 1 + axis] = arrays.first_shared + axis
+            if arrays.start[k] != NONE:
+                columns[row, SEGMENT_STATE_SIZE] = arrays.first_contact + arrays.start[k]
         for i in range(size):
             columns[row, i] = arrays.column[k] + i
         x, y = value[0] - xy[row, 0], value[1] - xy[row, 1]

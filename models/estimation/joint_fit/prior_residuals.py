@@ -166,12 +166,8 @@ def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):
     for k in range(SHARED_COUNT):
         count = _append_prior_row(output, count, shared_deviation[k], arrays.first_shared + k, 1 / _SHARED_SIGMA[k])
     entries = output[3][count]
-    return (
-        output[0][:count].copy(),
-        output[1][:entries].copy(),
-        output[2][:entries].copy(),
-        output[3][: count + 1].copy(),
-    )
+    values, derivatives, columns, firsts = output
+    return values[:count].copy(), derivatives[:entries].copy(), columns[:entries].copy(), firsts[: count + 1].copy()
 
 
 @compile_kernel
@@ -186,16 +182,8 @@ def evaluate_end_states(arrays, parameters):  # type: ignore[no-untyped-def]
             for axis in range(2):  # a whole row would take several times as long to compile
                 end_state[k, axis] = parameters.state[k, axis]
         else:
-            differentiate_segment(
-                parameters.state[k],
-                end[k] - start[k],
-                sliding,
-                rolling,
-                slide_end,
-                slide_derivative,
-                end_state[k],
-                jacobian[k],
-            )
+            state, tau = parameters.state[k], end[k] - start[k]
+            differentiate_segment(state, tau, sliding, rolling, slide_end, slide_derivative, end_state[k], jacobian[k])
     return end_state, jacobian
 
 
@@ -266,10 +254,8 @@ def _write_ball_contact_rows(arrays, c, parameters, reference, reference_end, ta
     if arrays.driven[c]:
         return row
     n, one, two = _line_of_centres(arrays, c, reference.state), arrays.before[c, 0], arrays.before[c, 1]
-    closing = (reference_end[one, 2] - reference_end[two, 2]) * n[0] + (
-        reference_end[one, 3] - reference_end[two, 3]
-    ) * n[1]
-    hit = max(abs(closing), MIN_HIT_SPEED)
+    x, y = reference_end[one, 2] - reference_end[two, 2], reference_end[one, 3] - reference_end[two, 3]
+    hit = max(abs(x * n[0] + y * n[1]), MIN_HIT_SPEED)
     for axis in range(2):  # momentum
         for ball in range(2):
             by_start[row, ball, 2 + axis], by_end[row, ball, 2 + axis] = 1.0, -1.0
@@ -277,10 +263,8 @@ def _write_ball_contact_rows(arrays, c, parameters, reference, reference_end, ta
         row += 1
     for axis in range(2):  # restitution
         by_start[row, 1, 2 + axis], by_start[row, 0, 2 + axis] = n[axis], -n[axis]
-        by_end[row, 1, 2 + axis], by_end[row, 0, 2 + axis] = (
-            BALL_RESTITUTION_MEAN * n[axis],
-            -BALL_RESTITUTION_MEAN * n[axis],
-        )
+        for ball in range(2):
+            by_end[row, ball, 2 + axis] = BALL_RESTITUTION_MEAN * by_start[row, ball, 2 + axis]
     sigma[row] = BALL_RESTITUTION_SIGMA * hit + 0.01
     row += 1
     for ball in range(2):
@@ -338,11 +322,8 @@ def _write_cushion_rows(arrays, c, parameters, end, reference, reference_end, ta
     row += 1
     hit = max(-inward * reference_end[before, 2 + axis], MIN_HIT_SPEED)
     speed = np.hypot(reference_end[before, 2], reference_end[before, 3])
-    e, restitution_slope, grip = (
-        parameters.shared[RUBBER_COLUMN],
-        parameters.shared[RUBBER_COLUMN + 1],
-        parameters.shared[RUBBER_COLUMN + 2],
-    )
+    rubber = parameters.shared[RUBBER_COLUMN:]
+    e, restitution_slope, grip = rubber[0], rubber[1], rubber[2]
     approach_speed = inward * end[before, 2 + axis]
     by_start[row, 0, 2 + axis], by_end[row, 0, 2 + axis] = inward, (e + restitution_slope * hit) * inward
     by_shared[row, RUBBER_COLUMN], by_shared[row, RUBBER_COLUMN + 1] = approach_speed, approach_speed * hit
@@ -353,9 +334,8 @@ def _write_cushion_rows(arrays, c, parameters, end, reference, reference_end, ta
     row += 1
     _add_spin_change(workspace, row, 0, n)
     restitution = reference.shared[RUBBER_COLUMN]
-    stopped_slip = inward * (
-        end[before, 4 + axis] - restitution * end[before, 2 + axis]
-    )  # slip that a sticking nose would stop
+    # the slip that a sticking nose would stop
+    stopped_slip = inward * (end[before, 4 + axis] - restitution * end[before, 2 + axis])
     by_end[row, 0, 4 + axis] += grip * inward
     by_end[row, 0, 2 + axis] -= grip * restitution * inward
     by_shared[row, RUBBER_COLUMN + 2] = stopped_slip
@@ -380,44 +360,39 @@ def _append_contact_rows(arrays, c, rows, workspace, jacobian, output, count):  
     """Append the rows of a contact, by all parameters, to the output; return the new number of rows."""
     value, sigma, by_end, by_start, by_shared = workspace
     for row in range(rows):
-        output[0][count] = value[row] / sigma[row]
+        s = sigma[row]
+        output[0][count] = value[row] / s
         position = output[3][count]
         shared, time_derivative = by_shared[row], 0.0
         for ball in range(2):
             before, after = arrays.before[c, ball], arrays.after[c, ball]
             if before == NONE:
                 continue
+            first = arrays.column[before]
             if arrays.static[before]:
                 for k in range(2):
-                    position = _append_derivative(
-                        output, position, arrays.column[before] + k, by_end[row, ball, k] / sigma[row]
-                    )
+                    position = _append_derivative(output, position, first + k, by_end[row, ball, k] / s)
             else:
                 for k in range(SEGMENT_STATE_SIZE + 3):
                     derivative = 0.0
                     for j in range(6):
                         derivative += by_end[row, ball, j] * jacobian[before, j, k]
                     if k < SEGMENT_STATE_SIZE:
-                        position = _append_derivative(
-                            output, position, arrays.column[before] + k, derivative / sigma[row]
-                        )
+                        position = _append_derivative(output, position, first + k, derivative / s)
                     elif k > SEGMENT_STATE_SIZE:
                         shared[k - SEGMENT_STATE_SIZE - 1] += derivative
                     else:  # a later contact lengthens the segment, a later start shortens it
                         time_derivative += derivative
                         if arrays.start[before] != NONE:
-                            position = _append_derivative(
-                                output, position, arrays.first_contact + arrays.start[before], -derivative / sigma[row]
-                            )
+                            column = arrays.first_contact + arrays.start[before]
+                            position = _append_derivative(output, position, column, -derivative / s)
             for k in range(2 if arrays.static[after] else SEGMENT_STATE_SIZE):
-                position = _append_derivative(
-                    output, position, arrays.column[after] + k, by_start[row, ball, k] / sigma[row]
-                )
+                position = _append_derivative(output, position, arrays.column[after] + k, by_start[row, ball, k] / s)
         if row == 0 and (arrays.kind[c] == JUMP or arrays.kind[c] == BREAK):
             time_derivative = 1.0
-        position = _append_derivative(output, position, arrays.first_contact + c, time_derivative / sigma[row])
+        position = _append_derivative(output, position, arrays.first_contact + c, time_derivative / s)
         for k in range(SHARED_COUNT):
-            position = _append_derivative(output, position, arrays.first_shared + k, shared[k] / sigma[row])
+            position = _append_derivative(output, position, arrays.first_shared + k, shared[k] / s)
         count += 1
         output[3][count] = position
     return count
