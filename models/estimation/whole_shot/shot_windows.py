@@ -149,10 +149,8 @@ class ShotWindows:
         if simulated is None:
             return self._infinite_cost_window(window, len(start))
         run, observed = simulated
-        derivatives, at_end = differentiate_observations(
-            run, observed, segment.observation_indices[1], segment.moving, self.table, values,
-            self.parameter_indices[self.affects_motion], self.handover_times[window],
-        )  # fmt: skip
+        numbers, end = self.parameter_indices[self.affects_motion], self.handover_times[window]
+        derivatives, at_end = differentiate_observations(run, observed, segment, self.table, values, numbers, end)
         predicted, by_start, by_shared = self._observation_jacobians(
             segment, observed, _replace_nan(derivatives), values
         )
@@ -241,9 +239,7 @@ class ShotWindows:
         if run is None:
             return None
         at, place = _observation_times(segment, values)
-        observed = observe_run(
-            run, at, place, segment.observation_indices[1], end, segment.observations, segment.observation_whitening
-        )
+        observed = observe_run(run, segment, at, place, end)
         self.latest_runs[window] = inputs, run, observed
         return run, observed
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails, build_rails
@@ -115,55 +116,38 @@ def simulate_window_run(
     return WindowRun(state, radius, mass, physics, model_codes, rails, seconds, contacts, segments, curves)
 
 
-def observe_run(
-    run: WindowRun,
-    at: FloatArray,
-    place: IntArray,
-    balls: IntArray,
-    end: float,
-    observations: FloatArray,
-    whitening: FloatArray,
-) -> ObservedStates:
+def observe_run(run: WindowRun, segment: ShotSegment, at: FloatArray, place: IntArray, end: float) -> ObservedStates:
     """Evaluate a simulated window at its observations and at its end.
 
     Before its start a ball moves with its first velocity; a pocketed ball stays where it was observed last.
 
     Args:
         run: Simulated window.
+        segment: Its observations.
         at: (M,) s since the start of the window, distinct observation times.
         place: (K,) index of each observation's time.
-        balls: (K,) observed balls.
         end: s, handover to the next window; infinite where none follows.
-        observations: (K, 2) m.
-        whitening: (K, 2, 2): converts residuals in m into standard deviations.
 
     Returns:
         The states and residuals.
     """
-    xy, v, inside, residual, ends, pocket_times = observe_segments(
+    xy, v, inside, residual, ends, pocket_times = _observe_segments(
         run.segments, run.contacts, run.radius, run.physics, run.seconds, True if run.has_curves else None,
-        at, place, balls, end, observations, whitening,
+        at, place, segment.observation_indices[1], end, segment.observations, segment.observation_whitening,
     )  # fmt: skip
     return ObservedStates(xy, v, inside, place, residual, ends, pocket_times)
 
 
 def differentiate_observations(
-    run: WindowRun,
-    observed: ObservedStates,
-    balls: IntArray,
-    moving: BoolArray,
-    table: Table,
-    values: FloatArray,
-    numbers: IntArray,
-    end: float,
-) -> tuple[FloatArray, FloatArray]:
+    run: WindowRun, observed: ObservedStates, segment: ShotSegment, table: Table, values: FloatArray,
+    numbers: IntArray, end: float,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Differentiate the observed positions of a window, and the states at its end.
 
     Args:
         run: Simulated window.
         observed: Its states at the observations.
-        balls: (K,) observed balls.
-        moving: (N,) whether a ball moves at the start.
+        segment: Its observations.
         table: Table with the usual mass of a ball.
         values: (Q,) values of `SHOT_PARAMETERS`.
         numbers: (A,) indices in `SHOT_PARAMETERS` of parameters that change the motion.
@@ -173,6 +157,7 @@ def differentiate_observations(
         Derivatives (K, 2, S + A) of positions and (N, 7, S + A) of states at `end`, by the start and the parameters;
         NaN for a ball in a pocket, and where `end` is infinite.
     """
+    balls, moving = segment.observation_indices[1], segment.moving
     directions = build_directions(run.state, run.radius, moving, table, values, numbers)
     active = np.sort(numbers[numbers < len(PARAMETER_NAMES)])
     bends = run.has_curves or any(number in PATH_BENDING_PARAMETERS for number in active.tolist())
@@ -213,7 +198,7 @@ def is_possible(start, values):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
+def _observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
     """Evaluate what `observe_run` returns; arguments as of `WindowRun` and `observe_run`, `bends` of `plan_motion`.
 
     Returns:
