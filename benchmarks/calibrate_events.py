@@ -48,8 +48,7 @@ from models.core.events import Events  # noqa: E402
 from models.core.options import FitOptions  # noqa: E402
 from models.core.typing import FloatArray, IntArray  # noqa: E402
 from models.estimation.contact_test.call_answers import PairClass, classify_pair  # noqa: E402
-from models.estimation.contact_test.candidate_contacts import find_ball_candidates  # noqa: E402
-from models.estimation.contact_test.shot_record import make_shot_record  # noqa: E402
+from models.estimation.contact_test.shot_record import find_ball_candidates, make_shot_record  # noqa: E402
 from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
 from models.estimation.reconstruction.shot_views import view_shot  # noqa: E402
 from models.estimation.shot_hypotheses import event_probability  # noqa: E402

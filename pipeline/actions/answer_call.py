@@ -21,9 +21,8 @@ from models.core.scene import POCKETS, Camera
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer, QuestionKind
-from models.estimation.contact_test.candidate_contacts import REST_SPEED
 from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answer_foul, answer_score
-from models.estimation.contact_test.shot_record import ShotRecord
+from models.estimation.contact_test.shot_record import REST_SPEED, ShotRecord
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document

@@ -18,14 +18,14 @@ from scipy.special import ndtr
 
 from models.core.fit_result import MIN_LISTED_PROBABILITY, SURE_PROBABILITY, Doubt, is_undecided
 from models.core.scene import CUSHIONS, POCKETS
-from models.estimation.contact_test.candidate_contacts import (
+from models.estimation.contact_test.shot_record import (
     REST_SPEED,
     CandidateContact,
+    ShotRecord,
     find_ball_candidates,
     find_cushion_candidates,
     find_unexplained_changes,
 )
-from models.estimation.contact_test.shot_record import ShotRecord
 from models.estimation.shot_hypotheses.event_probability import read_event_model
 from models.physics.billiards.cushion_geometry import find_mouth_line
 

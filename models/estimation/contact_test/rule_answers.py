@@ -15,10 +15,9 @@ from models.core.fit_result import is_undecided
 from models.core.scene import CUSHIONS, POCKETS, Game
 from models.core.typing import FloatArray
 from models.estimation.contact_test import call_answers as calls
-from models.estimation.contact_test import candidate_contacts as contacts
+from models.estimation.contact_test import shot_record as contacts
 from models.estimation.contact_test.call_answers import UNKNOWN, UNOBSERVED_PROBABILITY, CallAnswer
-from models.estimation.contact_test.candidate_contacts import REST_SPEED, CandidateContact
-from models.estimation.contact_test.shot_record import ShotRecord
+from models.estimation.contact_test.shot_record import REST_SPEED, CandidateContact, ShotRecord
 from models.estimation.segmentation.contact_classification import CUE_KINDS
 
 # Cushion contacts before the second ball that one-cushion and three-cushion carom demand.

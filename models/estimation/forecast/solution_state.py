@@ -32,7 +32,6 @@ from models.estimation.joint_fit.prior_residuals import (
     RUBBER_SIGMA,
     SLIDING_PRIOR,
 )
-from models.estimation.multiple_shooting.lack_of_fit import measure_lack_of_fit
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
     SpinHistory,
@@ -42,7 +41,7 @@ from models.estimation.table_learning.cushion_contacts import (
 from models.estimation.table_learning.cushion_learning import learn_own_cushions
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
 from models.estimation.table_learning.side_spin import infer_side_spins
-from models.numerics.statistics import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG

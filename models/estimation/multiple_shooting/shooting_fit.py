@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import Parameter
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.lack_of_fit import measure_lack_of_fit
 from models.estimation.multiple_shooting.shooting_problem import (
     Iterate,
     ShootingProblem,
@@ -40,7 +39,7 @@ from models.estimation.multiple_shooting.shooting_windows import ShootingModel
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
 from models.numerics.executor import SERIAL, Executor
 from models.numerics.least_squares import Minimum, SearchOptions, count_determined, minimize_cost, solve_damped
-from models.numerics.statistics import evaluate_huber_loss
+from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
 from models.physics.effect import Prior
 
 # Ratio of posterior to prior standard deviation above which the data did not determine a parameter.

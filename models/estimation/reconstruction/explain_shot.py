@@ -33,7 +33,6 @@ from models.core.shot import (
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_search import search_break, summarize_break
-from models.estimation.contact_test.candidate_contacts import GUARD_SIGMAS, WINDOW_TIME, find_close_passes
 from models.estimation.contact_test.contact_moment import (
     USUAL_CLOTH,
     BallWindow,
@@ -42,7 +41,14 @@ from models.estimation.contact_test.contact_moment import (
     make_ball_window,
 )
 from models.estimation.contact_test.contact_probability import estimate_contact_time
-from models.estimation.contact_test.shot_record import estimate_noise_scale, estimate_reach_sigma, make_shot_record
+from models.estimation.contact_test.shot_record import (
+    GUARD_SIGMAS,
+    WINDOW_TIME,
+    estimate_noise_scale,
+    estimate_reach_sigma,
+    find_close_passes,
+    make_shot_record,
+)
 from models.estimation.hand_marks.graph_marks import (
     apply_marks,
     combine_marked_times,

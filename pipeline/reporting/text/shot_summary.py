@@ -15,7 +15,7 @@ from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.candidate_contacts import SAME_MOMENT_TIME
+from models.estimation.contact_test.shot_record import SAME_MOMENT_TIME
 from models.estimation.segmentation.contact_classification import CUE_KINDS
 from pipeline.reporting.text.call_sentences import format_score
 from pipeline.reporting.text.check_sentences import format_event_probability, format_least_sure

@@ -35,7 +35,7 @@ from models.core.scene import Scene
 from models.core.shot import Note
 from models.estimation.contact_test import call_answers
 from models.estimation.contact_test.call_answers import CallAnswer
-from models.estimation.contact_test.candidate_contacts import CandidateContact
+from models.estimation.contact_test.shot_record import CandidateContact
 from models.estimation.forecast.forecast_values import ForecastErrors
 from models.estimation.joint_fit.trust_level import EXPLAINED
 from models.estimation.shot_numbers.measure_shots import state_strike_speeds

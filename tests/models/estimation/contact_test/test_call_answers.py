@@ -12,8 +12,7 @@ from support import synthetic_run as shot
 from models.core.fit_result import BallPremise, CauseHypothesis, Moment, RackBreak, ShotExplanation
 from models.core.number_format import format_probability
 from models.estimation.contact_test import call_answers
-from models.estimation.contact_test.candidate_contacts import CandidateContact
-from models.estimation.contact_test.shot_record import NOSE_SIGMA, ShotRecord, make_shot_record
+from models.estimation.contact_test.shot_record import NOSE_SIGMA, CandidateContact, ShotRecord, make_shot_record
 from pipeline.reporting.text.call_sentences import format_call, format_sequence
 
 

@@ -17,9 +17,8 @@ from models.core.number_format import format_probability
 from models.core.scene import CUSHIONS
 from models.estimation.contact_test import rule_answers
 from models.estimation.contact_test.call_answers import answer_first_contact
-from models.estimation.contact_test.candidate_contacts import CandidateContact
 from models.estimation.contact_test.rule_answers import answer_foul, answer_score
-from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
+from models.estimation.contact_test.shot_record import CandidateContact, ShotRecord, make_shot_record
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.reporting.text.call_sentences import UNCHANGED, format_call

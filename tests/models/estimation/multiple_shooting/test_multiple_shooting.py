@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from support.bouncing_ball import NOTHING, Bounces, filmed, flight
 
-from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.shooting_fit import (
     ShootingFit,
     convert_to_priors,
@@ -22,6 +21,7 @@ from models.estimation.multiple_shooting.shooting_windows import (
     Window,
     find_sensitive_observation,
 )
+from models.numerics.statistics import correlation_factor
 from models.physics.effect import Prior
 
 TRUTH = np.array([9.81, 0.8])

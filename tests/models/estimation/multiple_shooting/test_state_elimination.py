@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.lack_of_fit import correlation_factor
 from models.estimation.multiple_shooting.state_elimination import ChainBlock, eliminate_states, log_determinant
+from models.numerics.statistics import correlation_factor
 
 SHARED, STATES = 3, (4, 6)
 
