@@ -26,11 +26,8 @@ from models.estimation.forecast.state_estimate import (
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.prior_residuals import (
     BALL_RESTITUTION,
-    DIAMETER_SIGMA,
     NOSE_SCATTER,
-    ROLLING_PRIOR,
-    RUBBER_SIGMA,
-    SLIDING_PRIOR,
+    SHARED_SIGMA,
 )
 from models.estimation.table_learning.cushion_contacts import (
     CushionContacts,
@@ -45,7 +42,6 @@ from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
-from models.physics.billiards.tables import NOSE_SIGMA
 from models.tracking.track_noise import apply_noise, estimate_noise
 
 # Share of the weight's component along a slope that accelerates a rolling ball: the rest turns it.
@@ -206,10 +202,9 @@ def inflate_covariance(solution: JointSolution, factor: float) -> FloatArray:
     """
     covariance = factor * solution.covariance
     first = layout_parameters(solution.graph).shared
-    prior = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
-    information_gain = covariance[first:, first:] + np.diag(prior**2)
     if factor > 1:
-        covariance = covariance - covariance[:, first:] @ np.linalg.solve(information_gain, covariance[first:])
+        both = covariance[first:, first:] + np.diag(SHARED_SIGMA**2)
+        covariance = covariance - covariance[:, first:] @ np.linalg.solve(both, covariance[first:])
     return np.asarray(covariance, np.float64)
 
 

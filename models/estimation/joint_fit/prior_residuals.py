@@ -83,7 +83,7 @@ STRUCK_SLIP, SWERVE_SLIP, LEAST_SLIP = 0.5, 0.25, 0.1
 _VELOCITY_SIGMA = 5.0
 
 # Standard deviations of the shared parameters, in their order.
-_SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
+SHARED_SIGMA = np.array([SLIDING_PRIOR[1], ROLLING_PRIOR[1], DIAMETER_SIGMA, *[NOSE_SIGMA] * 4, *RUBBER_SIGMA])
 # Most rows of one contact.
 MAX_ROWS = 15
 # Most parameters that one of these rows depends on: four segments, three contacts and the shared ones.
@@ -122,7 +122,7 @@ def evaluate_priors(
         parameters.shared[:DIAMETER_COLUMN] / [SLIDING_PRIOR[0], ROLLING_PRIOR[0]]
     )
     size = np.array([table.length, table.width, table.ball_radius])
-    return PriorRows(*evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / _SHARED_SIGMA))
+    return PriorRows(*evaluate_prior_rows(arrays, parameters, reference, size, shared_deviation / SHARED_SIGMA))
 
 
 @compile_kernel
@@ -164,7 +164,7 @@ def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):
                 arrays, segment, parameters.state[segment], reference.state[segment], output, count
             )
     for k in range(SHARED_COUNT):
-        count = _append_prior_row(output, count, shared_deviation[k], arrays.first_shared + k, 1 / _SHARED_SIGMA[k])
+        count = _append_prior_row(output, count, shared_deviation[k], arrays.first_shared + k, 1 / SHARED_SIGMA[k])
     entries = output[3][count]
     values, derivatives, columns, firsts = output
     return values[:count].copy(), derivatives[:entries].copy(), columns[:entries].copy(), firsts[: count + 1].copy()

@@ -26,29 +26,6 @@ BURN_IN = 12
 _MAX_SHRINKING = 25
 
 
-def sample_posterior(
-    model: ShootingModel, starts: Starts, shared: FloatArray, count: int, widening: float, rng: np.random.Generator
-) -> list[tuple[Starts, FloatArray]]:
-    """Draw start states and shared parameters from the Gaussian approximation of the posterior of one shot.
-
-    The samples are Gaussian in the search coordinates; strongly nonlinear consequences, such as which ball is hit
-    first, differ between samples.
-
-    Args:
-        model: Model of one shot.
-        starts: (S,) fitted start state of each window.
-        shared: (P,) fitted shared parameters.
-        count: Number of samples.
-        widening: Factor on the standard deviations of the posterior.
-        rng: Random generator.
-
-    Returns:
-        Pairs of start states and shared parameters.
-    """
-    posterior = GaussianPosterior.around_fit(model, starts, shared, widening)
-    return [posterior.move(step) for step in posterior.draw_steps(count, rng)]
-
-
 @dataclass(frozen=True, slots=True)
 class GaussianPosterior:
     """Gaussian approximation of the posterior of one shot about its best fit, and the true posterior beside it."""
@@ -86,6 +63,13 @@ class GaussianPosterior:
             tuple(start + part for start, part in zip(self.best.starts, parts, strict=True)),
             values_from_coordinates(unknowns, np.clip(middle + step[size:], low, high)),
         )
+
+    def sample(self, count: int, rng: np.random.Generator) -> list[tuple[Starts, FloatArray]]:
+        """Draw start states and shared parameters, which are Gaussian in the search coordinates.
+
+        Strongly nonlinear consequences, such as which ball is hit first, differ between samples.
+        """
+        return [self.move(step) for step in self.draw_steps(count, rng)]
 
     def log_ratio(self, step: FloatArray) -> float:
         """Return the logarithm of the true posterior over its Gaussian approximation at a step (M,); 0 at the best."""

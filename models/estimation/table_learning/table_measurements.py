@@ -9,6 +9,7 @@ import numpy as np
 
 from models.core.contact_graph import JointSolution
 from models.core.errors import TrackError
+from models.core.fit_result import Parameter
 from models.core.scene import CUSHIONS, Table
 from models.core.tracks import Tracks
 from models.core.typing import BoolArray, FloatArray
@@ -150,10 +151,7 @@ def _measure_cloth(
     lesson: TableLesson, rolls: list[dict[str, tuple[float, float]]]
 ) -> tuple[list[TableMeasurement], list[TableMeasurement]]:
     """Return the numbers of the cloth, and their scatter between shots."""
-    names = [one.name for one in lesson.parameters[: len(lesson.cloth_covariance)]]
-    values = _derive_cloth(
-        names, np.array([one.value for one in lesson.parameters[: len(names)]]), lesson.cloth_covariance
-    )
+    values = _derive_cloth(lesson.parameters, lesson.cloth_covariance)
     prior_only = {one.name for one in lesson.parameters if one.prior_only}
     measurements, repeatability = [], []
     for name, unit, source in _CLOTH_NUMBERS:
@@ -176,24 +174,18 @@ _CLOTH_NUMBERS = (
 )  # fmt: skip
 
 
-def _derive_cloth(names: list[str], values: FloatArray, covariance: FloatArray) -> dict[str, tuple[float, float]]:
-    """Derive the numbers of the cloth, each with its standard deviation, from its parameters."""
-    at = {name: k for k, name in enumerate(names)}
-    derived = {
-        name: (float(values[at[source]]), math.sqrt(covariance[at[source], at[source]]))
-        for name, _, source in _CLOTH_NUMBERS
-    }
+def _derive_cloth(parameters: tuple[Parameter, ...], covariance: FloatArray) -> dict[str, tuple[float, float]]:
+    """Derive the numbers of the cloth, each with its standard deviation, from its parameters; these come first."""
+    at = {one.name: k for k, one in enumerate(parameters)}
+    sources = {name: at[source] for name, _, source in _CLOTH_NUMBERS}
+    derived = {name: (parameters[k].value, math.sqrt(covariance[k, k])) for name, k in sources.items()}
     pair = [at["rolling_resistance.mu"], at["viscous_drag.k"]]
-    mu, k = values[pair]
-    length = compute_roll_out(mu, max(k, 0.0), ROLL_OUT_SPEED)
-    step = _STEP * np.array([mu, max(k, 0.01)])
-    gradient = np.array(
-        [
-            (compute_roll_out(mu + step[0], max(k, 0.0), ROLL_OUT_SPEED) - length) / step[0],
-            (compute_roll_out(mu, max(k, 0.0) + step[1], ROLL_OUT_SPEED) - length) / step[1],
-        ]
-    )
-    derived["roll_out"] = length, math.sqrt(max(gradient @ covariance[np.ix_(pair, pair)] @ gradient, 0.0))
+    mu, k = parameters[pair[0]].value, max(parameters[pair[1]].value, 0.0)
+    steps = _STEP * np.array([mu, max(k, 0.01)])
+    length = compute_roll_out(mu, k, ROLL_OUT_SPEED)
+    longer = (compute_roll_out(mu + a, k + b, ROLL_OUT_SPEED) for a, b in np.diag(steps))
+    gradient = (np.array(list(longer)) - length) / steps
+    derived["roll_out"] = length, math.sqrt(max(float(gradient @ covariance[np.ix_(pair, pair)] @ gradient), 0.0))
     # what a roll-out at this speed makes of friction alone, so that drag and friction are not told apart
     friction = ROLL_OUT_SPEED**2 / (2 * GRAVITY * length)
     derived["rolling_friction"] = friction, friction * derived["roll_out"][1] / length
@@ -209,7 +201,7 @@ def _measure_shot_cloth(shot: tuple[JointSolution, Tracks], table: Table) -> dic
         return unknown
     if not parameters:
         return unknown
-    derived = _derive_cloth([one.name for one in parameters], np.array([one.value for one in parameters]), covariance)
+    derived = _derive_cloth(parameters, covariance)
     prior_only = {one.name for one in parameters if one.prior_only}
     return {name: unknown[name] if source in prior_only else derived[name] for name, _, source in _CLOTH_NUMBERS}
 
@@ -219,20 +211,18 @@ def _measure_restitution(
 ) -> list[TableMeasurement]:
     """Return the restitution of the test ball, of all cushions and of each; `between` is the scatter between shots."""
     test, model_sigma = _evaluate_test_ball(learned, table)
-    shots = np.unique(contacts.shot)
-    mean, sigma = _average_excess(contacts, np.ones(len(contacts.excess), np.bool_))
-    sigma = math.hypot(math.hypot(sigma, model_sigma), between / math.sqrt(max(len(shots), 1)))
-    rows = [TableMeasurement("restitution", test + mean, sigma, "", len(contacts.excess))]
-    for k, name in enumerate(CUSHIONS):
-        own = contacts.side == k
-        count = int(own.sum())
-        if count < MIN_CONTACTS_PER_CUSHION:
-            rows.append(TableMeasurement(f"restitution_{name}", math.nan, math.inf, "", count))
-            continue
+
+    def measure(name: str, own: BoolArray) -> TableMeasurement:
         mean, sigma = _average_excess(contacts, own)
-        between_own = between / math.sqrt(len(np.unique(contacts.shot[own])))
+        between_own = between / math.sqrt(max(len(np.unique(contacts.shot[own])), 1))
         sigma = math.hypot(math.hypot(sigma, model_sigma), between_own)
-        rows.append(TableMeasurement(f"restitution_{name}", test + mean, sigma, "", count))
+        return TableMeasurement(name, test + mean, sigma, "", int(own.sum()))
+
+    rows = [measure("restitution", np.ones(len(contacts.excess), np.bool_))]
+    for k, side in enumerate(CUSHIONS):
+        own, name = contacts.side == k, f"restitution_{side}"
+        unknown = TableMeasurement(name, math.nan, math.inf, "", int(own.sum()))
+        rows.append(unknown if unknown.count < MIN_CONTACTS_PER_CUSHION else measure(name, own))
     return rows
 
 

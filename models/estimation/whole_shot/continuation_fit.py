@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.estimation.multiple_shooting.posterior_samples import sample_posterior
+from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED, ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import ShootingProblem, simulate_chains
 from models.estimation.whole_shot.shot_windows import ShotWindows
@@ -233,7 +233,8 @@ def _select_samples(
     previous = current.starts[: len(before.windows)]
     problem = ShootingProblem(part, part.windows, (tuple(range(len(part.windows))),))
     candidates = []
-    for sample in sample_posterior(before, previous, current.shared, _SAMPLE_COUNT, _SAMPLE_WIDENING, rng):
+    posterior = GaussianPosterior.around_fit(before, previous, current.shared, _SAMPLE_WIDENING)
+    for sample in posterior.sample(_SAMPLE_COUNT, rng):
         guess = _add_new_windows(part, ShotGuess(*sample))
         point = simulate_chains(problem, guess.starts, guess.shared)
         candidates.append((point.cost, tuple(flow.event_order for flow in point.windows), guess))

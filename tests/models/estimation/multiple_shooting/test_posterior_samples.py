@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 from support.bouncing_ball import filmed
 
-from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior, sample_posterior
+from models.estimation.multiple_shooting.posterior_samples import GaussianPosterior
 from models.estimation.multiple_shooting.shooting_fit import fit_windows
 
 
 def test_samples_scatter_by_the_covariance_of_the_fit() -> None:
     model = filmed(np.random.default_rng(3), 1, 0.004)
     result = fit_windows(model)
-    draws = sample_posterior(model, result.starts, result.shared, 4000, 1.0, np.random.default_rng(0))
+    posterior = GaussianPosterior.around_fit(model, result.starts, result.shared, 1.0)
+    draws = posterior.sample(4000, np.random.default_rng(0))
     starts, shared = np.array([one[0][0] for one in draws]), np.array([one[1] for one in draws])
     np.testing.assert_allclose(starts.mean(axis=0), result.starts[0], atol=4e-3)
     expected = np.sqrt(np.diag(result.start_covariances[0]) / result.inflation)
@@ -25,15 +26,9 @@ def test_samples_scatter_by_the_covariance_of_the_fit() -> None:
 def test_widened_samples_scatter_more() -> None:
     model = filmed(np.random.default_rng(3), 1, 0.004)
     result = fit_windows(model)
-    one, two = (
-        np.array(
-            [
-                d[1] - result.shared
-                for d in sample_posterior(model, result.starts, result.shared, 50, w, np.random.default_rng(1))
-            ]
-        )
-        for w in (1.0, 2.0)
-    )
+    posteriors = (GaussianPosterior.around_fit(model, result.starts, result.shared, w) for w in (1.0, 2.0))
+    samples = (one.sample(50, np.random.default_rng(1)) for one in posteriors)
+    one, two = (np.array([shared - result.shared for _, shared in drawn]) for drawn in samples)
     np.testing.assert_allclose(two[:, 0], 2 * one[:, 0], rtol=0.02)
 
 
