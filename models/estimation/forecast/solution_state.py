@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.core.contact_graph import ContactGraph, JointSolution, Observations, Segment, layout_parameters
+from models.core.contact_graph import JointSolution, Observations, Segment, layout_parameters
 from models.core.fit_result import Trust
 from models.core.scene import Table
 from models.core.tracks import Tracks
@@ -23,6 +23,7 @@ from models.estimation.forecast.state_estimate import (
     StateEstimate,
     law_probabilities,
 )
+from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.prior_residuals import (
     BALL_RESTITUTION,
@@ -137,7 +138,7 @@ def build_state_estimate(
     side = np.zeros(size)
     moving = np.zeros(len(balls), bool)
     for row, ball in enumerate(balls):
-        segment = _find_segment(graph, ball, t)
+        segment = find_segment_at(graph, ball, t + 1e-9)
         here = slice(PARAMETERS_PER_BALL * row, PARAMETERS_PER_BALL * row + 6)
         mean[here], jacobian[here, : len(solution.covariance)] = evaluate_segment_state(solution, segment, t)
         moving[row] = bool(np.any(mean[here][2:4]))
@@ -157,13 +158,6 @@ def build_state_estimate(
     if used is None:
         return state
     return _use_learned_table(state, solution, balls, used, contacts, histories if is_last else ())
-
-
-def _find_segment(graph: ContactGraph, ball: int, t: float) -> int:
-    """Return the last segment of a ball that begins by t (s); its first one if none does."""
-    numbers = graph.segments_of_ball(ball)
-    begun = [k for k in numbers if graph.start_time(k) <= t + 1e-9]
-    return (begun or numbers[:1])[-1]
 
 
 def _use_learned_table(

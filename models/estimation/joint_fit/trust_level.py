@@ -83,7 +83,8 @@ def find_accepted_segments(
             other
             for c in (segment.start, segment.end)
             if c is not None
-            for other in _segments_at_contact(solution, c, segment.ball)
+            for other in (*graph.contacts[c].before, *graph.contacts[c].after)
+            if graph.segments[other].ball == segment.ball
         ]
         observed_neighbours = [other for other in neighbours if other != k and count[other] > 0]
         is_accepted[k] = bool(observed_neighbours) and all(bool(is_accepted[other]) for other in observed_neighbours)
@@ -183,8 +184,3 @@ def add_warnings(trust: Trust, warnings: tuple[str, ...]) -> Trust:
     if trust.level == "red":  # what makes a level stands first
         return Trust("red", (*trust.reasons, *warnings))
     return Trust("amber", (*warnings, *trust.reasons))
-
-
-def _segments_at_contact(solution: JointSolution, contact: int, ball: int) -> list[int]:
-    c = solution.graph.contacts[contact]
-    return [k for k in (*c.before, *c.after) if solution.graph.segments[k].ball == ball]

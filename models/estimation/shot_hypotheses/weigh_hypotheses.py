@@ -23,7 +23,7 @@ from models.core.scene import Table
 from models.core.shot import ContactRivals, RivalContact
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.contact_cascades import find_segment_at
+from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, end_state
 from models.estimation.shot_hypotheses.event_probability import (
     EDGE_FRAMES,
@@ -36,7 +36,6 @@ from models.estimation.shot_hypotheses.event_probability import (
     count_missed_frames,
     estimate_event_probability,
 )
-from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 
 # Frame intervals: largest uncertainty of the time of a velocity change; the samples around it show that much.
 MAX_TIME_FRAMES = 2.0
@@ -240,14 +239,10 @@ def _assess_segments(shot: _Shot, around: list[int]) -> dict[str, float]:
 
 def _is_other_moving(shot: _Shot, row: EventRow) -> bool:
     """Return whether another ball moves clearly when a ball starts."""
-    graph, ball = shot.solution.graph, shot.tracks.ids.index(row.a)
-    for k, segment in enumerate(graph.segments):
-        if segment.static or segment.ball == ball or not graph.start_time(k) < row.t < graph.end_time(k):
-            continue
-        tau = np.array([row.t - graph.start_time(k)])
-        if np.hypot(*evaluate_kinematics(segment.state[None], tau, shot.solution.friction)[0, 2:4]) > DRIVING_SPEED:
-            return True
-    return False
+    graph, friction, own = shot.solution.graph, shot.solution.friction, shot.tracks.ids.index(row.a)
+    others = (k for k, segment in enumerate(graph.segments) if not segment.static and segment.ball != own)
+    around = (k for k in others if graph.start_time(k) < row.t < graph.end_time(k))
+    return any(np.hypot(*evaluate_state(graph, friction, k, row.t)[2:4]) > DRIVING_SPEED for k in around)
 
 
 def _make_moment(shot: _Shot, weighed: list[tuple[EventRow, EventEvidence]], evidence: EventEvidence) -> Moment:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from models.core.contact_graph import ContactGraph, JointSolution, Observations
 from models.core.scene import Table
@@ -133,21 +134,13 @@ def _select_racks(resting: list[_RestingBall], leaving: set[int], reach: float) 
     """Select the balls of groups that lie together and from which enough of the balls `leaving` start."""
     places = np.array([one.place for one in resting]).reshape(-1, 2)
     is_near = np.linalg.norm(places[:, None] - places, axis=2) < reach
-    group = _label_groups(is_near)
+    _, group = connected_components(is_near, directed=False)
     selected: list[_RestingBall] = []
     for number in np.unique(group):
         members = [resting[k] for k in np.flatnonzero(group == number)]
         if len(members) >= MIN_RACK_BALLS and len({one.ball for one in members} & leaving) >= MIN_LEAVING_BALLS:
             selected += members
     return selected
-
-
-def _label_groups(is_near: NDArray[np.bool_]) -> IntArray:
-    """Label (n,) connected balls by the first of each group, from near pairs (n, n)."""
-    linked = is_near | np.eye(len(is_near), dtype=np.bool_)
-    while not np.array_equal(linked, further := linked @ linked):
-        linked = further
-    return np.array([np.flatnonzero(row)[0] for row in linked], dtype=np.int64)
 
 
 def _find_incoming_segment(

@@ -16,6 +16,7 @@ from models.core.fit_result import Parameter
 from models.core.scene import Table
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
+from models.estimation.joint_fit.contact_cascades import evaluate_state
 from models.estimation.joint_fit.fit_solution import NOSE_COLUMN
 from models.estimation.multiple_shooting.shooting_fit import ShootingOptions, fit_windows, summarize_parameters
 from models.estimation.table_learning.cushion_contacts import extract_cushion_contacts, join_contacts
@@ -26,7 +27,6 @@ from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
@@ -200,8 +200,7 @@ def extract_free_segments(solution: JointSolution, tracks: Tracks, first: int) -
         if len(rows) < MIN_PATH_ROWS:
             continue
         t = float(tracks.t[rows[0]])
-        tau = np.array([max(t - graph.start_time(k), 0.0)])
-        state = evaluate_kinematics(segment.state[None], tau, solution.friction)[0]
+        state = evaluate_state(graph, solution.friction, k, t)
         if np.hypot(*state[2:4]) < MIN_PATH_SPEED:
             continue
         start = np.concatenate([state, [0.0]])[None]
