@@ -94,7 +94,7 @@ class BallPremise:
     probability: float
     """Probability that it holds."""
     evidence: tuple[float, ...] = ()
-    """Evidence that the probability follows from, in the order of `event_premises.PREMISE_EVIDENCE_NAMES`."""
+    """Evidence that the probability follows from, in the order of `event_probability.PREMISE_EVIDENCE_NAMES`."""
 
 
 @dataclass(frozen=True, slots=True)
