@@ -19,9 +19,9 @@ from diagnosis.fitting.display_names import format_group
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, LinearizedFit
 from diagnosis.fitting.shot_preparation import build_noise_chain
 from models.core.recording import Recording, ReferenceFrame
-from models.core.typing import FloatArray, IntArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.multiple_shooting.shooting_problem import require_linearized
-from models.numerics.statistics import evaluate_huber_loss
+from models.numerics.statistics import correct_for_choices, evaluate_huber_loss
 
 # Number of noise samples.
 NOISE_DRAWS = 300

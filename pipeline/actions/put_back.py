@@ -14,12 +14,7 @@ from models.core.errors import OptionError, TableNotFound
 from models.core.naming import Naming
 from models.core.scene import Camera, Scene, Table
 from models.core.typing import FloatArray, ImageArray
-from models.estimation.ball_places import (
-    BallPlaces,
-    locate_balls,
-    match_places,
-    select_moment_before_strike,
-)
+from models.estimation.ball_places import BallPlaces, locate_balls, match_places, select_moment_before_strike
 from models.estimation.contact_test.shot_record import ShotRecord
 from pipeline.actions.answer_call import estimate_drift, open_run_clip
 from video.calibration.camera_model import build_camera, estimate_place_sigma

@@ -75,7 +75,7 @@ def read_particles(path: Path, fps: float | None = None) -> tuple[list[Recording
 def _build_recording(number: int, rows: TrackRows, path: Path) -> Recording:
     here = np.flatnonzero(rows.is_usable & (rows.shot == number))
     grid = build_row_grid(rows.t[here], rows.ids[here])
-    from models.estimation.particle_fit import MIN_SAMPLES  # slow to import
+    from models.estimation.particle_fit import MIN_SAMPLES
 
     particles = record_points(rows.t[here][grid.first], grid.scatter(rows.positions[here]), grid.bodies, number)
     try:

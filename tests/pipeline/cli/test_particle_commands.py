@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from models.estimation.particle_fit import ParticleMotion
+from pipeline.actions.particle_motion import format_physics_lines, summarize_physics
 from pipeline.cli.execute import execute_command_line
 
 RATE, SAMPLES = 20.0, 31
