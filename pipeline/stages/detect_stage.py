@@ -40,7 +40,7 @@ def load_detectors() -> None:
     from detectors import detect as detect
     from detectors.network.ball_model import SHIPPED_BALL_MODEL, open_ball_model
     from detectors.network.offset_regressor import DISC, STREAK, open_offset_regressor
-    from models.numerics.robust import huber_losses
+    from models.numerics.statistics import huber_losses
 
     open_ball_model(SHIPPED_BALL_MODEL)
     for kind in (STREAK, DISC):
