@@ -41,8 +41,7 @@ from pipeline.io.image_file import read_image
 from video.calibration.camera_model import estimate_place_sigma
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
-from video.rendering.ball_arrangement import BallArrangement, arrange_balls
-from video.rendering.random_scene import RandomScene, generate_scene
+from video.rendering.random_scene import BallArrangement, RandomScene, arrange_balls, generate_scene
 from video.rendering.scene_renderer import build_view, render_image
 
 # Degrees.

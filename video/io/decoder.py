@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import av
+from av.filter import Graph
 
 from models.core.errors import ClipError
-from video.io.field_splitting import FieldSplitter
 from video.io.image_sequence import LOCAL_FILES_ONLY, ImageSequence, decode_image_sequence, open_image_sequence
 
 av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
@@ -275,3 +275,36 @@ def _read_mp4_boxes(path: Path) -> Iterator[bytes]:
 
 def _describe_error(error: BaseException) -> str:
     return (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()
+
+
+# FFmpeg filter that makes a frame of each field, in the order that the frame states, and passes progressive frames.
+FIELD_FILTER = ("bwdif", "mode=send_field:parity=auto:deint=interlaced")
+
+
+class FieldSplitter:
+    """Splits frames that state to be interlaced; progressive frames before the first of them pass unchanged."""
+
+    def __init__(self) -> None:
+        self._graph: Graph | None = None
+
+    def split_fields(self, frame: Any) -> Iterator[Any]:
+        """Yield the frames that a frame completes; None yields the rest at the end of the video."""
+        if self._graph is None and (frame is None or not frame.interlaced_frame):
+            yield from () if frame is None else (frame,)
+            return
+        if self._graph is None:
+            self._graph = _build_field_graph(frame)
+        self._graph.push(frame)
+        while True:
+            try:
+                yield self._graph.pull()
+            except (av.error.BlockingIOError, av.error.EOFError):
+                return
+
+
+def _build_field_graph(frame: Any) -> Graph:
+    """Build the filter graph for frames like this one."""
+    graph = Graph()
+    source = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base)
+    graph.link_nodes(source, graph.add(*FIELD_FILTER), graph.add("buffersink")).configure()
+    return graph

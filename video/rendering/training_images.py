@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import ByteArray, Float32Array, FloatArray
-from video.rendering.ball_arrangement import BallArrangement, arrange_balls
-from video.rendering.random_scene import RandomScene, generate_scene
+from video.rendering.random_scene import BallArrangement, RandomScene, arrange_balls, generate_scene
 from video.rendering.scene_clutter import paint_backdrop, paint_caption, paint_halos, paint_players
 from video.rendering.scene_renderer import (
     SceneView,

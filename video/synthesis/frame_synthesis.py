@@ -25,10 +25,9 @@ from video.matting.ball_matting import (
 )
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls
-from video.matting.hidden_background import HiddenBackground
+from video.matting.hidden_background import HiddenBackground, find_visible_balls
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
-from video.matting.visible_balls import find_visible_balls
 from video.synthesis.ball_rotation import (
     BallRotation,
     compare_rotated_views,

@@ -66,7 +66,7 @@ def test_truth_is_within_what_the_network_is_made_for(images: list[TrainingImage
 
 def test_a_ball_is_drawn_where_the_truth_says() -> None:
     """An image with one ball less differs from the other in a disc about that ball's centre, half lit or not."""
-    from video.rendering.ball_arrangement import arrange_balls
+    from video.rendering.random_scene import arrange_balls
     from video.rendering.scene_renderer import build_view, render_exposure
 
     rng = np.random.default_rng(11)
