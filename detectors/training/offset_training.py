@@ -155,7 +155,7 @@ def evaluate_offset_network(network: OffsetNetwork, factor: float, samples: Offs
     predicted, sigma = predict_offsets(network, samples.crops)
     pulls = centre_pulls(predicted, factor * sigma, samples.offsets)
     is_clear = samples.visible >= CLEAR_SHARE
-    initial = samples.offsets[is_clear, :CENTRE_OUTPUTS]
+    initial = samples.offsets[is_clear, :CENTRE_OUTPUTS].astype(np.float64)
     remaining = (samples.offsets - predicted)[is_clear, :CENTRE_OUTPUTS]
     (first, second), size = _measure_rms(remaining, axis=0), np.abs(remaining)
     if network.kind.name == DISC.name:
