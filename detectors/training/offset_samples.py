@@ -10,9 +10,8 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from detectors.network.ball_crops import DiscCrop, StreakCrop
 from detectors.network.ball_model import BallModel, open_ball_model, read_model_metadata
-from detectors.network.offset_regressor import DISC, MIN_STREAK_RADII, STREAK, OffsetRegressorKind
+from detectors.network.offset_regressor import DISC, MIN_STREAK_RADII, STREAK, DiscCrop, OffsetRegressorKind, StreakCrop
 from detectors.network.peak_decoding import CandidateDetections
 from detectors.training.augmentation import augment_image, paint_distractors
 from detectors.training.training_shards import TrainingShard, prepare_shard_file, read_shard

@@ -13,9 +13,17 @@ import numpy as np
 import pytest
 import torch
 
-from detectors.network.ball_crops import DISC_RADIUS_PX, DISC_SIDE, STREAK_COLUMNS, STREAK_ROWS
 from detectors.network.ball_model import SHIPPED_BALL_MODEL, read_model_metadata
-from detectors.network.offset_regressor import DISC, STREAK, OffsetRegressorKind, open_offset_regressor
+from detectors.network.offset_regressor import (
+    DISC,
+    DISC_RADIUS_PX,
+    DISC_SIDE,
+    STREAK,
+    STREAK_COLUMNS,
+    STREAK_ROWS,
+    OffsetRegressorKind,
+    open_offset_regressor,
+)
 from detectors.training.detector_networks import OffsetNetwork, offset_loss
 from detectors.training.offset_samples import (
     DiscShard,
