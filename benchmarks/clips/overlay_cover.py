@@ -70,7 +70,7 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     counts = np.zeros(5, dtype=np.int64)
     (first,) = (image for _, image in read_frames(clip, indices=timeline.frame[:1]))
     annotation = prepare_annotation(timeline, tracks, fit, first, options.slow, options.style)
-    for frame in synthesize_frames(clip, appearance, fit, find_output_times(clip, timeline, options)):
+    for frame in synthesize_frames(clip, appearance, find_output_times(clip, timeline, options)):
         before = frame.image.copy()
         drawn = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)[: clip.height]
         changed = (drawn != before).any(axis=2)

@@ -137,6 +137,7 @@ def _open_output(part_path: Path) -> av.container.OutputContainer:
 
 PIXEL_FORMAT = "yuv420p"
 # (3, 4) red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (ITU-R BT.709-6, items 3.2 to 3.4).
+# OpenCV rounds shares to 1 / 1024, which darkens by 0.054 levels in the mean, and halves of a mean of four upwards.
 LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 RGB_TO_YUV = np.column_stack([
     np.stack([
@@ -144,14 +145,15 @@ RGB_TO_YUV = np.column_stack([
         112 * (np.eye(3)[2] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[2]),
         112 * (np.eye(3)[0] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[0]),
     ]) / 255,
-    (16.0, 128.0, 128.0),
+    (16.054, 127.875, 127.875),
 ]).astype(np.float32)  # fmt: skip
 
 
 def build_encoder_frame(image: ImageArray) -> av.VideoFrame:
     """Convert an image (H, W, 3); an odd side is made even by repeating its last column or row.
 
-    The chroma of 2 x 2 pixels is their mean. FFmpeg's general converter is slower, and blurs chroma over four rows.
+    Luma is right to 0.6 levels; the chroma of 2 x 2 pixels is their mean, to a level. FFmpeg's general converter is
+    slower, and blurs chroma over four rows.
     """
     height, width = image.shape[:2]
     even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)

@@ -81,7 +81,7 @@ def render_share_clip(
     normal, slow = _schedule_times(timeline, moment.t, slowdown)
     view = _MomentView.prepare(timeline, fit.trajectory.ids, naming, moment, normal, slowdown)
     frames = map(view.draw, prefetch_items(
-        synthesize_frames(clip, appearance, fit, np.concatenate([normal, slow])),
+        synthesize_frames(clip, appearance, np.concatenate([normal, slow])),
         PREFETCHED_FRAMES,
     ))  # fmt: skip
     card = _draw_card(moment, plan)
