@@ -25,7 +25,7 @@ from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ImageArray
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.api import load, run
-from video.drawing.circles import disc_mask
+from video.drawing.masks import disc_mask
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline

@@ -14,10 +14,9 @@ from models.core.ball_look import WHITE, BallLook, Colour
 from models.core.naming import Naming, TableView, find_table_view
 from models.core.scene import CUSHIONS, Scene, Table
 from models.core.typing import ByteArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT
-from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
-from video.drawing.text import (
+from video.drawing.masks import (
     LINE_SPACING,
+    SHIFT,
     blend_colours,
     blend_mask,
     draw_paragraph,
@@ -26,6 +25,7 @@ from video.drawing.text import (
     text_mask,
     wrap_text,
 )
+from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
 
 # Cloth of a table without footage.
 CLOTH_COLOUR: Colour = (34, 104, 96)

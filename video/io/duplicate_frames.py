@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, ByteArray, FloatArray
 
 # px. A block of the thumbnail averages the noise of at least 2 x 2 pixels; a ball still covers several blocks.
 THUMBNAIL_HEIGHT = 180
@@ -77,8 +77,8 @@ class FrameChangeMeter:
         block = max(2, height // THUMBNAIL_HEIGHT)
         size = (max(width // block, 1), max(height // block, 1))
         now = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        last = _nth_largest_difference(self._before[-1], now) if self._before else np.inf
-        third = _nth_largest_difference(self._before[0], now) if len(self._before) == 3 else np.inf
+        last = measure_nth_largest(cv2.absdiff(self._before[-1], now)) if self._before else np.inf
+        third = measure_nth_largest(cv2.absdiff(self._before[0], now)) if len(self._before) == 3 else np.inf
         self._before.append(now)
         return last, third
 
@@ -88,10 +88,10 @@ class FrameChangeMeter:
         return self._before[-1]
 
 
-def _nth_largest_difference(before: NDArray[np.uint8], now: NDArray[np.uint8]) -> float:
-    flat = cv2.absdiff(before, now).ravel()
-    place = max(flat.size - CHANGE_RANK, 0)
-    return float(np.partition(flat, place)[place])
+def measure_nth_largest(change: ByteArray) -> float:
+    """Return the change of rank `CHANGE_RANK`, noise and glints being larger; 0 for smaller arrays."""
+    place = change.size - CHANGE_RANK
+    return float(np.partition(change, place, axis=None)[place]) if place >= 0 else 0.0
 
 
 def find_duplicate_frames(change: FloatArray, third: FloatArray) -> NDArray[np.bool_]:

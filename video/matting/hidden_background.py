@@ -17,7 +17,7 @@ from video.matting.background_plate import (
     BackgroundPlate,
     estimate_background_plate,
 )
-from video.matting.ball_matting import SHADOW_RADII, BallOutline
+from video.matting.ball_matting import SHADOW_RADII, BallOutline, Box, find_box
 from video.matting.ball_timeline import BallTimeline, read_rows
 
 # Largest and smallest number of frames, spread over the clip, that the plate is estimated from.
@@ -107,9 +107,6 @@ def _build_sample(
     return image, covered, timeline.camera_motion_at(float(timeline.t[row]))
 
 
-# x, y, width, height
-Box = tuple[int, int, int, int]
-
 # Radii around its centre in which the colour of a ball is measured, and share of its box that must be unoccluded.
 INNER_RADII, MIN_VISIBLE_SHARE = 0.7, 0.08
 # Radii around its centre between which an isolated ball is surrounded by table.
@@ -155,7 +152,7 @@ def find_visible_balls(timeline: BallTimeline, plate: BackgroundPlate, row: int,
 def _is_disc_on_table(timeline: BallTimeline, plate: BackgroundPlate, row: int, ball: int, image: ImageArray) -> bool:
     """Return whether the ball's place is no table and its surroundings are, which excludes hands and cues."""
     centre, radius = timeline.centre[row, ball], float(timeline.radius[row, ball])
-    x, y, width, height = box = _box_around(centre, RING_RADII[1] * radius, image.shape)
+    x, y, width, height = box = find_box(centre[None], RING_RADII[1] * radius, image.shape)
     plate_patch, valid = plate.extract_patch(*box, timeline.camera_motion_at(float(timeline.t[row])))
     if not valid.all():
         return False
@@ -172,17 +169,10 @@ def _visible_part(
 ) -> tuple[Box, BoolArray, BoolArray]:
     """Return the box x, y, width, height of a ball, its pixels (h, w) there, and those that no other ball occludes."""
     centre, radius = timeline.centre[row, ball], float(timeline.radius[row, ball])
-    box = _box_around(centre, radius, shape)
+    box = find_box(centre[None], radius, shape)
     inner: BoolArray = BallOutline(centre[None], centre, radius).distance_to_path(*box) < INNER_RADII * radius
     visible = inner.copy()
     for other in np.flatnonzero(timeline.observed[row] & (timeline.centre[row, :, 1] > centre[1])):
         outline = timeline.outline(row, int(other))
         visible &= outline.distance_to_path(*box) > outline.radius + outline.edge_width
     return box, inner, visible
-
-
-def _box_around(centre: FloatArray, reach: float, shape: tuple[int, ...]) -> Box:
-    """Return the pixels within `reach` px of a place, cut at the border."""
-    x0, y0 = (int(v) for v in np.maximum(np.floor(centre - reach), 0))
-    x1, y1 = (int(v) for v in np.minimum(np.ceil(centre + reach) + 1, [shape[1], shape[0]]))
-    return x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)

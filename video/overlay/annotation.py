@@ -11,7 +11,6 @@ import numpy as np
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import drawing_scale
 from video.drawing.label_layout import (
     PANEL_MARGIN,
     LabelPosition,
@@ -21,6 +20,7 @@ from video.drawing.label_layout import (
     place_label,
     place_panel,
 )
+from video.drawing.masks import drawing_scale
 from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions

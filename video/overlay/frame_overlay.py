@@ -14,10 +14,21 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect, make_squares
+from video.drawing.masks import (
+    SHIFT,
+    blend_colours,
+    blend_mask,
+    disc_mask,
+    draw_disc,
+    draw_ring,
+    draw_text,
+    number_mask,
+    round_corner_mask,
+    text_mask,
+    to_fixed_point,
+)
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.text import blend_colours, blend_mask, draw_text, number_mask, round_corner_mask, text_mask
 
 LABEL_OPACITY = 0.72
 # px around a ball on which nothing is drawn.

@@ -13,8 +13,8 @@ from models.core.errors import ClipError
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_disc, draw_ring
 from video.drawing.label_layout import Rect, overlap_share, place_label, place_panel
+from video.drawing.masks import draw_disc, draw_ring
 from video.drawing.palette import FLASH, INK, WHITE, ensure_contrast
 from video.io.video_options import RenderOptions
 from video.matting.background_plate import BackgroundPlate

@@ -13,8 +13,8 @@ from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import Rect, make_squares
+from video.drawing.masks import LINE_SPACING, draw_paragraph, wrap_text
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
-from video.drawing.text import LINE_SPACING, draw_paragraph, wrap_text
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline

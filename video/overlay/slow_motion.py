@@ -19,7 +19,7 @@ from models.core.progress import Progress, ignore_progress
 from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_ring, drawing_scale
+from video.drawing.masks import draw_ring, drawing_scale
 from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions

@@ -7,8 +7,8 @@ from support import staged_shot as shot
 from models.core.ball_look import CLASS_COLOURS
 from models.core.scene import Camera, Scene
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_ring
 from video.drawing.label_layout import LabelPosition, overlap_share, place_label, place_panel
+from video.drawing.masks import draw_ring, draw_text, text_mask
 from video.drawing.palette import (
     BRIGHT_LUMA,
     INK,
@@ -20,7 +20,6 @@ from video.drawing.palette import (
     lighten_for_text,
 )
 from video.drawing.table_plan import build_table_inset
-from video.drawing.text import draw_text, text_mask
 from video.overlay.frame_overlay import (
     ClockPanel,
     FrameBalls,
