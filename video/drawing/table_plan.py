@@ -203,15 +203,6 @@ class TableInset:
         radius = round(table.ball_radius * scale * (1 << SHIFT))
         draw_ball_disc(self.canvas, self.to_fixed_point(place).tolist(), radius, look, faded)
 
-    def draw(
-        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
-    ) -> None:
-        """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
-        canvas = self.canvas.copy()
-        for path, colour in zip(paths, colours, strict=True):
-            self.add_path(canvas, path, colour)
-        self.draw_with_balls(image, x, y, self.reduce_canvas(canvas), xy, colours)
-
     def add_path(self, canvas: ImageArray, path: FloatArray, colour: Colour) -> None:
         """Draw a path (n, 2) m onto a copy of `canvas`, in place."""
         if len(path) > 1:

@@ -68,14 +68,16 @@ def draw_poster(
     none, zeros = np.zeros(ball_count, dtype=bool), np.zeros((ball_count, 2))
     balls = FrameBalls(centre, timeline.radius[-1], zeros[:, 0], zeros, none, none, ~none)
     left, top = (round(v) for v in annotation.inset_place[:2])
-    paths = [path.xy for path in annotation.paths]
     with keep_balls_on_top(frame, balls):
         for ball, path in enumerate(annotation.paths):
             if len(path.t):
                 trail = timeline.project(path.xy, end)
                 width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
                 draw_trail(frame, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
-        annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
+        for path, colour in zip(annotation.paths, annotation.colours, strict=True):
+            annotation.inset.add_path(annotation.plan_canvas, path.xy, colour)
+        plan = annotation.inset.reduce_canvas(annotation.plan_canvas)
+        annotation.inset.draw_with_balls(still, left, top, plan, fit.trajectory.at(end).xy, annotation.colours)
         _draw_labels(frame, timeline, annotation, balls, sum(kind in EVENT_STRENGTHS for kind in fit.events.kind))
     return still
 

@@ -200,7 +200,7 @@ def test_the_plan_shows_balls_in_their_colour_and_leaves_out_absent_ones() -> No
     plan = build_table_inset(shot.scene(), 180)
     image = black(200, 300)
     xy: FloatArray = np.array([[0.45, 0.475], [np.nan, np.nan]])
-    plan.draw(image, 10, 20, xy, [np.empty((0, 2))] * 2, [(255, 255, 0), (0, 255, 255)])
+    plan.draw_with_balls(image, 10, 20, plan.reduce_canvas(plan.canvas), xy, [(255, 255, 0), (0, 255, 255)])
     x, y = plan.to_fixed_point(xy[0]) / 16 / 2
     assert image[20 + round(y), 10 + round(x), :2].min() > 200
     assert not ((image[..., 0] < 60) & (image[..., 1] > 220)).any()
