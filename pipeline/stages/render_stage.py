@@ -69,7 +69,7 @@ def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress:
 
     clip, shot, background = inputs["read"], inputs["explain"], inputs["background"]
     tracks, fit = shot.tracks, view_run(shot)
-    write_image(folder / "poster.png", draw_poster(clip, background, tracks, fit, options))
+    write_image(draw_poster(clip, background, tracks, fit, options), folder / "poster.png")
     start = float(find_output_times(clip, background.timeline, options)[0])
     (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
 

@@ -549,8 +549,8 @@ def _build_scene(
     if radius != table.ball_radius:
         table = replace_ball_radius(table, radius)
     camera = build(table)
-    notes = (*location.notes, *notes, *warnings, _height_note(camera, perspective))
-    return Scene(table, camera, _convert_rgb_to_lab(location.cloth_colour), notes, warnings, estimates)
+    notes_of_all = (*location.notes, *notes, *warnings, _height_note(camera, perspective))
+    return Scene(table, camera, _convert_rgb_to_lab(location.cloth_colour), notes_of_all, warnings, estimates)
 
 
 def _height_note(camera: Camera, perspective: PerspectiveFit) -> str:
