@@ -32,7 +32,7 @@ def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
     t = clip.times_of(clip.distinct_frames)
-    inner = [np.array([a, *_inner_times(a, b, factor)]) for a, b in pairwise(t)]
+    inner = [a + (b - a) * np.arange(factor) / factor for a, b in pairwise(t)]
     return np.concatenate([*inner, t[-1:]])
 
 
@@ -69,11 +69,6 @@ def regular_frame_rate(clip: Clip, factor: int) -> Fraction | None:
     t = clip.times_of(frames)
     even = t[0] + np.arange(len(frames)) / float(rate)
     return rate * factor if np.abs(t - even).max() < REGULAR_TOLERANCE_S else None
-
-
-def _inner_times(first: float, last: float, factor: int) -> FloatArray:
-    """Return the times (factor - 1,) that divide a gap evenly."""
-    return first + (last - first) * np.arange(1, factor) / factor
 
 
 # Width to height.

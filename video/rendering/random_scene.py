@@ -30,7 +30,7 @@ from video.rendering.scene_appearance import (
     pool_ball,
     snooker_ball,
 )
-from video.rendering.scene_renderer import BallPoses, Motion
+from video.rendering.scene_renderer import BallPoses
 
 # Cloth hues of hold-out scenes: violet to purple.
 HOLD_OUT_HUES = (0.72, 0.93)
@@ -190,13 +190,13 @@ def _sample_balls(rng: np.random.Generator, table: Table, hold_out: bool) -> tup
     """Sample a set of balls, usually of the table's game; each colour is perturbed a little."""
     if hold_out:
         appearances = [
-            _replace_colour(pool_ball(n), PASTEL_COLOURS[(n - 1) % 8]) if n else pool_ball(0) for n in range(16)
+            replace(pool_ball(n), colour=PASTEL_COLOURS[(n - 1) % 8]) if n else pool_ball(0) for n in range(16)
         ]
     else:
         appearances = _choose_ball_set(
             rng, table.game if rng.random() < 0.7 else str(rng.choice(["pool", "snooker", "carom", "free"]))
         )
-    return tuple(_replace_colour(ball, _jitter_colour(rng, _sample_darkened_colour(rng, ball))) for ball in appearances)
+    return tuple(replace(ball, colour=_vary_colour(rng, ball)) for ball in appearances)
 
 
 def _choose_ball_set(rng: np.random.Generator, game: str) -> list[BallAppearance]:
@@ -205,7 +205,7 @@ def _choose_ball_set(rng: np.random.Generator, game: str) -> list[BallAppearance
     if game == "snooker":
         return [snooker_ball(kind) for kind in SNOOKER_COLOURS] + [snooker_ball("red")] * 6
     if game == "carom":
-        plain = [_replace_colour(BallAppearance(kind, colour), colour) for kind, colour in CAROM_COLOURS.items()]
+        plain = [BallAppearance(kind, colour) for kind, colour in CAROM_COLOURS.items()]
         return plain if rng.random() < 0.5 else [carom_ball(kind) for kind in CAROM_COLOURS]
     free = [
         BallAppearance("solid", sample_colour(rng, (0.0, 1.0), (0.05, 1.0)), "solid", int(rng.integers(1, 8)))
@@ -223,20 +223,12 @@ def _choose_ball_set(rng: np.random.Generator, game: str) -> list[BallAppearance
     ]
 
 
-def _replace_colour(ball: BallAppearance, colour: Colour) -> BallAppearance:
-    return replace(ball, colour=colour)
-
-
-def _sample_darkened_colour(rng: np.random.Generator, ball: BallAppearance) -> Colour:
-    """Return the ball's colour, sometimes as dark as in dim light at the far end of a room."""
+def _vary_colour(rng: np.random.Generator, ball: BallAppearance) -> Colour:
+    """Vary the ball's colour a little; sometimes it is as dark as in dim light at the far end of a room."""
     factor = rng.uniform(*DARK_FACTOR_RANGE) if rng.random() < DARK_SHARE and ball.kind not in ("cue", "white") else 1.0
-    red, green, blue = ball.colour
-    return factor * red, factor * green, factor * blue
-
-
-def _jitter_colour(rng: np.random.Generator, colour: Colour) -> Colour:
-    red, green, blue = np.clip(np.array(colour) * rng.uniform(0.85, 1.1) + rng.normal(0, 0.03, 3), 0.01, 1.0)
-    return float(red), float(green), float(blue)
+    varied = factor * np.array(ball.colour) * rng.uniform(0.85, 1.1) + rng.normal(0, 0.03, 3)
+    red, green, blue = np.clip(varied, 0.01, 1.0).tolist()
+    return red, green, blue
 
 
 # Largest number of balls in an image.
@@ -272,11 +264,8 @@ class BallArrangement:
     radius: float
     """m."""
 
-    def ball_motion(self) -> Motion:
-        """Return the function from time to poses."""
-        return self._poses_at
-
-    def _poses_at(self, t: float) -> BallPoses:
+    def poses_at(self, t: float) -> BallPoses:
+        """Return the poses at a time of the exposure."""
         xyz = np.column_stack([self.position + t * self.displacement, np.full(len(self.position), self.radius)])
         rotation = np.array(
             [

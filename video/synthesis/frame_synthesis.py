@@ -286,7 +286,9 @@ def prepare_interval(
     second_background = matted[1].background if step is None else _warp_image(matted[1].background, step)
     regions = find_moving_regions(first_matted.background, second_background, step is None)
     has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
-    resting = _resting_outlines(timeline, row, balls)
+    resting = tuple(
+        timeline.outline(row, int(ball)) for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls
+    )
     return FrameInterval(timeline, row, first, second, matted, tuple(moving_balls), resting, regions, has_square_chroma)
 
 
@@ -340,12 +342,6 @@ def _is_occluded(
     near = np.hypot(away[:, 0], away[:, 1]) < 1.2 * timeline.radius[side]
     near[ball] = False
     return bool((near & (away[:, 1] > 0) & timeline.observed[side]).any())
-
-
-def _resting_outlines(timeline: BallTimeline, row: int, balls: tuple[int, ...]) -> tuple[BallOutline, ...]:
-    """Return the outlines of the balls that rest in both frames."""
-    resting = [ball for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls]
-    return tuple(timeline.outline(row, int(ball)) for ball in resting)
 
 
 def _matte_frame(

@@ -89,8 +89,8 @@ def test_a_ball_is_drawn_where_the_truth_says() -> None:
         rotation=one.rotation[:0],
         is_rolling=one.is_rolling[:0],
     )
-    light = render_exposure(replace(view, balls=(scene.balls[0],)), one.ball_motion(), 0.0)
-    empty = render_exposure(replace(view, balls=()), none.ball_motion(), 0.0)
+    light = render_exposure(replace(view, balls=(scene.balls[0],)), one.poses_at, 0.0)
+    empty = render_exposure(replace(view, balls=()), none.poses_at, 0.0)
     centre = scene.camera.to_pixels(one.position, scene.table.ball_radius)[0]
     radius = float(scene.camera.radius_px(one.position, scene.table.ball_radius)[0])
     y, x = np.mgrid[:SIZE_PX, :SIZE_PX]
