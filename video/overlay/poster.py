@@ -10,7 +10,7 @@ import numpy as np
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.label_layout import Rect, overlap_share, place_label, place_panel
+from video.drawing.label_layout import COST_CELL_PX, Rect, overlap_share, place_label, place_panel
 from video.drawing.masks import draw_disc, draw_ring
 from video.drawing.palette import FLASH, INK, WHITE, ensure_contrast
 from video.io.clip import Clip
@@ -20,7 +20,7 @@ from video.matting.ball_matting import MattedSprite, matte_balls
 from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
-from video.overlay.annotation import COST_CELL_PX, DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
 from video.overlay.close_up import draw_polyline
 from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
 from video.overlay.motion_paths import EVENT_STRENGTHS
@@ -152,7 +152,7 @@ def _draw_labels(
     if count:
         note = Label(f"{count} more contact{'s' * (count > 1)}", "", FLASH)
         cost = np.zeros((bounds[1] // COST_CELL_PX, bounds[0] // COST_CELL_PX))
-        place = place_panel(note.size(letters), bounds, cost, obstacles, 1 / COST_CELL_PX)
+        place = place_panel(note.size(letters), bounds, cost, obstacles)
         note.draw(still, np.array(place[:2]), letters)
 
 

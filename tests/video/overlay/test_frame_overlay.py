@@ -130,10 +130,10 @@ def test_a_label_moves_the_short_way_round_without_crossing_its_ball() -> None:
 def test_a_panel_takes_the_corner_that_hides_least() -> None:
     cost = np.ones((45, 80))
     cost[:15, 55:] = 0
-    left, top, width, height = place_panel((100, 60), (640, 360), cost, [], 1 / 8)
+    left, top, width, height = place_panel((100, 60), (640, 360), cost, [])
     assert left > 500
     assert top < 20
-    other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)], 1 / 8)
+    other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)])
     assert overlap_share((left, top, width, height), [other]) == 0
 
 
