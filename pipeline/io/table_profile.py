@@ -29,9 +29,8 @@ from models.estimation.table_learning.learned_table import (
     LearnedTable,
 )
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
+from models.physics.billiards.contact_models import BALL_MODEL_CHOICE, CUSHION_MODEL_CHOICE
 from models.physics.billiards.parameter_vector import (
     PARAMETER_NAMES,
     ROLLING_MU,

@@ -21,7 +21,7 @@ from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.whole_shot.initial_states import estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
-from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
+from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
     EVENT_FIRST,
