@@ -18,8 +18,8 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import LearnedTable, rebound_rolling_balls
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.io.table_profile import parse_learned_table
