@@ -61,6 +61,7 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         figures.append(folder / FRAME_IMAGE)
         write_image(drawn, figures[1])
     absent = f"Not on the table: {', '.join(map(naming.name_ball, places.absent))}." if places.absent else ""
+    left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
     return Answer(
         f"Where did the balls lie at {format_moment(places.t)}?",
         (f"Where the balls lay at {format_moment(places.t)}, in mm from the centre of each ball to the noses of the"
@@ -70,16 +71,13 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
             for ball, xy, sigma in zip(places.ids, places.xy, wanted.place_sigma, strict=True)
             for k, axis in enumerate("xy")
         ),
-        rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
+        rows=(
+            ("ball", left, right, "±", top, bottom, "±", ""),
+            *(_list_place_cells(ball, naming) for ball in document["balls"]),
+        ),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No image of the clip: {wanted.no_image}"))),
         document=document, figures=tuple(map(str, figures)),
     )  # fmt: skip
-
-
-def _list_place_headings(naming: Naming) -> tuple[str, ...]:
-    """List the headings of the table of places: the rails as the viewer sees them."""
-    left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
-    return "ball", left, right, "±", top, bottom, "±", ""
 
 
 def _list_place_cells(ball: dict[str, Any], naming: Naming) -> tuple[str, ...]:

@@ -124,7 +124,8 @@ def _draw_labels(
     crossed = np.vstack([balls.boxes(0.3), annotation.path_squares(end, -np.inf, np.inf, balls=True)])
     obstacles: list[Rect] = [annotation.inset_place, *crossed.tolist()]
     order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))
-    times = [(_shorten_label(mark.label), timeline.project(mark.xy, end), mark.opacity) for mark in order]
+    labels = [replace(mark.label, value=mark.label.value.partition(" ±")[0]) for mark in order]  # the report has errors
+    times = [(label, timeline.project(one.xy, end), one.opacity) for label, one in zip(labels, order, strict=True)]
     names = []
     for mark in annotation.marks:
         spot = timeline.project(mark.xy, end)
@@ -168,8 +169,3 @@ def _find_free_place(
         if is_inside and not overlap_share(rect, obstacles):
             return rect
     return None
-
-
-def _shorten_label(label: Label) -> Label:
-    """Leave out the error of the time, which the report has."""
-    return replace(label, value=label.value.partition(" ±")[0])
