@@ -298,13 +298,13 @@ def describe_places(places: BallPlaces, place_sigma: FloatArray, table: Table, f
         The content; distances are those of the centres of the balls.
     """
     distances = 1e3 * measure_cushion_distances(table, places.xy)
-    balls = []
+    balls = []  # places to a hundredth of a millimetre
     for k, (name, kind) in enumerate(zip(places.ids, places.kinds, strict=True)):
         own = dict(zip(CUSHIONS, distances[k], strict=True))
         balls.append(
             {
-                "id": name, "kind": kind, "x": _round_metres(places.xy[k, 0]), "y": _round_metres(places.xy[k, 1]),
-                "sigma": _round_metres(places.sigma[k]),
+                "id": name, "kind": kind, "x": round(float(places.xy[k, 0]), 5), "y": round(float(places.xy[k, 1]), 5),
+                "sigma": round(float(places.sigma[k]), 5),
                 **{f"{side}_mm": round(float(own[side]), 2) for side in ("left", "top", "right", "bottom")},
                 "x_sigma_mm": round(1e3 * float(place_sigma[k, 0]), 2),
                 "y_sigma_mm": round(1e3 * float(place_sigma[k, 1]), 2),
@@ -334,8 +334,3 @@ def write_places(document: dict[str, Any], folder: Path) -> None:
         rows.writeheader()
         rows.writerows(document["balls"])
     write_json(document, folder / "put_back.json")
-
-
-def _round_metres(value: float) -> float:
-    """Round to a hundredth of a millimetre."""
-    return round(float(value), 5)
