@@ -51,7 +51,7 @@ from models.estimation.reconstruction.explain_shot import explain  # noqa: E402
 from models.estimation.table_learning.cushion_contacts import CushionContacts, extract_cushion_contacts, join_contacts  # noqa: E402
 from models.estimation.table_learning.learn_table import TableLesson, learn_table  # noqa: E402
 from models.estimation.table_learning.learned_table import LearnedTable  # noqa: E402
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS  # noqa: E402
+from models.physics.billiards.contact_models import CUSHION_MODELS  # noqa: E402
 from pipeline.engine.result_cache import CacheKey, ResultCache  # noqa: E402
 from pipeline.engine.source_fingerprint import hash_sources  # noqa: E402
 from pipeline.engine.value_files import load_value, save_value  # noqa: E402

@@ -62,7 +62,7 @@ PACKAGES = ("models.tracking", "models.estimation.segmentation", "models.estimat
 # Top-level packages in which imported names are patched as well.
 ROOTS = ("models", "pipeline", "video", "detectors", "diagnosis", "benchmarks")
 # Decorators of functions that keep the value that a constant had when they were compiled.
-KERNEL = "compile_kernel|compile_inline_closure"
+KERNEL = "compile_kernel"
 # Names of indices, array sizes and seeds, which are no thresholds; the codes of `range(5)` are none either.
 LAYOUT_NAME = re.compile(r"_(COLUMN|COUNT|SIZE|SEED)$")
 # Words of constants that stay below 1: where the multiple would not, the value goes half of the way to 1.

@@ -26,7 +26,7 @@ from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage_graph import RunWatcher, StageGraph
 from pipeline.io.corrections_file import corrections_path, read_corrections
-from pipeline.io.run_folder import SOURCE_FILE
+from pipeline.io.run_folder import SOURCE_FILE, read_source
 from pipeline.io.run_views import view_inputs
 from pipeline.io.shot_folder import publish_shot
 from pipeline.io.shot_laws import keep_laws
@@ -428,9 +428,8 @@ def find_report_tables(folder: Path) -> str:
     Returns:
         Digest of these tables; of those in the folder where it notes none.
     """
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        return str(json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))["report_tables"])
-    return hash_tables(folder)
+    noted = read_source(folder)
+    return str(noted["report_tables"]) if "report_tables" in noted else hash_tables(folder)
 
 
 def write_source(

@@ -14,8 +14,9 @@ import typer.main
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE, BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import (
+from models.physics.billiards.contact_models import (
+    BALL_MODEL_CHOICE,
+    BALL_MODELS,
     CUSHION_MODEL_CHOICE,
     CUSHION_MODELS,
     REGISTERED_CUSHION_MODELS,

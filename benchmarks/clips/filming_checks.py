@@ -30,7 +30,7 @@ from benchmarks.support.row_files import append_row, read_rows
 from benchmarks.support.run_folder import ROOT
 from pipeline.actions.check_clip import check_clip
 from pipeline.reporting.text.filming_sentences import rank_faults
-from video.filming_check.filming_limits import CODES, FilmingLimits
+from video.filming_check.measure_filming import CODES, FilmingLimits
 from video.io.clip import open_clip, read_frames
 from video.io.video_writer import VideoWriter
 

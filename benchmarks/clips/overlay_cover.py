@@ -25,7 +25,7 @@ from models.core.tracks import Tracks
 from models.core.typing import BoolArray, ImageArray
 from pipeline.actions.answer_call import open_run_clip
 from pipeline.api import load, run
-from video.drawing.circles import disc_mask
+from video.drawing.masks import disc_mask
 from video.io.clip import Clip, open_clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.matting.ball_timeline import build_ball_timeline
@@ -70,7 +70,7 @@ def count_hidden_pixels(clip: Clip, scene: Scene, tracks: Tracks, fit: Fit, opti
     counts = np.zeros(5, dtype=np.int64)
     (first,) = (image for _, image in read_frames(clip, indices=timeline.frame[:1]))
     annotation = prepare_annotation(timeline, tracks, fit, first, options.slow, options.style)
-    for frame in synthesize_frames(clip, appearance, fit, find_output_times(clip, timeline, options)):
+    for frame in synthesize_frames(clip, appearance, find_output_times(clip, timeline, options)):
         before = frame.image.copy()
         drawn = annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions)[: clip.height]
         changed = (drawn != before).any(axis=2)

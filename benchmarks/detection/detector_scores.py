@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.detection.detector_cases import DetectorCase
 from models.core.detections import Detections
-from video.rendering.ball_arrangement import MAX_STREAK_PX
+from video.rendering.random_scene import MAX_STREAK_PX
 
 
 @dataclass

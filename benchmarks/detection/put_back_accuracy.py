@@ -41,8 +41,7 @@ from pipeline.io.image_file import read_image
 from video.calibration.camera_model import estimate_place_sigma
 from video.calibration.table_finder import calibrate_image
 from video.io.video_options import CalibrateOptions
-from video.rendering.ball_arrangement import BallArrangement, arrange_balls
-from video.rendering.random_scene import RandomScene, generate_scene
+from video.rendering.random_scene import BallArrangement, RandomScene, arrange_balls, generate_scene
 from video.rendering.scene_renderer import build_view, render_image
 
 # Degrees.
@@ -144,7 +143,7 @@ def measure_hall(random_scene: RandomScene, rng: np.random.Generator, errors: Pl
     arrangement = replace(arrangement, displacement=np.zeros_like(arrangement.displacement))
     looks = tuple(random_scene.balls[k] for k in arrangement.look_index)
     view = build_view(table, camera, random_scene.appearance, looks, samples=2)
-    first = render_image(view, arrangement.ball_motion(), 0.0, rng)
+    first = render_image(view, arrangement.poses_at, 0.0, rng)
     errors.ball_count += len(arrangement.position)
     lab = cv2.cvtColor(np.array([[random_scene.appearance.cloth]], np.float32), cv2.COLOR_RGB2LAB)[0, 0]
     exact = Scene(table, camera, lab.astype(np.float64), ())
@@ -171,7 +170,7 @@ def measure_hall(random_scene: RandomScene, rng: np.random.Generator, errors: Pl
     wanted = WantedPlaces(places, sigma, scene.table, Naming(), scene.camera, 0.0, first, "")
     guide = PlacementGuide.prepare(wanted, scene.cloth_lab)
     moved = move_balls(rng, arrangement, table.ball_radius)
-    second = render_image(view, moved.ball_motion(), 0.0, rng)
+    second = render_image(view, moved.poses_at, 0.0, rng)
     draw_live_image(wanted, guide.compare_image(first))  # compile
     guide.detector = None
     begin = time.process_time()

@@ -35,8 +35,7 @@ from benchmarks.support.figures import (
 )
 from models.core.scene import Table
 from models.core.typing import FloatArray
-from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import BALL_MODELS, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import SLOPE_Y
 from models.physics.billiards.simulation.event_engine import BALL, EVENT_FIRST, EVENT_KIND, EVENT_SECOND, EVENT_TIME
 from models.physics.billiards.simulation.simulate_shot import BallSet, kinetic_energy, simulate

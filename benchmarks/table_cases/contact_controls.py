@@ -15,7 +15,7 @@ from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.cushion_learning import learn_cushions
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.side_spin import MIN_CONTACT_SPEED, predict_rebounds
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import SLIDING_MU, SPIN_DECAY
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 

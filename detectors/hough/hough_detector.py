@@ -9,13 +9,13 @@ Kimme et al. 1975, doi:10.1145/360666.360677).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detectors.hough.streak_candidates import StreakCandidates, find_streak_candidates, refine_streaks
+from detectors.hough.streak_candidates import find_streak_candidates, refine_streaks
 from detectors.measurement.ball_colour import DISC_SAMPLES
 from detectors.measurement.circle_fit import (
     DIRECTIONS,
@@ -71,8 +71,6 @@ DRAWN_RADII = 1.15
 # Length of a streak, ball radii, up to which a clear disc is the better measurement; a sure disc up to twice that, if
 # it is this far from the middle of the streak.
 CLEAR_LENGTH_RADII, OFF_CENTRE_RADII = 0.8, 0.22
-# Standard deviation of a streak's middle: across it, px, and in addition along it, share of its length.
-STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +184,8 @@ class HoughDetector:
 
     def _find_candidates(self, scan: ForegroundScan, part: tuple[slice, slice]) -> FloatArray:
         """Find working px (n, 2) where balls may be in a part of the working image."""
-        centres, _ = find_circle_candidates(scan.contrast[part], scan.foreground[part], self.view.crop_view(part))
+        view = replace(self.view, radius=self.view.radius[part], centre_area=self.view.centre_area[part])
+        centres, _ = find_circle_candidates(scan.contrast[part], scan.foreground[part], view)
         return np.add(centres, (part[1].start, part[0].start), dtype=np.float64)
 
     def _detect_discs(
@@ -260,22 +259,18 @@ class HoughDetector:
         return np.asarray(drawn > 0)
 
     def _detect_streaks(
-        self, rgb: ByteArray, candidates: StreakCandidates, discs: FrameDetections, frame: int
+        self, rgb: ByteArray, candidates: FrameDetections, discs: FrameDetections, frame: int
     ) -> FrameDetections:
         """Measure streaks in px of the frame, without short ones that a disc explains."""
-        ends = [self.view.to_reference(candidates.centre + side * candidates.displacement / 2) for side in (-1, 1)]
+        ends = [self.view.to_reference(candidates.centre + side * candidates.streak / 2) for side in (-1, 1)]
         first, last = (self.view.reference_to_frame(end, frame) for end in ends)
         radius = candidates.radius / self.view.scale
-        rough = StreakCandidates((first + last) / 2, last - first, radius, candidates.fill)
-        fine = refine_streaks(rgb, rough, self.cloth.basis)
-        length = np.linalg.norm(fine.displacement, axis=1)
-        across = np.full(len(length), STREAK_SIGMA_PX)
-        along = np.hypot(across, STREAK_SIGMA_SHARE * length)
-        streaks = FrameDetections(fine.centre, fine.radius, fine.displacement, fine.fill, across, along)
+        rough = replace(candidates, centre=(first + last) / 2, streak=last - first, radius=radius)
+        streaks = refine_streaks(rgb, rough, self.cloth.basis)
         within = is_inside_streaks(discs.centre, streaks)
         distance = np.linalg.norm(discs.centre[None] - streaks.centre[:, None], axis=-1)
         is_off_centre = distance > OFF_CENTRE_RADII * streaks.radius[:, None]
-        relative_length = (length / streaks.radius)[:, None]
+        relative_length = (np.linalg.norm(streaks.streak, axis=1) / streaks.radius)[:, None]
         # A complete outline off the middle is that of a ball, and the rest of the streak is its shadow.
         is_short = (discs.score > CLEAR_SCORE) & (relative_length < CLEAR_LENGTH_RADII)
         is_shadow = (discs.score > SURE_SCORE) & is_off_centre & (relative_length < 2 * CLEAR_LENGTH_RADII)

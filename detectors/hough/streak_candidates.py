@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
+from detectors.measurement.frame_detections import NO_BALLS, FrameDetections
 from detectors.measurement.working_view import WorkingView
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
@@ -26,23 +25,11 @@ WIDTH_LIMITS = (0.78, 1.5)
 MIN_WAIST = 0.7
 # Least intersection over union of blob and capsule.
 MIN_FILL = 0.80
+# Standard deviation of a streak's middle: across it, px, and in addition along it, share of its length.
+STREAK_SIGMA_PX, STREAK_SIGMA_SHARE = 0.3, 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class StreakCandidates:
-    """K capsules, working px."""
-
-    centre: FloatArray
-    """(K, 2) middle of the streak: the position at mid-exposure."""
-    displacement: FloatArray
-    """(K, 2) from one end's disc to the other's, sign unknown."""
-    radius: FloatArray
-    """(K,)"""
-    fill: FloatArray
-    """(K,) overlap of blob and capsule over their union."""
-
-
-def find_streak_candidates(moving: BoolArray, strength: Float32Array, view: WorkingView) -> StreakCandidates:
+def find_streak_candidates(moving: BoolArray, strength: Float32Array, view: WorkingView) -> FrameDetections:
     """Find capsules among the blobs that differ from both the cloth and the median image, working px."""
     left, top, width, height = cv2.boundingRect(moving.astype(np.uint8))
     if width == 0:
@@ -67,21 +54,20 @@ def find_streak_candidates(moving: BoolArray, strength: Float32Array, view: Work
     return _stack_streaks(capsules)
 
 
-def _stack_streaks(rows: list[tuple[FloatArray, FloatArray, float, float]]) -> StreakCandidates:
+def _stack_streaks(rows: list[tuple[FloatArray, FloatArray, float, float]]) -> FrameDetections:
     if not rows:
-        return StreakCandidates(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
-    centre, vector, radius, fill = (np.array(column) for column in zip(*rows, strict=True))
-    return StreakCandidates(centre, vector, radius, fill)
+        return NO_BALLS
+    centre, streak, radius, fill = (np.array(column) for column in zip(*rows, strict=True))
+    across = np.full(len(rows), STREAK_SIGMA_PX)
+    along = np.hypot(across, STREAK_SIGMA_SHARE * np.linalg.norm(streak, axis=1))
+    return FrameDetections(centre, radius, streak, fill, across, along)
 
 
-def refine_streaks(rgb: ByteArray, rough: StreakCandidates, basis: FloatArray) -> StreakCandidates:
+def refine_streaks(rgb: ByteArray, rough: FrameDetections, basis: FloatArray) -> FrameDetections:
     """Measure middles and lengths of streaks in the full image, px, by the profiles across and along them."""
-    fine = [_refine_streak(rgb, *one, basis) for one in zip(*_streak_columns(rough), strict=True)]
+    columns = rough.centre, rough.streak, rough.radius, rough.score
+    fine = [_refine_streak(rgb, *one, basis) for one in zip(*columns, strict=True)]
     return _stack_streaks([one for one in fine if one is not None])
-
-
-def _streak_columns(streaks: StreakCandidates) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    return streaks.centre, streaks.displacement, streaks.radius, streaks.fill
 
 
 def _refine_streak(

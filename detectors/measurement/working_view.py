@@ -129,21 +129,6 @@ class WorkingView:
         to_working = np.array([[s, 0, (0.5 - x0) * s - 0.5], [0, s, (0.5 - y0) * s - 0.5], [0, 0, 1.0]])
         return np.asarray(to_working @ np.linalg.inv(motion))
 
-    def crop_view(self, part: tuple[slice, slice]) -> WorkingView:
-        """Crop the view to a part of the working image, given by its rows and columns."""
-        (x0, y0, _, _), rows, columns = self.box, *part
-        left, right = round(columns.start / self.scale), round(columns.stop / self.scale)
-        top, bottom = round(rows.start / self.scale), round(rows.stop / self.scale)
-        maps = (self.centre_area, self.pocket_area, self.cloth_area, self.ball_area, self.border)
-        return WorkingView(
-            self.scene,
-            (x0 + left, y0 + top, x0 + right, y0 + bottom),
-            self.scale,
-            self.radius[part],
-            self.median_radius,
-            *(each[part] for each in maps),
-        )
-
     def is_centre_near(self, places: FloatArray, reach: FloatArray) -> BoolArray:
         """Where (h, w) the centre of a ball is within its reach (n,) m of one of some places (n, 2) of the table."""
         h, w = self.radius.shape

@@ -1,6 +1,6 @@
 """Ball networks in ONNX files: the project's own network, or one of the YOLO family that a user supplies.
 
-Own networks are recognised by their metadata (`detectors/training/ball_export.py`); others are recognised by the shapes
+Own networks are recognised by their metadata (`detectors/training/onnx_export.py`); others are recognised by the shapes
 of their input and output. Other files are refused in one sentence.
 """
 

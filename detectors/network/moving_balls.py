@@ -6,8 +6,7 @@ import numpy as np
 
 from detectors.measurement.frame_detections import NO_BALLS, FrameDetections, is_inside_streaks
 from detectors.measurement.motion_blur import fit_motion_blur
-from detectors.network.candidate_rules import CLEAR_SCORE, STREAK_RADII, is_certain
-from detectors.network.frame_context import FrameContext
+from detectors.network.candidate_rules import CLEAR_SCORE, STREAK_RADII, FrameContext, is_certain
 from detectors.network.offset_regressor import MIN_STREAK_RADII, OffsetRegressor, StreakMeasurement, measure_streak
 from detectors.network.outline_fusion import CLEAR_SUPPORT
 from detectors.network.peak_decoding import CandidateDetections

@@ -35,8 +35,7 @@ from detectors.measurement.frame_detections import (
 from detectors.measurement.overlap_resolution import resolve_overlaps
 from detectors.measurement.working_view import WorkingView, build_view, values_at
 from detectors.network.ball_model import BallModel, CentreModel
-from detectors.network.candidate_rules import CLEAR_SCORE, is_certain, is_possible
-from detectors.network.frame_context import FrameContext
+from detectors.network.candidate_rules import CLEAR_SCORE, FrameContext, is_certain, is_possible
 from detectors.network.moving_balls import confirm_streaks, find_missed_streaks, measure_streaks
 from detectors.network.offset_regressor import DISC, STREAK, OffsetRegressor, open_offset_regressor
 from detectors.network.outline_fusion import MIN_SUPPORT

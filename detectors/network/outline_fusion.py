@@ -85,7 +85,11 @@ def locate_outlines(
     expected, cloth_colour, basis = surroundings.expected, surroundings.cloth_colour, surroundings.basis
     circles = fit_circles(rgb, smooth, candidates.centre, expected, cloth_colour, basis)
     circles = _refit_occluded(rgb, smooth, candidates.centre, circles, surroundings, frame)
-    return _fuse_outlines(candidates, circles, expected, CIRCLE_WEIGHT)
+    network_sigma = np.hypot(candidates.sigma_across, candidates.sigma_along) / np.sqrt(2)
+    centre, sigma, is_good = _fuse_centres(candidates.centre, network_sigma, circles, expected, CIRCLE_WEIGHT)
+    radius = np.where(is_good, circles.radius, candidates.radius)
+    detections = FrameDetections(centre, radius, np.zeros_like(centre), candidates.score, sigma, sigma)
+    return detections, replace(circles, support=np.where(is_good, circles.support, 0.0))
 
 
 def refine_doubtful_discs(
@@ -135,17 +139,6 @@ def refine_doubtful_discs(
         circles = replace_rows(circles, again, refitted)
     centre, sigma, _ = _fuse_centres(regressed.centre, regressed.sigma, circles, expected, REGRESSOR_CIRCLE_WEIGHT)
     return replace_rows(detections, rows, replace(regressed, centre=centre, sigma=sigma, sigma_along=sigma))
-
-
-def _fuse_outlines(
-    candidates: CandidateDetections, circles: Circles, expected: FloatArray, circle_weight: float
-) -> tuple[FrameDetections, Circles]:
-    """Fuse candidates with their circles; the circles of other objects get support 0."""
-    network_sigma = np.hypot(candidates.sigma_across, candidates.sigma_along) / np.sqrt(2)
-    centre, sigma, is_good = _fuse_centres(candidates.centre, network_sigma, circles, expected, circle_weight)
-    radius = np.where(is_good, circles.radius, candidates.radius)
-    detections = FrameDetections(centre, radius, np.zeros_like(centre), candidates.score, sigma, sigma)
-    return detections, replace(circles, support=np.where(is_good, circles.support, 0.0))
 
 
 def _fuse_centres(

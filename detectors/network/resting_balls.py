@@ -9,8 +9,14 @@ import numpy as np
 from detectors.measurement.circle_fit import Circles
 from detectors.measurement.frame_detections import FrameDetections
 from detectors.measurement.working_view import values_at
-from detectors.network.candidate_rules import CLEAR_SCORE, REPORTED_SCORE, SIZE_LIMITS, is_certain, support_threshold
-from detectors.network.frame_context import FrameContext
+from detectors.network.candidate_rules import (
+    CLEAR_SCORE,
+    REPORTED_SCORE,
+    SIZE_LIMITS,
+    FrameContext,
+    is_certain,
+    support_threshold,
+)
 from detectors.network.offset_regressor import OffsetRegressor
 from detectors.network.outline_fusion import CLEAR_SUPPORT, locate_outlines, refine_doubtful_discs
 from detectors.network.peak_decoding import CandidateDetections

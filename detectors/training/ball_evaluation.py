@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from detectors.network.peak_decoding import MIN_PEAK_SCORE, CandidateDetections, decode_maps
-from detectors.training.ball_export import ExportedBallNetwork, NetworkCalibration
-from detectors.training.data.training_shards import TrainingShard, prepare_shard_file, read_shard
-from detectors.training.networks.ball_loss import CLEAR_SHARE, MIN_RADIUS_PX
-from detectors.training.networks.ball_network import BallNetwork
-from models.core.typing import ByteArray, Float32Array, FloatArray
+from detectors.training.detector_networks import CLEAR_SHARE, MIN_RADIUS_PX, BallNetwork
+from detectors.training.onnx_export import ExportedBallNetwork, NetworkCalibration
+from detectors.training.training_shards import TrainingShard, prepare_shard_file, read_shard
+from models.core.typing import FloatArray
 
 # Numbers of the hold-out files for the calibration and for the figures.
 CALIBRATION_FILE, FIGURES_FILE = 0, 1
@@ -27,23 +26,6 @@ REPORTED_SCORE = 0.5
 SHARP_PX = 1.0
 # Standard deviations beyond which an error is attributed to a wrong match.
 MAX_PULL = 6.0
-
-
-@dataclass(frozen=True, slots=True)
-class BallFigures:
-    """Figures on rendered hold-out images, px of the network's input, balls of 4 to 12 px radius."""
-
-    pictures: int
-    balls: int
-    recall: float
-    precision: float
-    sharp_rms_px: float
-    """Per axis."""
-    streak_across_rms_px: float
-    streak_along_rms_px: float
-    pull_std: float
-    look_right: float
-    """Share of balls whose appearance is classified correctly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +50,7 @@ class PeakMatches:
     """Number of those detected with a score above REPORTED_SCORE."""
 
 
-def calibrate_and_evaluate(network: BallNetwork, folder: Path) -> tuple[NetworkCalibration, BallFigures]:
+def calibrate_and_evaluate(network: BallNetwork, folder: Path) -> tuple[NetworkCalibration, dict[str, float]]:
     """Fit the calibration on one file of hold-out images, and compute the figures on another."""
     calibration = fit_calibration(
         match_network(network, NetworkCalibration(), read_hold_out_shard(folder, CALIBRATION_FILE))
@@ -85,19 +67,10 @@ def read_hold_out_shard(folder: Path, number: int) -> TrainingShard:
 def match_network(network: BallNetwork, calibration: NetworkCalibration, shard: TrainingShard) -> PeakMatches:
     """Match the peaks of a network in all images of a shard with the balls; peaks on hidden balls are excluded."""
     shipped = ExportedBallNetwork(network, calibration).eval()
-
-    def maps_of(rgb: ByteArray) -> Float32Array:
-        with torch.no_grad():
-            return np.asarray(shipped(torch.from_numpy(rgb[None])).numpy()[0])
-
-    return match_maps(maps_of, shard)
-
-
-def match_maps(maps_of: Callable[[ByteArray], Float32Array], shard: TrainingShard) -> PeakMatches:
-    """The same for a function from an image (S, S, 3) to maps (12, S / 4, S / 4) whose score is a probability."""
     rows, ball_count, detected_count = [], 0, 0
     for rgb, true_balls in zip(shard.rgb, shard.balls, strict=True):
-        maps = maps_of(rgb)
+        with torch.no_grad():
+            maps = np.asarray(shipped(torch.from_numpy(rgb[None])).numpy()[0])
         there = true_balls[~np.isnan(true_balls[:, 0])].astype(np.float64)
         candidates = decode_maps(maps, MIN_PEAK_SCORE)
         part, of_ball = _match_peaks(candidates, there)
@@ -184,27 +157,31 @@ def fit_logistic(x: FloatArray, true: NDArray[np.bool_]) -> tuple[float, float]:
     return float(beta[0]), float(beta[1])
 
 
-def summarize_matches(matches: PeakMatches, image_count: int) -> BallFigures:
-    """Summarize the matches of a calibrated network."""
+def summarize_matches(matches: PeakMatches, image_count: int) -> dict[str, float]:
+    """Summarize the matches of a calibrated network.
+
+    Returns:
+        Figures on rendered hold-out images, rounded, px of the network's input, balls of 4 to 12 px radius; without
+        undefined ones. `look_right` is the share of balls whose appearance is classified correctly.
+    """
     is_reported, good = matches.score > REPORTED_SCORE, (matches.score > REPORTED_SCORE) & matches.is_ball
     is_sharp, is_streak = good & (matches.streak_length <= SHARP_PX), good & (matches.streak_length > SHARP_PX)
     pulls = matches.error[good] / matches.sigma[good]
     small, appearance_correct = pulls[np.abs(pulls) < MAX_PULL], matches.is_appearance_correct[good]
     across, along = np.sqrt((matches.error[is_streak] ** 2).mean(axis=0)) if is_streak.any() else (np.nan, np.nan)
-    return BallFigures(
-        image_count,
-        matches.ball_count,
-        matches.detected_count / max(matches.ball_count, 1),
-        float(matches.is_ball[is_reported].mean()) if is_reported.any() else 0.0,
-        float(np.sqrt((matches.error[is_sharp] ** 2).mean())) if is_sharp.any() else float("nan"),
-        float(across),
-        float(along),
-        float(np.std(small)) if len(small) else float("nan"),
-        float(np.nanmean(appearance_correct)) if np.isfinite(appearance_correct).any() else 0.0,
-    )
+    return round_figures({
+        "pictures": image_count,
+        "balls": matches.ball_count,
+        "recall": matches.detected_count / max(matches.ball_count, 1),
+        "precision": matches.is_ball[is_reported].mean() if is_reported.any() else 0.0,
+        "sharp_rms_px": np.sqrt((matches.error[is_sharp] ** 2).mean()) if is_sharp.any() else np.nan,
+        "streak_across_rms_px": across,
+        "streak_along_rms_px": along,
+        "pull_std": np.std(small) if len(small) else np.nan,
+        "look_right": np.nanmean(appearance_correct) if np.isfinite(appearance_correct).any() else 0.0,
+    })  # fmt: skip
 
 
-def format_metadata(calibration: NetworkCalibration, figures: BallFigures) -> dict[str, dict[str, float]]:
-    """Format calibration and figures for the metadata of the exported file, rounded; NaN is left out."""
-    rounded = {k: round(float(v), 4) for k, v in asdict(figures).items() if v == v}
-    return {"trueroll.calibration": asdict(calibration), "trueroll.held_out": rounded}
+def round_figures(figures: dict[str, Any]) -> dict[str, float]:
+    """Round figures for the metadata of the exported file; NaN is left out."""
+    return {name: round(float(value), 4) for name, value in figures.items() if value == value}

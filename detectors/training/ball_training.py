@@ -18,11 +18,10 @@ import torch
 from torch import Tensor, nn
 
 from detectors.network.ball_model import CentreModel, open_ball_model
-from detectors.training.data.augmentation import augment_image
-from detectors.training.data.training_shards import ShardRotation, TrainingShard, prepare_shard_file, read_shard
-from detectors.training.networks.ball_loss import build_targets, compute_ball_loss
-from detectors.training.networks.ball_network import BallNetwork
+from detectors.training.augmentation import augment_image
+from detectors.training.detector_networks import BallNetwork, build_targets, compute_ball_loss
 from detectors.training.training_loop import StepCallback, TrainOptions, run_training
+from detectors.training.training_shards import ShardRotation, TrainingShard, prepare_shard_file, read_shard
 from models.core.errors import ModelError
 from models.core.typing import ByteArray, Float32Array
 

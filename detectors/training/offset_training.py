@@ -1,28 +1,25 @@
-"""Training of the offset regressors."""
+"""Training of the offset regressors, and their evaluation on hold-out samples."""
 
 from __future__ import annotations
 
-from collections.abc import Sized
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from numpy.typing import NDArray
+from torch import Tensor
 
-from detectors.network.offset_regressor import INPUT_NAME, OUTPUT_NAME
+from detectors.network.offset_regressor import DISC
 from detectors.network.peak_decoding import LOG_SIGMA_LIMITS
+from detectors.training.ball_evaluation import MAX_PULL, round_figures
 from detectors.training.ball_training import to_network_input
-from detectors.training.data.offset_samples import LightAugmentation, OffsetSamples, SampleSource
-from detectors.training.data.training_shards import ShardRotation
-from detectors.training.networks.offset_network import OffsetNetwork, offset_loss
-from detectors.training.offset_evaluation import DiscFigures, StreakFigures, round_figures
-from detectors.training.onnx_export import encode_json_values, write_onnx_network
+from detectors.training.detector_networks import OffsetNetwork, offset_loss
+from detectors.training.offset_samples import LightAugmentation, OffsetSamples, SampleShard, SampleSource, stack_samples
 from detectors.training.training_loop import StepCallback, TrainOptions, run_training
+from detectors.training.training_shards import ShardRotation
 from models.core.typing import ByteArray, Float32Array, FloatArray
-
-S = TypeVar("S", bound=Sized)
 
 SHARDS_IN_MEMORY = 40
 # Share of the samples that each mirror reverses.
@@ -32,7 +29,7 @@ MIN_LEVEL = 1e-3
 
 
 def train_offset_network(
-    source: SampleSource[S], folder: Path, options: TrainOptions, watch: StepCallback
+    source: SampleSource, folder: Path, options: TrainOptions, watch: StepCallback
 ) -> OffsetNetwork:
     """Train an offset regressor on the samples of a source; a second call continues an interrupted training.
 
@@ -49,13 +46,13 @@ def train_offset_network(
 
 
 @dataclass(slots=True)
-class OffsetTraining(Generic[S]):
+class OffsetTraining:
     """The training task of an offset regressor."""
 
-    source: SampleSource[S]
+    source: SampleSource
     options: TrainOptions
     checkpoint: str = field(init=False)
-    shards: ShardRotation[S] = field(init=False)
+    shards: ShardRotation[SampleShard] = field(init=False)
 
     def __post_init__(self) -> None:
         self.checkpoint = self.source.kind.checkpoint
@@ -83,11 +80,12 @@ class OffsetTraining(Generic[S]):
         chosen = rng.integers(0, ends[-1], self.options.batch)
         which = np.searchsorted(ends, chosen, side="right")
         rows = chosen - np.concatenate([[0], ends])[which]
-        return self.source.draw_samples(rng, [(shards[i], int(row)) for i, row in zip(which, rows, strict=True)])
+        drawn = [shards[i].draw_sample(rng, int(row)) for i, row in zip(which, rows, strict=True)]
+        return stack_samples(self.source.kind, drawn)
 
 
 def _mirror_samples(
-    rng: np.random.Generator, samples: OffsetSamples, source: SampleSource[S], draws: int
+    rng: np.random.Generator, samples: OffsetSamples, source: SampleSource, draws: int
 ) -> tuple[ByteArray, Float32Array]:
     """Mirror crops and offsets at random, each by its own draw or (`draws` is 1) all by the same."""
     crops, offsets = samples.crops.copy(), samples.offsets.copy()
@@ -110,56 +108,76 @@ def _exponential_tensor(logarithms: FloatArray) -> Tensor:
     return torch.from_numpy(np.exp(logarithms).astype(np.float32))
 
 
-# Numbers of crops for which the exported network is compared with the trained one.
-PARITY_COUNTS = (4, 1, 7)
+EVALUATION_BATCH = 256
+# Unoccluded share of the balls that the figures are about, and of a ball that nothing hides.
+CLEAR_SHARE, WHOLE_SHARE = 0.5, 0.999
+# Share of the samples with the smallest errors that some figures are restricted to.
+BEST_SHARE = 0.95
+# The first outputs of every offset regressor are those of the centre.
+CENTRE_OUTPUTS = 2
 
 
-class ExportedOffsetNetwork(nn.Module):
-    """A network with its pre- and post-processing: bytes in, offsets and calibrated log sigmas out."""
-
-    def __init__(self, network: OffsetNetwork, sigma_factor: float) -> None:
-        super().__init__()
-        self.network = network.eval()
-        self.log_factor = float(np.log(sigma_factor))
-
-    def forward(self, shown: Tensor) -> Tensor:
-        """Map crops (B, rows, columns, 3) of RGB bytes to (B, 2 n)."""
-        outputs = self.network(shown.permute(0, 3, 1, 2).to(torch.float32) / 255)
-        n = len(self.network.kind.outputs)
-        return torch.cat([outputs[:, :n], outputs[:, n:].clamp(*LOG_SIGMA_LIMITS) + self.log_factor], dim=1)
+def predict_offsets(network: OffsetNetwork, crops: ByteArray) -> tuple[FloatArray, FloatArray]:
+    """Run a network on crops (K, rows, columns, 3); offsets (K, n) and their sigmas (K, n), ball radii."""
+    network.eval()
+    n = len(network.kind.outputs)
+    starts = range(0, len(crops), EVALUATION_BATCH)
+    with torch.no_grad():
+        parts = [network(to_network_input(crops[k : k + EVALUATION_BATCH])).numpy() for k in starts]
+    outputs = np.concatenate([np.empty((0, 2 * n)), *parts])
+    return outputs[:, :n], np.exp(np.clip(outputs[:, n:], *LOG_SIGMA_LIMITS))
 
 
-def export_offset_network(
-    network: OffsetNetwork, factor: float, figures: DiscFigures | StreakFigures, recipe: dict[str, object], path: Path
-) -> dict[str, float]:
-    """Write an offset regressor as an ONNX file with metadata.
+def fit_sigma_factor(network: OffsetNetwork, samples: OffsetSamples) -> float:
+    """Fit the factor of the sigmas for which the pulls of the centres have unit spread; 1 without samples."""
+    pulls = centre_pulls(*predict_offsets(network, samples.crops), samples.offsets)
+    return float(np.std(pulls)) if len(pulls) > 1 else 1.0
+
+
+def centre_pulls(predicted: FloatArray, sigma: FloatArray, offsets: NDArray[np.floating]) -> FloatArray:
+    """Errors (n,) of the centres over their sigmas, without outliers."""
+    pulls = ((offsets - predicted) / sigma)[:, :CENTRE_OUTPUTS].ravel()
+    return np.asarray(pulls[np.abs(pulls) < MAX_PULL], dtype=np.float64)
+
+
+def evaluate_offset_network(network: OffsetNetwork, factor: float, samples: OffsetSamples) -> dict[str, float]:
+    """Compute the figures of a trained network on hold-out samples of sufficiently visible balls, one pass.
 
     Args:
-        network: The trained network.
-        factor: Factor of its sigmas.
-        figures: Its figures on hold-out samples, for the metadata.
-        recipe: How it was trained, for the metadata.
-        path: The file.
+        factor: Factor of its sigmas, from `fit_sigma_factor`.
+        samples: Samples that it was not trained on.
 
     Returns:
-        The rounded figures by name.
-
-    Raises:
-        RuntimeError: The exported network does not agree with the trained one.
+        Number of samples, root mean square errors of the centre in ball radii, and the spread of the errors over their
+        sigmas, rounded; without undefined ones. `of_best` and `of_whole`: both axes together, of the best 95 % and of
+        balls that nothing hides; `shown_*`: of the ball network.
     """
-    kind, rng, rounded = network.kind, np.random.default_rng(0), round_figures(figures)
-    parity_inputs = [
-        rng.integers(0, 256, (count, kind.rows, kind.columns, 3), dtype=np.uint8) for count in PARITY_COUNTS
-    ]
-    shape = f"{kind.rows}, {kind.columns}"
-    contract = {
-        "trueroll.schema": kind.schema,
-        "trueroll.input": f"RGB bytes (B, {shape}, 3), {kind.crop_content}; scaled to [0, 1] inside",
-        "trueroll.told": ",".join(kind.outputs),
-    }
-    values = {"trueroll.calibration": {"sigma_factor": factor}, "trueroll.held_out": rounded, "trueroll.recipe": recipe}
-    sides = {0: torch.export.Dim("pictures", min=1)}
-    exported = ExportedOffsetNetwork(network, factor).eval()
-    metadata = contract | encode_json_values(values)
-    write_onnx_network(exported, sides, (INPUT_NAME, OUTPUT_NAME), metadata, parity_inputs, path)
-    return rounded
+    predicted, sigma = predict_offsets(network, samples.crops)
+    pulls = centre_pulls(predicted, factor * sigma, samples.offsets)
+    is_clear = samples.visible >= CLEAR_SHARE
+    initial = samples.offsets[is_clear, :CENTRE_OUTPUTS].astype(np.float64)
+    remaining = (samples.offsets - predicted)[is_clear, :CENTRE_OUTPUTS]
+    (first, second), size = _measure_rms(remaining, axis=0), np.abs(remaining)
+    if network.kind.name == DISC.name:
+        whole = remaining[samples.visible[is_clear] >= WHOLE_SHARE]
+        figures = {
+            "discs": len(remaining), "right": first, "down": second,
+            "of_best": _measure_rms(_select_best(remaining, size.max(axis=1))), "of_whole": _measure_rms(whole),
+        }  # fmt: skip
+    else:
+        shown_along, shown_across = _measure_rms(initial, axis=0)
+        figures = {
+            "streaks": len(remaining), "shown_along": shown_along, "shown_across": shown_across, "along": first,
+            "across": second, "along_of_best": _measure_rms(_select_best(remaining, size[:, 0]), axis=0)[0],
+        }  # fmt: skip
+    return round_figures(figures | {"pull_std": np.std(pulls) if len(pulls) else np.nan})
+
+
+def _select_best(errors: FloatArray, size: FloatArray) -> FloatArray:
+    """Select the smallest 95 % of errors (n, 2) of sizes (n,)."""
+    return errors[size <= np.quantile(size, BEST_SHARE)] if len(size) else errors
+
+
+def _measure_rms(errors: FloatArray, axis: int | None = None) -> Any:
+    """Measure the root mean square of errors (n, 2) along an axis, or of all; NaN without any."""
+    return np.sqrt(np.mean(errors**2, axis=axis)) if len(errors) else np.full(2 if axis == 0 else (), np.nan)

@@ -1,4 +1,4 @@
-"""Export of a trained network to an ONNX file, with a check that both compute the same."""
+"""Export of trained networks to ONNX files with metadata, with a check that both compute the same."""
 
 from __future__ import annotations
 
@@ -8,13 +8,27 @@ import json
 import logging
 import warnings
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
+from numpy.typing import NDArray
+from torch import Tensor, nn
 
+from detectors.network.ball_model import SCHEMA
+from detectors.network.offset_regressor import INPUT_NAME, OUTPUT_NAME
+from detectors.network.peak_decoding import (
+    APPEARANCES,
+    CHANNELS,
+    COARSE_STRIDE,
+    LOG_SIGMA_LIMITS,
+    RADIUS_UNIT_PX,
+    STREAK_UNIT_PX,
+    STRIDE,
+)
+from detectors.training.detector_networks import BallNetwork, OffsetNetwork
 from models.core.typing import ByteArray
 from video.io.onnx_session import onnxruntime
 
@@ -28,7 +42,8 @@ def write_onnx_network(
     network: nn.Module,
     dynamic_sides: dict[int, Any],
     names: tuple[str, str],
-    metadata: dict[str, str],
+    contract: dict[str, str],
+    facts: dict[str, object],
     parity_inputs: list[ByteArray],
     path: Path,
 ) -> None:
@@ -53,9 +68,9 @@ def write_onnx_network(
     if program is None:
         raise RuntimeError("torch could not export the network to ONNX")
     model = program.model_proto
-    for name, value in metadata.items():
+    for name, value in (contract | {name: json.dumps(fact) for name, fact in facts.items()}).items():
         entry = model.metadata_props.add()
-        entry.key, entry.value = name, value
+        entry.key, entry.value = f"trueroll.{name}", value
     aside = path.with_suffix(".part")
     aside.write_bytes(model.SerializeToString())
     worst = max_disagreement(network, aside, parity_inputs)
@@ -65,11 +80,6 @@ def write_onnx_network(
             f"the exported network should agree with the trained one to {MAX_DISAGREEMENT}; it differs by {worst:.2g}"
         )
     aside.replace(path)
-
-
-def encode_json_values(facts: dict[str, object]) -> dict[str, str]:
-    """Encode values as JSON, for the metadata of a file."""
-    return {key: json.dumps(value) for key, value in facts.items()}
 
 
 def max_disagreement(network: nn.Module, path: Path, parity_inputs: list[ByteArray]) -> float:
@@ -96,3 +106,124 @@ def _silence_exporter() -> Iterator[None]:
             yield
         finally:
             logger.setLevel(level)
+
+
+# Rows and columns, times COARSE_STRIDE, of the images for which the exported network is compared with the trained one.
+PARITY_SIZES = ((24, 32), (4, 5), (20, 12), (45, 80))
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkCalibration:
+    """Calibration of a network's scores to probabilities and of its sigmas, fitted on hold-out images."""
+
+    slope: float = 1.0
+    offset: float = 0.0
+    """score = logistic(slope * logit + offset) (Platt 1999)."""
+    sigma_factor: float = 1.0
+    """Factor of the sigmas across and along the streak."""
+
+
+class ExportedBallNetwork(nn.Module):
+    """A network with its pre- and post-processing: bytes in, calibrated maps out."""
+
+    def __init__(self, network: BallNetwork, calibration: NetworkCalibration) -> None:
+        super().__init__()
+        self.network = network.eval()
+        self.calibration = calibration
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Map RGB bytes (1, H, W, 3), sides multiples of 8, to (1, 12, H / 4, W / 4)."""
+        maps = self.network(image.permute(0, 3, 1, 2).to(torch.float32) / 255)
+        score = torch.sigmoid(self.calibration.slope * maps[:, :1] + self.calibration.offset)
+        sigma = maps[:, 6:8] + float(np.log(self.calibration.sigma_factor))
+        return torch.cat([score, maps[:, 1:6], sigma, maps[:, 8:]], dim=1)
+
+
+def export_ball_network(
+    network: BallNetwork,
+    calibration: NetworkCalibration,
+    figures: dict[str, float],
+    recipe: dict[str, object],
+    path: Path,
+) -> None:
+    """Write a ball network as an ONNX file with metadata.
+
+    Args:
+        network: The trained network.
+        calibration: Its calibration.
+        figures: Its figures on hold-out images, for the metadata.
+        recipe: How it was trained, for the metadata.
+        path: The file.
+
+    Raises:
+        RuntimeError: The exported network does not agree with the trained one.
+    """
+    sides = {1: COARSE_STRIDE * torch.export.Dim("rows", min=2), 2: COARSE_STRIDE * torch.export.Dim("columns", min=2)}
+    contract = {
+        "schema": SCHEMA,
+        "channels": ",".join(CHANNELS),
+        "looks": ",".join(APPEARANCES),
+        "stride": str(STRIDE),
+        "side_multiple": str(COARSE_STRIDE),
+        "units": json.dumps({"radius_px": RADIUS_UNIT_PX, "streak_px": STREAK_UNIT_PX}),
+        "input": "RGB bytes (1, H, W, 3), balls with radii of 4 to 12 px; scaled to [0, 1] inside",
+    }
+    facts: dict[str, object] = {"calibration": asdict(calibration), "held_out": figures, "recipe": recipe}
+    shipped = ExportedBallNetwork(network, calibration).eval()
+    write_onnx_network(shipped, sides, ("picture", "maps"), contract, facts, build_parity_inputs(), path)
+
+
+def build_parity_inputs() -> list[NDArray[np.uint8]]:
+    """Build random images (1, H, W, 3) of several sizes."""
+    rng = np.random.default_rng(0)
+    step = COARSE_STRIDE
+    return [rng.integers(0, 256, (1, step * rows, step * columns, 3), dtype=np.uint8) for rows, columns in PARITY_SIZES]
+
+
+# Numbers of crops for which the exported network is compared with the trained one.
+PARITY_COUNTS = (4, 1, 7)
+
+
+class ExportedOffsetNetwork(nn.Module):
+    """A network with its pre- and post-processing: bytes in, offsets and calibrated log sigmas out."""
+
+    def __init__(self, network: OffsetNetwork, sigma_factor: float) -> None:
+        super().__init__()
+        self.network = network.eval()
+        self.log_factor = float(np.log(sigma_factor))
+
+    def forward(self, shown: Tensor) -> Tensor:
+        """Map crops (B, rows, columns, 3) of RGB bytes to (B, 2 n)."""
+        outputs = self.network(shown.permute(0, 3, 1, 2).to(torch.float32) / 255)
+        n = len(self.network.kind.outputs)
+        return torch.cat([outputs[:, :n], outputs[:, n:].clamp(*LOG_SIGMA_LIMITS) + self.log_factor], dim=1)
+
+
+def export_offset_network(
+    network: OffsetNetwork, factor: float, figures: dict[str, float], recipe: dict[str, object], path: Path
+) -> None:
+    """Write an offset regressor as an ONNX file with metadata.
+
+    Args:
+        network: The trained network.
+        factor: Factor of its sigmas.
+        figures: Its figures on hold-out samples, for the metadata.
+        recipe: How it was trained, for the metadata.
+        path: The file.
+
+    Raises:
+        RuntimeError: The exported network does not agree with the trained one.
+    """
+    kind, rng = network.kind, np.random.default_rng(0)
+    parity_inputs = [
+        rng.integers(0, 256, (count, kind.rows, kind.columns, 3), dtype=np.uint8) for count in PARITY_COUNTS
+    ]
+    contract = {
+        "schema": kind.schema,
+        "input": f"RGB bytes (B, {kind.rows}, {kind.columns}, 3), {kind.crop_content}; scaled to [0, 1] inside",
+        "told": ",".join(kind.outputs),
+    }
+    facts: dict[str, object] = {"calibration": {"sigma_factor": factor}, "held_out": figures, "recipe": recipe}
+    sides = {0: torch.export.Dim("pictures", min=1)}
+    exported = ExportedOffsetNetwork(network, factor).eval()
+    write_onnx_network(exported, sides, (INPUT_NAME, OUTPUT_NAME), contract, facts, parity_inputs, path)

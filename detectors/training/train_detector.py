@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import torch
 
 from detectors.network.offset_regressor import DISC, STREAK
-from detectors.training.ball_evaluation import CALIBRATION_FILE, FIGURES_FILE, calibrate_and_evaluate, format_metadata
-from detectors.training.ball_export import export_ball_network
+from detectors.training.ball_evaluation import CALIBRATION_FILE, FIGURES_FILE, calibrate_and_evaluate
 from detectors.training.ball_training import CHECKPOINT, train_ball_network
-from detectors.training.data.offset_samples import SampleSource
-from detectors.training.data.training_shards import IMAGES_PER_SHARD
-from detectors.training.networks.ball_network import CHANNEL_WIDTHS
-from detectors.training.offset_evaluation import evaluate_offset_network, fit_sigma_factor
-from detectors.training.offset_training import export_offset_network, train_offset_network
+from detectors.training.detector_networks import CHANNEL_WIDTHS
+from detectors.training.offset_samples import SampleSource
+from detectors.training.offset_training import (
+    evaluate_offset_network,
+    fit_sigma_factor,
+    train_offset_network,
+)
+from detectors.training.onnx_export import export_ball_network, export_offset_network
 from detectors.training.training_loop import StepCallback, TrainOptions, read_step_count
+from detectors.training.training_shards import IMAGES_PER_SHARD
 from video.rendering.training_images import SIZE_PX
-
-S = TypeVar("S", bound=Sized)
 
 # Checkpoint file of each network, by the name of its weight file.
 CHECKPOINTS = {"balls": CHECKPOINT, STREAK.name: STREAK.checkpoint, DISC.name: DISC.checkpoint}
@@ -38,19 +37,18 @@ def train_ball_detector(work: Path, options: TrainOptions, out: Path, watch: Ste
         watch: Called after each step.
 
     Returns:
-        Its figures on hold-out images by name (see `BallFigures`).
+        Its figures on hold-out images by name.
     """
     _limit_threads(options)
     network = train_ball_network(work, options, watch)
     calibration, figures = calibrate_and_evaluate(network, work)
-    facts = format_metadata(calibration, figures)
     recipe = _describe_recipe(options, work / CHECKPOINT) | {"widths": list(CHANNEL_WIDTHS)}
-    export_ball_network(network, calibration, {**facts, "trueroll.recipe": recipe}, out)
-    return facts["trueroll.held_out"]
+    export_ball_network(network, calibration, figures, recipe, out)
+    return figures
 
 
 def train_offset_regressor(
-    source: SampleSource[S], work: Path, options: TrainOptions, out: Path, watch: StepCallback
+    source: SampleSource, work: Path, options: TrainOptions, out: Path, watch: StepCallback
 ) -> dict[str, float]:
     """Train a network that measures motion-blur streaks or balls at rest, and write it as an ONNX file.
 
@@ -62,7 +60,7 @@ def train_offset_regressor(
         watch: Called after each step.
 
     Returns:
-        Its figures on hold-out samples by name (see `StreakFigures` and `DiscFigures`).
+        Its figures on hold-out samples by name.
     """
     _limit_threads(options)
     network = train_offset_network(source, work, options, watch)
@@ -70,7 +68,8 @@ def train_offset_regressor(
     figures = evaluate_offset_network(network, factor, source.read_hold_out(FIGURES_FILE))
     recipe = _describe_recipe(options, work / source.kind.checkpoint)
     recipe |= {"widths": list(source.kind.widths), **source.describe()}
-    return export_offset_network(network, factor, figures, recipe, out)
+    export_offset_network(network, factor, figures, recipe, out)
+    return figures
 
 
 def _limit_threads(options: TrainOptions) -> None:

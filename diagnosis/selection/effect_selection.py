@@ -128,15 +128,13 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
     continued.hypotheses[best.names] = best
     for name in best.names:
         continued.record_shared_starts(best, best.names - {name})
-    ranked = sorted(search.hypotheses.values(), key=search.log_evidence, reverse=True)
-    rivals = [
-        *ranked[: REFITS_PER_STEP + 1],
-        *(one for one in ranked[REFITS_PER_STEP + 1 :] if one.names in substitutes),
-    ]
+    evidence = {names: search.log_evidence(one) for names, one in search.hypotheses.items()}
+    ranked = sorted(evidence, key=evidence.__getitem__, reverse=True)
     near = [
-        one
-        for one in rivals
-        if search.log_evidence(search.select_best()) - search.log_evidence(one) < _REFUTED_LOG_EVIDENCE
+        search.hypotheses[names]
+        for k, names in enumerate(ranked)
+        if (k <= REFITS_PER_STEP or names in substitutes)
+        and max(evidence.values()) - evidence[names] < _REFUTED_LOG_EVIDENCE
     ]
     more = [one.names for one in near if one.names > best.names]
     for one in (*near, *(one for one in search.hypotheses.values() if one.names < best.names)):
@@ -144,7 +142,7 @@ def _continue_on_longer_windows(search: EffectSearch, best: Hypothesis) -> Effec
             continued.hypotheses[one.names] = longer(one)
     # larger hypotheses are tried again, even where signatures no longer propose what short windows favoured
     for names in more:
-        if search.log_evidence(search.hypotheses[names]) > search.log_evidence(search.hypotheses[best.names]):
+        if evidence[names] > evidence[best.names]:
             try_hypothesis(continued, names, continued.hypotheses[best.names])
     return continued
 

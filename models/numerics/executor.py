@@ -28,7 +28,6 @@ class Executor(Protocol):
         Returns:
             One result per task, in the order of `arguments`.
         """
-        ...
 
 
 class SerialExecutor:

@@ -168,20 +168,6 @@ def is_compiled(kernel: Any) -> bool:
     return isinstance(kernel._cache, _SourceCache) and kernel._cache.is_filled
 
 
-def compile_inline_closure(function: Callable[..., Any]) -> Any:
-    """Compile a closure inline, as a part of every compiled function that calls it.
-
-    It is not cached on disk; the compiled functions that call it are.
-
-    Args:
-        function: A closure over compiled functions.
-
-    Returns:
-        The compiled closure.
-    """
-    return numba.njit(error_model="numpy", nogil=True, inline="always")(function)
-
-
 @contextmanager
 def notify_first_compilation(notify: Callable[[], None]) -> Iterator[None]:
     """Call `notify` once, before the first compilation of a function that is cached on disk.

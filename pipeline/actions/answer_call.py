@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +23,7 @@ from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answe
 from models.estimation.contact_test.shot_record import REST_SPEED, ShotRecord
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
-from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
+from pipeline.io.run_folder import read_scene_document, read_source
 from pipeline.io.shot_folder import read_shot
 from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
 from pipeline.stages.read_stage import ReadOptions
@@ -272,9 +270,7 @@ def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
         OptionError: The given clip is no file.
         TruerollError: The given clip cannot be read.
     """
-    noted: dict[str, Any] = {}
-    with suppress(OSError, ValueError):
-        noted = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
+    noted = read_source(folder)
     source = clip or Path(noted.get("path", ""))
     if not source.is_file():
         if clip is not None:

@@ -18,9 +18,9 @@ from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
 from pipeline.stages.shot_stages import find_single_span
 from video.filming_check.clip_sample import ClipSample, sample_clip
-from video.filming_check.filming_limits import FilmingLimits
 from video.filming_check.measure_filming import (
     FilmedView,
+    FilmingLimits,
     FilmingMeasurement,
     grade_measurements,
     locate_view,

@@ -167,18 +167,11 @@ def compare_session(sources: Sequence[Path], grouping: Grouping, folder: Path) -
         for place, first in find_repeated_clips(one.folder for one in shots).items()
     )
     title = f"{len(owners)} shot{'s' * (len(owners) != 1)} of {name_folders(sources)}"
-    document = replace_nonfinite(
-        {
-            "schema": SCHEMA,
-            "shots": len(owners),
-            "groups": {
-                name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows]
-                for name, rows in summaries.items()
-            },
-            "refused": list(refusals),
-            "repeated": list(repetitions),
-        }
-    )
+    groups = {
+        name or "all": [asdict(one) | {"has_trend": one.has_trend} for one in rows] for name, rows in summaries.items()
+    }
+    facts = {"schema": SCHEMA, "shots": len(owners), "groups": groups}
+    document = replace_nonfinite({**facts, "refused": list(refusals), "repeated": list(repetitions)})
     write_columns(columns, folder / "session.csv", "needed")
     with replace_file(folder / "session.parquet") as path:
         pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), path)

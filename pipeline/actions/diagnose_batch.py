@@ -6,14 +6,12 @@ factor of two.
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -29,6 +27,7 @@ from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files, write_profile_files
+from pipeline.io.strict_json import read_json
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
 from pipeline.io.view_profile import collect_views
@@ -150,22 +149,17 @@ def _list_runs(rows: Iterable[ClipResult]) -> Iterator[tuple[Path, str]]:
     for row in rows:
         folder = Path(row.folder)
         if row.status == "done" and row.in_shots:
-            shots = _read_scene_json(folder).get("shots", [])
+            shots = read_json(folder / "scene.json", "A run folder has a scene.json").get("shots", [])
             yield from ((folder / shot["folder"], shot["trust"]) for shot in shots)
         elif row.status == "done":
             yield folder, row.trust
 
 
 def _read_table_key(folder: Path) -> tuple[TableSize, FloatArray]:
-    scene = _read_scene_json(folder)
+    scene = read_json(folder / "scene.json", "A run folder has a scene.json")
     table = scene.get("table") or {}
     size = (str(table.get("name") or ""), float(table["length"]), float(table["width"]), float(scene["ball_radius"]))
     return size, np.array(table.get("cloth_lab") or [np.nan] * 3, dtype=np.float64)
-
-
-def _read_scene_json(folder: Path) -> dict[str, Any]:
-    scene: dict[str, Any] = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
-    return scene
 
 
 @contextmanager

@@ -28,10 +28,10 @@ from video.overlay.plain_interpolation import (
     regular_frame_rate,
     regular_frame_times,
     subdivide_frame_times,
-    synthesize_frames,
     window_left_borders,
     window_width,
 )
+from video.overlay.slow_motion import synthesize_frames
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
 # s, time base of videos with a variable frame rate.
@@ -131,8 +131,8 @@ def interpolate_clip(
         silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
             with VideoWriter(silent, width, source.height, rate, crf=18, time_base=base, direct=True) as writer:
-                for k, image in enumerate(synthesize_frames(source, scenery, times, exposure)):
-                    shown = np.ascontiguousarray(image[:, lefts[k] : lefts[k] + width])
+                for k, frame in enumerate(synthesize_frames(source, scenery, times, exposure)):
+                    shown = np.ascontiguousarray(frame.image[:, lefts[k] : lefts[k] + width])
                     writer.write(shown, None if even else float(wanted.slow * (times[k] - times[0])))
                     if folder is not None:
                         Image.fromarray(shown).save(folder / f"{k:06d}.png", compress_level=1)

@@ -61,6 +61,7 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
         figures.append(folder / FRAME_IMAGE)
         write_image(drawn, figures[1])
     absent = f"Not on the table: {', '.join(map(naming.name_ball, places.absent))}." if places.absent else ""
+    left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
     return Answer(
         f"Where did the balls lie at {format_moment(places.t)}?",
         (f"Where the balls lay at {format_moment(places.t)}, in mm from the centre of each ball to the noses of the"
@@ -70,16 +71,13 @@ def write_wanted_places(wanted: WantedPlaces, folder: Path) -> Answer:
             for ball, xy, sigma in zip(places.ids, places.xy, wanted.place_sigma, strict=True)
             for k, axis in enumerate("xy")
         ),
-        rows=(_list_place_headings(naming), *(_list_place_cells(ball, naming) for ball in document["balls"])),
+        rows=(
+            ("ball", left, right, "±", top, bottom, "±", ""),
+            *(_list_place_cells(ball, naming) for ball in document["balls"]),
+        ),
         notes=tuple(filter(None, (absent, wanted.no_image and f"No image of the clip: {wanted.no_image}"))),
         document=document, figures=tuple(map(str, figures)),
     )  # fmt: skip
-
-
-def _list_place_headings(naming: Naming) -> tuple[str, ...]:
-    """List the headings of the table of places: the rails as the viewer sees them."""
-    left, right, top, bottom = map(naming.view.name_rail, CUSHIONS)
-    return "ball", left, right, "±", top, bottom, "±", ""
 
 
 def _list_place_cells(ball: dict[str, Any], naming: Naming) -> tuple[str, ...]:
@@ -300,13 +298,13 @@ def describe_places(places: BallPlaces, place_sigma: FloatArray, table: Table, f
         The content; distances are those of the centres of the balls.
     """
     distances = 1e3 * measure_cushion_distances(table, places.xy)
-    balls = []
+    balls = []  # places to a hundredth of a millimetre
     for k, (name, kind) in enumerate(zip(places.ids, places.kinds, strict=True)):
         own = dict(zip(CUSHIONS, distances[k], strict=True))
         balls.append(
             {
-                "id": name, "kind": kind, "x": _round_metres(places.xy[k, 0]), "y": _round_metres(places.xy[k, 1]),
-                "sigma": _round_metres(places.sigma[k]),
+                "id": name, "kind": kind, "x": round(float(places.xy[k, 0]), 5), "y": round(float(places.xy[k, 1]), 5),
+                "sigma": round(float(places.sigma[k]), 5),
                 **{f"{side}_mm": round(float(own[side]), 2) for side in ("left", "top", "right", "bottom")},
                 "x_sigma_mm": round(1e3 * float(place_sigma[k, 0]), 2),
                 "y_sigma_mm": round(1e3 * float(place_sigma[k, 1]), 2),
@@ -336,8 +334,3 @@ def write_places(document: dict[str, Any], folder: Path) -> None:
         rows.writeheader()
         rows.writerows(document["balls"])
     write_json(document, folder / "put_back.json")
-
-
-def _round_metres(value: float) -> float:
-    """Round to a hundredth of a millimetre."""
-    return round(float(value), 5)

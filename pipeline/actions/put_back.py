@@ -255,17 +255,12 @@ class PlacementGuide:
         moved = build_camera(
             location.corners, location.covariance, table, location.perspective, camera.width_px, camera.height_px
         )
+        sigma_of_middle = estimate_place_sigma(moved, table, np.array([[table.length / 2, table.width / 2]]))
         note = (
             f"The camera has moved: the corners of the table are {shift:.0f} px away; calibrated anew, to"
-            f" {_estimate_middle_sigma_mm(moved, table):.1f} mm"
+            f" {1e3 * np.hypot(*sigma_of_middle[0]):.1f} mm"
         )
         return moved, shift, note
-
-
-def _estimate_middle_sigma_mm(camera: Camera, table: Table) -> float:
-    """Return the standard deviation (mm) of a place in the middle of the table by the calibration alone."""
-    middle = np.array([[table.length / 2, table.width / 2]])
-    return 1e3 * float(np.hypot(*estimate_place_sigma(camera, table, middle)[0]))
 
 
 def _match_colours(balls: Detections, camera: Camera, wanted: WantedPlaces) -> FloatArray:

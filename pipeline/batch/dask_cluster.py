@@ -51,19 +51,12 @@ def start_local_client(jobs: int) -> Iterator[Client]:
     _quiet_dask()
     remove_leftovers(Path(tempfile.gettempdir()), SCRATCH_NAME)
     with tempfile.TemporaryDirectory(prefix=f".{SCRATCH_NAME}.", suffix=part_suffix()) as scratch:
-        common = {
-            "protocol": "inproc",
-            "dashboard": False,
-            "dashboard_address": f"{LOOPBACK}:0",
-            "local_directory": scratch,
-        }
-        worker_options = common | {"nthreads": jobs, "memory_limit": 0}
+        place = {"dashboard_address": f"{LOOPBACK}:0", "local_directory": scratch}
+        common = {"protocol": "inproc", "dashboard": False, **place}
+        scheduler = {"cls": Scheduler, "options": common}
+        worker = {"cls": Worker, "options": common | {"nthreads": jobs, "memory_limit": 0}}
         with (
-            SpecCluster(
-                scheduler={"cls": Scheduler, "options": common},
-                workers={0: {"cls": Worker, "options": worker_options}},
-                silence_logs=logging.CRITICAL,
-            ) as cluster,
+            SpecCluster(scheduler=scheduler, workers={0: worker}, silence_logs=logging.CRITICAL) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):
             try:
@@ -123,9 +116,7 @@ def require_usable_workers(client: Client, cache: ResultCache, out: Path, clip: 
     try:
         for worker in client.nthreads():
             name = f"{probe}-{uuid4().hex}{end}"
-            answer = _probe_worker(
-                client, worker, str(cache.root.absolute()), str(ours.absolute()), str(clip.absolute()), name
-            )
+            answer = _probe_worker(client, worker, *(str(one.absolute()) for one in (cache.root, ours, clip)), name)
             if answer is not None:
                 require_usable_answer(worker, answer, cache, name, out, clip)
     finally:

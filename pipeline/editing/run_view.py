@@ -140,7 +140,12 @@ def compare_runs(before: ClipRun, after: ClipRun) -> list[dict[str, str]]:
     renamed = replace(before.fit.naming, looks={**before.fit.naming.looks, **looks})
     calls = list_calls(replace(before, fit=replace(before.fit, naming=renamed)))
     changes += compare_events(replace(events, a=a, b=b), after.fit.events, after.fit.naming)
-    return changes + compare_calls(calls, list_calls(after))
+    changes += [
+        {"kind": "call", "text": f"{question} {answer} (before: {calls.get(question, 'no answer')})"}
+        for question, answer in list_calls(after).items()
+        if calls.get(question) != answer
+    ]
+    return changes
 
 
 def match_names(before: Tracks, after: Tracks) -> dict[str, str]:
@@ -217,23 +222,6 @@ def compare_events(before: Events, after: Events, naming: Naming) -> list[dict[s
         for i in unmatched
     ]
     return changes
-
-
-def compare_calls(before: dict[str, str], after: dict[str, str]) -> list[dict[str, str]]:
-    """Compare the answers of two runs.
-
-    Args:
-        before: Answers of the earlier run by question.
-        after: Answers of the later run.
-
-    Returns:
-        Per different answer the `kind` call and a `text`.
-    """
-    return [
-        {"kind": "call", "text": f"{question} {answer} (before: {before.get(question, 'no answer')})"}
-        for question, answer in after.items()
-        if before.get(question) != answer
-    ]
 
 
 def _describe_balls(run: ClipRun) -> list[dict[str, Any]]:

@@ -40,18 +40,6 @@ def write_gap_files(report: DiagnosisReport, folder: Path) -> None:
     write_json(build_gap_document(report), folder / "gap.json")
 
 
-def has_fitted_model(report: DiagnosisReport) -> bool:
-    """Return whether a diagnosis has fitted parameters to write.
-
-    Args:
-        report: Result of a diagnosis.
-
-    Returns:
-        False if the shots were too few to test anything.
-    """
-    return bool(report.fitted)
-
-
 def write_profile_files(
     report: DiagnosisReport, table: Table, folder: Path, views: Mapping[str, Any] = MappingProxyType({})
 ) -> None:
@@ -62,7 +50,7 @@ def write_profile_files(
         folder: Folder of the files.
         views: View, cloth and balls of the shots, of `collect_views`.
     """
-    if not has_fitted_model(report):
+    if not report.fitted:
         return
     cushion, ball = report.forms
     fitted = [Parameter(one.name, one.value, one.sigma, one.unit, one.prior_only) for one in report.fitted]

@@ -89,6 +89,13 @@ def read_csv_columns(path: Path, wanted: tuple[str, ...]) -> Columns:
     return table.columns
 
 
+def read_source(folder: Path) -> dict[str, Any]:
+    """Read what a run folder notes of its clip, see `chain.write_source`; empty where it notes nothing."""
+    with suppress(OSError, ValueError, TypeError):
+        return dict(json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8")))
+    return {}
+
+
 def identify_clip(source: Path) -> str:
     """Identify what a run folder or a track folder was made from.
 
@@ -100,12 +107,9 @@ def identify_clip(source: Path) -> str:
         be read.
     """
     folder = source if source.is_dir() else source.parent
-    part: dict[str, Any] = {}
-    with suppress(OSError, ValueError):
-        part = json.loads((folder / SOURCE_FILE).read_text(encoding="utf-8"))
     with suppress(OSError, ValueError, KeyError, TypeError):
         digest = json.loads((folder / "scene.json").read_text(encoding="utf-8"))["clip"]["sha256"]
-        return f"{digest} {part.get('first', 0)}"
+        return f"{digest} {read_source(folder).get('first', 0)}"
     with suppress(OSError), (source / "tracks.csv" if source.is_dir() else source).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return ""

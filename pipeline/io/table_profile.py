@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
     FiniteFloat,
     PositiveFloat,
     ValidationError,
-    field_validator,
     model_validator,
 )
 
@@ -29,9 +30,8 @@ from models.estimation.table_learning.learned_table import (
     LearnedTable,
 )
 from models.estimation.whole_shot.known_table import TablePrior, build_table_prior
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
 from models.physics.billiards.ball_cushion.rebound_correction import WEIGHT_COUNT
+from models.physics.billiards.contact_models import BALL_MODEL_CHOICE, CUSHION_MODEL_CHOICE
 from models.physics.billiards.parameter_vector import (
     PARAMETER_NAMES,
     ROLLING_MU,
@@ -53,21 +53,17 @@ class ProfileNumberEntry(BaseModel):
     sigma: FiniteFloat | None = Field(default=None, gt=0)
 
 
+def _require_form(choice: ModelChoice, name: str) -> str:
+    if name not in choice.forms:
+        raise ValueError(f"{choice.name} is one of {', '.join(choice.forms)}; got {name!r}")
+    return name
+
+
 class ProfileLawsEntry(BaseModel):
     """Contact models of the table."""
 
-    cushion: str = "mirror"
-    ball: str = "inelastic"
-
-    @field_validator("cushion")
-    @classmethod
-    def _require_cushion_model(cls, name: str) -> str:
-        return _require_form(name, CUSHION_MODEL_CHOICE)
-
-    @field_validator("ball")
-    @classmethod
-    def _require_ball_model(cls, name: str) -> str:
-        return _require_form(name, BALL_MODEL_CHOICE)
+    cushion: Annotated[str, AfterValidator(partial(_require_form, CUSHION_MODEL_CHOICE))] = "mirror"
+    ball: Annotated[str, AfterValidator(partial(_require_form, BALL_MODEL_CHOICE))] = "inelastic"
 
 
 class ScatterEntry(BaseModel):
@@ -78,18 +74,17 @@ class ScatterEntry(BaseModel):
     side_spin: PositiveFloat
 
 
+def _require_weight_count(weights: list[float]) -> list[float]:
+    if weights and len(weights) != WEIGHT_COUNT:
+        raise ValueError(f"a correction has {WEIGHT_COUNT} weights; got {len(weights)}")
+    return weights
+
+
 class CorrectionEntry(BaseModel):
     """Network that corrects the cushion model; without weights there is none."""
 
     gain: FiniteFloat | None = None
-    weights: list[FiniteFloat] = []
-
-    @field_validator("weights")
-    @classmethod
-    def _require_weight_count(cls, weights: list[float]) -> list[float]:
-        if weights and len(weights) != WEIGHT_COUNT:
-            raise ValueError(f"a correction has {WEIGHT_COUNT} weights; got {len(weights)}")
-        return weights
+    weights: Annotated[list[FiniteFloat], AfterValidator(_require_weight_count)] = []
 
 
 class CovarianceEntry(BaseModel):
@@ -255,12 +250,6 @@ def parse_cloth_priors(text: str) -> tuple[Prior, Prior]:
         replace(sliding, sigma=CLOTH_SPREAD),
         replace(rolling, sigma=float(np.hypot(CLOTH_SPREAD, ROLLING_MODEL_SIGMA))),
     )
-
-
-def _require_form(name: str, choice: ModelChoice) -> str:
-    if name not in choice.forms:
-        raise ValueError(f"{choice.name} is one of {', '.join(choice.forms)}; got {name!r}")
-    return name
 
 
 # Parameters without which no ball behaves as on a table.

@@ -19,8 +19,7 @@ from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import WALL_EFFECTS, build_sliding_scene
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE
+from models.physics.billiards.contact_models import BALL_MODEL_CHOICE, CUSHION_MODEL_CHOICE
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import find_nearest_preset, scale_ball_mass
 from pipeline.io.surroundings import WALL_SPELLINGS, Limits

@@ -5,11 +5,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FiniteFloat, PositiveFloat, PositiveInt, ValidationError, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    FiniteFloat,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+)
 
 from models.core.errors import OptionError
 from models.core.fit_result import Parameter
@@ -39,27 +48,27 @@ class ImageSizeEntry(BaseModel):
     height_px: PositiveInt
 
 
+def _require_shape(shape: tuple[int, int], name: str, rows: list[list[float]]) -> list[list[float]]:
+    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
+        raise ValueError(f"{name} has {shape[0]} rows of {shape[1]} numbers")
+    return rows
+
+
+def _require_covariance(rows: list[list[float]]) -> list[list[float]]:
+    values = np.array(_require_shape((8, 8), "corner_covariance_px2", rows))
+    if not np.allclose(values, values.T) or np.linalg.eigvalsh(values)[0] <= 0:
+        raise ValueError("corner_covariance_px2 must be symmetric with eigenvalues above 0")
+    return rows
+
+
 class ViewEntry(BaseModel):
     """Corners of the noses in the images of a camera that stands still."""
 
     model_config = ConfigDict(extra="allow")
     image: ImageSizeEntry
-    corners_px: list[list[FiniteFloat]]
-    corner_covariance_px2: list[list[FiniteFloat]]
+    corners_px: Annotated[list[list[FiniteFloat]], AfterValidator(partial(_require_shape, (4, 2), "corners_px"))]
+    corner_covariance_px2: Annotated[list[list[FiniteFloat]], AfterValidator(_require_covariance)]
     shots: PositiveInt = 1
-
-    @field_validator("corners_px")
-    @classmethod
-    def _require_corners(cls, rows: list[list[float]]) -> list[list[float]]:
-        return _require_shape(rows, (4, 2), "corners_px")
-
-    @field_validator("corner_covariance_px2")
-    @classmethod
-    def _require_covariance(cls, rows: list[list[float]]) -> list[list[float]]:
-        values = np.array(_require_shape(rows, (8, 8), "corner_covariance_px2"))
-        if not np.allclose(values, values.T) or np.linalg.eigvalsh(values)[0] <= 0:
-            raise ValueError("corner_covariance_px2 must be symmetric with eigenvalues above 0")
-        return rows
 
 
 class ClothEntry(BaseModel):
@@ -324,9 +333,3 @@ def _add_effects(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
             "value": value, "sigma": math.sqrt(variance), "unit": own.get("unit", ""), "shots": shots,
         }  # fmt: skip
     return notes
-
-
-def _require_shape(rows: list[list[float]], shape: tuple[int, int], name: str) -> list[list[float]]:
-    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
-        raise ValueError(f"{name} has {shape[0]} rows of {shape[1]} numbers")
-    return rows

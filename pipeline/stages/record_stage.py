@@ -35,14 +35,8 @@ def record_stage(options: RecordOptions) -> Stage:
     Returns:
         The stage `record`, whose output is a folder with recording.rrd.
     """
-    return Stage(
-        "record",
-        __name__,
-        ("read", options.detections, *list_view_inputs(options.fit)),
-        None,
-        _record_layers,
-        options,
-    )
+    needs = ("read", options.detections, *list_view_inputs(options.fit))
+    return Stage("record", __name__, needs, None, _record_layers, options)
 
 
 def _record_layers(inputs: Inputs, options: RecordOptions, folder: Path, progress: Progress) -> None:

@@ -63,17 +63,14 @@ def _estimate_background(inputs: Inputs, options: NoOptions, folder: Path, progr
 
 def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
     """Draw the poster, and note when the slow motion begins."""
-    from video.matting.ball_timeline import read_rows
-    from video.overlay.poster import Poster
+    from pipeline.io.image_file import write_image
+    from video.overlay.poster import draw_poster
     from video.overlay.slow_motion import find_output_times  # slow to import
 
     clip, shot, background = inputs["read"], inputs["explain"], inputs["background"]
     tracks, fit = shot.tracks, view_run(shot)
-    poster, timeline = Poster.for_background(background), background.timeline
-    for row, image in read_rows(clip, timeline, poster.rows):
-        poster.add_frame(row, image)
-    poster.write(tracks, fit, folder / "poster.png", options)
-    start = float(find_output_times(clip, timeline, options)[0])
+    write_image(draw_poster(clip, background, tracks, fit, options), folder / "poster.png")
+    start = float(find_output_times(clip, background.timeline, options)[0])
     (folder / START_FILE).write_text(json.dumps(start), encoding="utf-8")
 
 

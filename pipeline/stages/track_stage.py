@@ -40,15 +40,8 @@ def _build_tracks(
     from models.tracking.build_tracks import build_tracks
 
     clip, scene = inputs["read"], inputs["calibrate"]
-    tracks = build_tracks(
-        inputs[detections],
-        clip.distinct_frames,
-        clip.times_of(clip.distinct_frames),
-        scene,
-        options,
-        progress,
-        corrections,
-    )
+    frames, times = clip.distinct_frames, clip.times_of(clip.distinct_frames)
+    tracks = build_tracks(inputs[detections], frames, times, scene, options, progress, corrections)
     classified = [find_tracked_ball(tracks, edit.ball) for edit in corrections.tracks if edit.kind == "class"]
     looks = look_at_balls(clip, scene, tracks, [ball for ball in classified if ball is not None])
     return replace(tracks, looks=correct_looks(tracks.ids, looks, json.loads(options.looks or "{}")))

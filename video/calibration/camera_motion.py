@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -173,17 +173,17 @@ def detect_camera_motion(reference: ReferenceFeatures, images: list[ByteArray]) 
     Returns:
         True if the table shifts by more than `MAX_STILL_SHIFT_PX`; None where the images do not show the same view.
     """
+    shifts = measure_shifts_of_images(reference, images, 0.7)
+    return None if shifts is None else len(shifts) >= 2 and shifts[-2] > MAX_STILL_SHIFT_PX
+
+
+def measure_shifts_of_images(
+    reference: ReferenceFeatures, images: Sequence[ByteArray], least_share: float
+) -> list[float] | None:
+    """Measure how far images are shifted, px, the least first; None where fewer than a share can be registered."""
     registrations = [register_image(reference, image) for image in images]
-    reliable = [
-        registration
-        for registration in registrations
-        if registration is not None and registration.share > MIN_INLIER_SHARE
-    ]
-    if len(reliable) < 0.7 * len(registrations):
-        return None
-    shifts = sorted(registration.shift for registration in reliable)
-    # A single image may mislead: a graphic that slides in, a player who leans on the rail.
-    return len(shifts) >= 2 and shifts[-2] > MAX_STILL_SHIFT_PX
+    shifts = sorted(one.shift for one in registrations if one is not None and one.share > MIN_INLIER_SHARE)
+    return None if len(shifts) < least_share * len(registrations) else shifts
 
 
 def estimate_camera_motion(

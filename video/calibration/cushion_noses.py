@@ -84,18 +84,11 @@ def find_cushion_noses(image: ImageArray, outer: FloatArray) -> CushionNoses | N
     outer = refine_outer_corners(image, (outer + 0.5) * scale - 0.5)
     sides = [sample_side_profiles(image, outer, k) for k in range(4)]
     choice = _select_nose_lines(sides, outer, image.shape[1], image.shape[0])
-    if sum(choice.is_visible) < 2:
-        return None
     lines = [
         fit_side_line(side, depth, choice.cushion) if visible else _assume_line_at(side, depth, sigma)
         for side, depth, visible, sigma in zip(sides, choice.depths, choice.is_visible, choice.sigmas, strict=True)
     ]
-    corners = intersect_lines([fitted.coefficients for fitted in lines])
-    if corners is None:
-        return None
-    bend = max(fitted.bend for fitted, visible in zip(lines, choice.is_visible, strict=True) if visible)
-    noses = CushionNoses(corners, _corner_covariance(lines), choice.cushion, choice.is_visible, choice.misfit, bend)
-    return _enlarge(noses, 1 / scale)
+    return _assemble_noses(lines, choice.is_visible, choice.cushion, choice.misfit, scale)
 
 
 def _reduce_image(image: ImageArray) -> tuple[ImageArray, float]:
@@ -108,12 +101,16 @@ def _reduce_image(image: ImageArray) -> tuple[ImageArray, float]:
     return np.asarray(small, np.uint8), scale
 
 
-def _enlarge(noses: CushionNoses, factor: float) -> CushionNoses:
-    """Return noses in the pixels of an image that is `factor` times as large."""
-    corners = (noses.corners + 0.5) * factor - 0.5
-    return replace(
-        noses, corners=corners, covariance=noses.covariance * factor**2, straightness=noses.straightness * factor
-    )
+def _assemble_noses(
+    lines: list[FittedLine], is_visible: tuple[bool, ...], cushion: float, misfit: float, scale: float
+) -> CushionNoses | None:
+    """Assemble noses from lines in an image reduced by `scale`; None where fewer than two are visible."""
+    corners = intersect_lines([line.coefficients for line in lines])
+    if sum(is_visible) < 2 or corners is None:
+        return None
+    bend = max(line.bend for line in lines)
+    covariance = _corner_covariance(lines, corners) / scale**2
+    return CushionNoses((corners + 0.5) / scale - 0.5, covariance, cushion, is_visible, misfit, bend / scale)
 
 
 def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArray) -> CushionNoses | None:
@@ -144,12 +141,7 @@ def find_noses_near(image: ImageArray, corners: FloatArray, covariance: FloatArr
         is_visible.append(bool(len(near)))
         nearest = near[np.argmin(np.abs(near - USUAL_CUSHION))] if len(near) else 0.0
         lines.append(fit_side_line(side, float(nearest), USUAL_CUSHION) if len(near) else expected)
-    nose_corners = intersect_lines([line.coefficients for line in lines])
-    if sum(is_visible) < 2 or nose_corners is None:
-        return None
-    bend = max(line.bend for line in lines)
-    noses = CushionNoses(nose_corners, _corner_covariance(lines), USUAL_CUSHION, tuple(is_visible), 0.0, bend)
-    return _enlarge(noses, 1 / scale)
+    return _assemble_noses(lines, tuple(is_visible), USUAL_CUSHION, 0.0, scale)
 
 
 def _expect_line(corners: FloatArray, covariance: FloatArray, side: int) -> FittedLine:
@@ -253,17 +245,15 @@ def _assume_line_at(side: SideProfiles, depth: float, depth_sigma: float) -> Fit
     return FittedLine(fitted.coefficients, fitted.centre, sigma, 0.3 * sigma / side_extent(side), 0.0)
 
 
-def _corner_covariance(lines: list[FittedLine]) -> FloatArray:
-    """Propagate offsets and angles of the lines to the covariance (8, 8) px^2 of the four corners."""
-    base = intersect_lines([line.coefficients for line in lines])
-    assert base is not None
+def _corner_covariance(lines: list[FittedLine], corners: FloatArray) -> FloatArray:
+    """Propagate offsets and angles of the lines to the covariance (8, 8) px^2 of their corners (4, 2)."""
     columns = []
     for k, line in enumerate(lines):
-        for kind, sigma in (("offset", line.offset_sigma), ("angle", line.angle_sigma)):
+        for offset, angle in ((line.offset_sigma, 0.0), (0.0, line.angle_sigma)):
             perturbed = [other.coefficients for other in lines]
-            perturbed[k] = _perturb_line(line, sigma if kind == "offset" else 0.0, sigma if kind == "angle" else 0.0)
-            corners = intersect_lines(perturbed)
-            columns.append(((corners if corners is not None else base) - base).ravel())
+            perturbed[k] = _perturb_line(line, offset, angle)
+            moved = intersect_lines(perturbed)
+            columns.append(((corners if moved is None else moved) - corners).ravel())
     jacobian = np.column_stack(columns)
     covariance: FloatArray = jacobian @ jacobian.T
     return covariance

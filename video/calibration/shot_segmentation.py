@@ -22,6 +22,7 @@ from models.core.typing import ByteArray, FloatArray
 from video.calibration.cloth_region import find_cloth_regions
 from video.calibration.table_finder import locate_table
 from video.io.clip import Clip, read_frames
+from video.io.duplicate_frames import measure_nth_largest
 
 # px, height of the reduced frame: the smallest ball of a table that fills the frame covers four of its pixels.
 SCAN_HEIGHT_PX = 180
@@ -29,8 +30,6 @@ SCAN_HEIGHT_PX = 180
 COMPARISON_GAP_S = 0.12
 # Grey levels of the fourth largest change on the cloth; coding and a flickering lamp reach up to 10.
 MIN_MOTION_CHANGE = 16.0
-# Rank of the change that is used: one flickering pixel is no motion.
-CHANGE_RANK = 4
 # Share of the cloth that changes where a person or the camera moves; 16 balls of a break cover 2.5 %, twice.
 LARGE_SHARE = 0.05
 # s without motion that separate two shots.
@@ -219,7 +218,7 @@ def is_replay(shown: list[ByteArray], earlier: list[ByteArray]) -> bool:
     coarse, matches = _reduce_images(earlier), list[int]()
     for k in samples:
         nearest = np.argsort(np.abs(coarse - _reduce_images([shown[k]])).sum(axis=1))[:REPLAY_CANDIDATES]
-        changes = [_nth_largest_change(cv2.absdiff(shown[k], earlier[one]).ravel()) for one in nearest]
+        changes = [measure_nth_largest(cv2.absdiff(shown[k], earlier[one])) for one in nearest]
         if min(changes) < MIN_MOTION_CHANGE:
             matches.append(int(nearest[int(np.argmin(changes))]))
     if len(matches) < MIN_REPLAY_SHARE * REPLAY_SAMPLES:
@@ -304,7 +303,7 @@ def _scan_view(clip: Clip, view: _View, images: Iterator[tuple[int, ByteArray]])
         change, share = np.nan, 0.0
         if view.cloth is not None and recent:
             difference = cv2.absdiff(recent[0][1], grey)[view.cloth > 0]
-            change, share = _nth_largest_change(difference), float(np.mean(difference > MIN_MOTION_CHANGE))
+            change, share = measure_nth_largest(difference), float(np.mean(difference > MIN_MOTION_CHANGE))
         view.change.append(change)
         view.share.append(share)
         if view.cloth is not None and change > MIN_MOTION_CHANGE:
@@ -339,9 +338,3 @@ def _cloth_mask(image: ByteArray) -> ByteArray | None:
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, regions[0].corners.round().astype(np.int32), 255)
     return mask
-
-
-def _nth_largest_change(change: ByteArray) -> float:
-    """Return the change of rank `CHANGE_RANK`; 0 for smaller arrays."""
-    place = change.size - CHANGE_RANK
-    return float(np.partition(change, place)[place]) if place >= 0 else 0.0

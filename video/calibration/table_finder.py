@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, ignore_progress
-from models.core.scene import BallSize, Camera, Scene, Table, combine_ball_sizes, find_contradictions
+from models.core.scene import Camera, Scene, combine_ball_sizes, find_contradictions
 from models.core.typing import FloatArray, ImageArray
 from models.numerics.statistics import intersect_estimates
 from models.physics.billiards.tables import (
@@ -122,7 +123,6 @@ def calibrate_clip(
         TableNotFound: no table can be trusted; the message is one sentence for the user.
         OptionError: an option is not meaningful.
     """
-    requested = _choose_table(options, prior)
     frames, swaying = _sample_frame_indices(clip), _select_swaying_frames(clip)
     shown = dict(read_frames(clip, indices=np.union1d(frames, swaying)))
     images = [shown[frame] for frame in frames.tolist()]
@@ -136,22 +136,16 @@ def calibrate_clip(
             _warp_to_reference(image, motion[k]) for image, k in zip(images, frames - clip.first_frame, strict=True)
         ]
         background = compute_median_image(images)
-        location = _locate_in_image(background, clip, options.corners)
-    table, ball_sizes, table_notes, warnings = _identify_table(location, background, images, requested, options, prior)
-    camera = _build_table_camera(location, background, table)
+        if options.corners is None:
+            location = locate_table(background, clip.path.name)
+        else:
+            location = _locate_from_option(options.corners, background, clip.stored_scale)
+    scene = _build_scene(location, background, images, options, prior)
     progress(1.0)
-    notes = (
-        *location.notes,
-        *table_notes,
-        _height_note(camera, location.perspective),
-        *_motion_notes(camera, motion, lost),
-    )
-    cloth = _convert_rgb_to_lab(location.cloth_colour)
-    if prior is not None and not prior.agrees_with_cloth(cloth):
+    notes = (*scene.notes, *_motion_notes(scene.camera, motion, lost))
+    if prior is not None and not prior.agrees_with_cloth(scene.cloth_lab):
         notes += (CLOTH_MISFIT,)
-    return Scene(
-        table, replace(camera, motion=motion, first_frame=clip.first_frame), cloth, notes, warnings, ball_sizes
-    )
+    return replace(scene, camera=replace(scene.camera, motion=motion, first_frame=clip.first_frame), notes=notes)
 
 
 def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "the image") -> Scene:
@@ -169,25 +163,9 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
         TableNotFound: no table can be trusted; the message is one sentence for the user.
         OptionError: an option is not meaningful.
     """
-    requested = parse_table(options.table) if options.table is not None else None
     corners = options.corners
     location = locate_table(image, name) if corners is None else _locate_from_option(corners, image, (1.0, 1.0))
-    table, ball_sizes, table_notes, warnings = _identify_table(location, image, [image], requested, options)
-    camera = _build_table_camera(location, image, table)
-    return Scene(
-        table,
-        camera,
-        _convert_rgb_to_lab(location.cloth_colour),
-        (*location.notes, *table_notes, _height_note(camera, location.perspective)),
-        warnings,
-        ball_sizes,
-    )
-
-
-def _locate_in_image(image: ImageArray, clip: Clip, corners: str | None) -> TableLocation:
-    if corners is None:
-        return locate_table(image, clip.path.name)
-    return _locate_from_option(corners, image, clip.stored_scale)
+    return _build_scene(location, image, [image], options)
 
 
 def _locate_in_clip(
@@ -203,13 +181,6 @@ def _locate_in_clip(
         return locate_table(background, clip.path.name), background
     except TableNotFound:
         return locate_table(images[0], clip.path.name), images[0]
-
-
-def _choose_table(options: CalibrateOptions, prior: ViewPrior | None) -> Table | None:
-    """Return the table of the user, else that of earlier clips, else None."""
-    if options.table is not None:
-        return parse_table(options.table)
-    return None if prior is None else prior.table
 
 
 def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableLocation:
@@ -356,14 +327,13 @@ def locate_table(image: ImageArray, name: str = "the image") -> TableLocation:
         raise TableNotFound(
             f"{name} shows a court without cushions, with {along + across} painted lines; film a billiard table"
         )
+    shifts = [-int(np.argmin(np.linalg.norm(one - corners[0], axis=1))) for one in (noses.corners, best.outer)]
+    order = np.roll(np.arange(8).reshape(4, 2), shifts[0], axis=0).ravel()
+    outer = np.roll(best.outer, shifts[1], axis=0)
     return TableLocation(
-        *_reorder_covariance(corners, noses),
-        perspective,
-        best.region.colour,
-        _align_outer_corners(best.outer, corners),
-        _edge_notes(noses),
+        corners, noses.covariance[np.ix_(order, order)], perspective, best.region.colour, outer, _edge_notes(noses),
         sum(noses.is_visible),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -408,18 +378,6 @@ def _explain_attempt(attempt: _Attempt | None) -> str:
     if attempt.noses is None:
         return f"shows a cloth without visible cushion noses; {GIVE_CORNERS}"
     return f"shows a cloth whose sides do not look like four equal cushions; {GIVE_CORNERS}"
-
-
-def _reorder_covariance(corners: FloatArray, noses: CushionNoses) -> tuple[FloatArray, FloatArray]:
-    """Return oriented corners with the covariance in the same order."""
-    shift = int(np.argmin(np.linalg.norm(noses.corners - corners[0], axis=1)))
-    order = np.roll(np.arange(8).reshape(4, 2), -shift, axis=0).ravel()
-    return corners, noses.covariance[np.ix_(order, order)]
-
-
-def _align_outer_corners(outer: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the outer corners in the order of the nose corners."""
-    return np.roll(outer, -int(np.argmin(np.linalg.norm(outer - corners[0], axis=1))), axis=0)
 
 
 def _mean_sigma(covariance: FloatArray) -> float:
@@ -531,32 +489,34 @@ def parse_corners(text: str, width: int, height: int) -> FloatArray:
     following = np.roll(edges, -1, axis=0)
     turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
     # Check the turns first: coincident corners have no line through them.
-    if np.any(turns < 1.0) or not _sides_intersect(ordered):
+    if np.any(turns < 1.0) or intersect_lines(list(map(line_through, ordered, np.roll(ordered, -1, axis=0)))) is None:
         raise OptionError(f"--corners must be the four corners of a convex quadrangle; got {text!r}")
     return ordered
 
 
-def _sides_intersect(corners: FloatArray) -> bool:
-    """Check whether adjacent sides of a quadrangle (4, 2) intersect as lines."""
-    return intersect_lines([line_through(corners[i], corners[(i + 1) % 4]) for i in range(4)]) is not None
-
-
-def _identify_table(
+def _build_scene(
     location: TableLocation,
     background: ImageArray,
     images: list[ImageArray],
-    requested: Table | None,
     options: CalibrateOptions,
     prior: ViewPrior | None = None,
-) -> tuple[Table, tuple[BallSize, ...], tuple[str, ...], tuple[str, ...]]:
-    """Identify table and ball size.
+) -> Scene:
+    """Identify table and ball size, and build the camera.
 
-    Returns:
-        The requested or classified table with the combined ball size, the estimates of that size, notes, and warnings
-        about alternatives and contradictions.
+    Args:
+        background: the image, or what stands still in the clip.
+        images: images in which balls are measured.
+        options: table and ball radius if the user gave them.
+        prior: table of earlier clips.
     """
+    height, width = background.shape[:2]
+    corners, covariance, perspective = location.corners, location.covariance, location.perspective
+    build = partial(build_camera, corners, covariance, perspective=perspective, width_px=width, height_px=height)
+    requested = None if prior is None else prior.table
+    if options.table is not None:
+        requested = parse_table(options.table)
     trial = TABLE_PRESETS["pool-9ft"] if requested is None else requested
-    sizes = measure_ball_sizes(images, background, _build_table_camera(location, background, trial), trial)
+    sizes = measure_ball_sizes(images, background, build(trial), trial)
     warnings: tuple[str, ...] = ()
     if requested is not None:
         table, notes = requested, ("table size was given by the user",)
@@ -564,11 +524,14 @@ def _identify_table(
         if options.table is None and prior is not None:
             notes, nominal = ("table and ball size are those of the profile",), prior.ball_size
     else:
-        own = location.automatic or location
-        classification = classify_table(sizes, _find_pockets(own, background), has_snooker_d(background, own.corners))
+        own, pockets = location.automatic or location, None  # unknown where the outer edge of the cloth is not located
+        if own.outer_corners is not None:
+            share = measure_pocket_share(background, own.outer_corners, own.corners, own.cloth_colour)
+            pockets = share > MIN_POCKET_SHARE
+        classification = classify_table(sizes, pockets, has_snooker_d(background, own.corners))
         table, warnings = classification.table, classification.warnings
         notes, nominal = (classification.note,), classification.estimate_ball_size()
-        aspect = location.perspective.aspect
+        aspect = perspective.aspect
         if abs(aspect / (table.length / table.width) - 1) > UNUSUAL_ASPECT_SHARE:
             table = replace(table, width=table.length / aspect)
             warnings += (
@@ -585,20 +548,9 @@ def _identify_table(
     radius = combine_ball_sizes(estimates).radius
     if radius != table.ball_radius:
         table = replace_ball_radius(table, radius)
-    return table, estimates, (*notes, *warnings), warnings
-
-
-def _find_pockets(location: TableLocation, background: ImageArray) -> bool | None:
-    """Find out whether a table has pockets; None where the outer edge of its cloth is not located."""
-    outer = location.outer_corners
-    if outer is None:
-        return None
-    return measure_pocket_share(background, outer, location.corners, location.cloth_colour) > MIN_POCKET_SHARE
-
-
-def _build_table_camera(location: TableLocation, background: ImageArray, table: Table) -> Camera:
-    height, width = background.shape[:2]
-    return build_camera(location.corners, location.covariance, table, location.perspective, width, height)
+    camera = build(table)
+    notes_of_all = (*location.notes, *notes, *warnings, _height_note(camera, perspective))
+    return Scene(table, camera, _convert_rgb_to_lab(location.cloth_colour), notes_of_all, warnings, estimates)
 
 
 def _height_note(camera: Camera, perspective: PerspectiveFit) -> str:

@@ -28,6 +28,8 @@ POSITION_COSTS = np.add.outer(FAR_COST * np.arange(len(LABEL_GAPS)), RANK_COST *
 PANEL_POSITIONS = ((0, 1), (1, 1), (0, 0), (1, 0), (0.5, 1), (0.5, 0), (0, 0.5), (1, 0.5))
 # Cost of a panel outside the corners, in the unit of the cost map.
 NO_CORNER_COST = 0.2
+# px of the frame per cell of the panel cost map.
+COST_CELL_PX = 8
 # Margin between panels and the border of the image, share of the image height.
 PANEL_MARGIN = 0.022
 
@@ -132,16 +134,14 @@ def place_panel(
     image_size: tuple[int, int],
     cost_map: FloatArray,
     obstacles: Obstacles,
-    map_scale: float,
 ) -> Rect:
     """Choose the position on the border of the image, preferably a corner, where a panel hides least.
 
     Args:
         size: Width and height of the panel, px.
         image_size: Width and height of the image, px.
-        cost_map: Coarse map of the image (h, w): cost of a hidden cell.
+        cost_map: Coarse map of the image (h, w): cost of a hidden cell of `COST_CELL_PX`.
         obstacles: Rectangles that must stay free, px.
-        map_scale: Cells of the map per pixel of the image.
 
     Returns:
         The rectangle of the panel, px.
@@ -151,8 +151,8 @@ def place_panel(
     best, least = (margin, margin, float(size[0]), float(size[1])), np.inf
     for u, v in PANEL_POSITIONS:
         rect = (float(margin + u * free_space[0]), float(margin + v * free_space[1]), float(size[0]), float(size[1]))
-        x0, y0 = int(rect[0] * map_scale), int(rect[1] * map_scale)
-        part = cost_map[y0 : y0 + max(1, int(size[1] * map_scale)), x0 : x0 + max(1, int(size[0] * map_scale))]
+        x0, y0, columns, rows = (int(side / COST_CELL_PX) for side in rect)
+        part = cost_map[y0 : y0 + max(1, rows), x0 : x0 + max(1, columns)]
         hidden = (float(part.mean()) if part.size else np.inf) + NO_CORNER_COST * (0.5 in (u, v))
         total = hidden + 100 * overlap_share(rect, obstacles)
         if total < least:

@@ -11,7 +11,7 @@ import numpy as np
 from models.core.naming import Naming
 from models.core.scene import Table
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import SHIFT
+from video.drawing.masks import SHIFT
 from video.drawing.palette import INK, WHITE, Colour, mix_colours
 from video.drawing.table_plan import SUPERSAMPLE, TableInset, draw_table_plan
 

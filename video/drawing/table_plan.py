@@ -14,10 +14,9 @@ from models.core.ball_look import WHITE, BallLook, Colour
 from models.core.naming import Naming, TableView, find_table_view
 from models.core.scene import CUSHIONS, Scene, Table
 from models.core.typing import ByteArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT
-from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
-from video.drawing.text import (
+from video.drawing.masks import (
     LINE_SPACING,
+    SHIFT,
     blend_colours,
     blend_mask,
     draw_paragraph,
@@ -26,6 +25,7 @@ from video.drawing.text import (
     text_mask,
     wrap_text,
 )
+from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
 
 # Cloth of a table without footage.
 CLOTH_COLOUR: Colour = (34, 104, 96)
@@ -202,15 +202,6 @@ class TableInset:
         scale = float(np.linalg.norm(self.table_to_canvas[:, 0]))
         radius = round(table.ball_radius * scale * (1 << SHIFT))
         draw_ball_disc(self.canvas, self.to_fixed_point(place).tolist(), radius, look, faded)
-
-    def draw(
-        self, image: ImageArray, x: int, y: int, xy: FloatArray, paths: Sequence[FloatArray], colours: Sequence[Colour]
-    ) -> None:
-        """Draw the plan onto `image` at (x, y) with balls at `xy` (N, 2) m, NaN if absent, and their paths (n, 2) m."""
-        canvas = self.canvas.copy()
-        for path, colour in zip(paths, colours, strict=True):
-            self.add_path(canvas, path, colour)
-        self.draw_with_balls(image, x, y, self.reduce_canvas(canvas), xy, colours)
 
     def add_path(self, canvas: ImageArray, path: FloatArray, colour: Colour) -> None:
         """Draw a path (n, 2) m onto a copy of `canvas`, in place."""

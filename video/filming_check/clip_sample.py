@@ -15,7 +15,6 @@ import numpy as np
 
 from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.io.blended_frames import classify_frames
 from video.io.clip import DEFAULT_FPS, MIN_DISTINCT_FRAMES, Clip, open_clip, require_readable_file
 from video.io.decoder import (
     DecodingDamage,
@@ -26,7 +25,7 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter
+from video.io.duplicate_frames import FrameChangeMeter, classify_frames
 from video.io.frame_layout import read_layout
 from video.io.image_sequence import ImageSequence
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock, nominal_fps

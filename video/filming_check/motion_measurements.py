@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.core.detections import Detections
 from models.core.typing import BoolArray, ByteArray, FloatArray, ImageArray
-from video.calibration.camera_motion import MIN_INLIER_SHARE, register_image, select_reference_features
+from video.calibration.camera_motion import measure_shifts_of_images, register_image, select_reference_features
 
 # Runs of consecutive frames in which balls are measured, and frames of each.
 RUNS, RUN_FRAMES = 4, 3
@@ -129,8 +129,5 @@ def measure_drift(stills: Sequence[ByteArray], corners: FloatArray) -> float:
     reference = select_reference_features(stills[0], corners)
     if register_image(reference, stills[0]) is None:
         return float("nan")
-    registrations = [register_image(reference, image) for image in stills[1:]]
-    shifts = sorted(one.shift for one in registrations if one is not None and one.share > MIN_INLIER_SHARE)
-    if len(shifts) < 0.6 * len(registrations):
-        return float("inf")
-    return shifts[-2] if len(shifts) > 1 else shifts[-1]
+    shifts = measure_shifts_of_images(reference, stills[1:], 0.6)
+    return float("inf") if shifts is None else shifts[-min(len(shifts), 2)]

@@ -52,10 +52,9 @@ def prepare_flow(first: ImageArray, second: ImageArray) -> FlowPair:
     height, width = first.shape[:2]
     shrink = next((by for by, least in SHRINK_FROM_SIDE if min(height, width) >= least), 1)
     size = (-(-width // shrink), -(-height // shrink))
-    small = tuple(_resize_image(image, size) for image in (first, second))
-    grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for image in small]
-    grid, finest = pixel_grid(*grey[0].shape), max(2 - shrink, 0)
-    a, b = grey
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8) for image in (first, second)]
+    a, b = (np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for image in small)
+    grid, finest = pixel_grid(*a.shape), max(2 - shrink, 0)
     shifts = find_ticker_shifts(a, b)
     forward = apply_ticker_shifts(compute_flow(a, b, finest), a, b, shifts, grid)
     backward = apply_ticker_shifts(compute_flow(b, a, finest), b, a, [-shift for shift in shifts], grid)
@@ -98,7 +97,7 @@ class FlowPair:
         for field, cost in zip(fields, costs, strict=True):
             displacement = cv2.resize(field * stretch, (width, height), interpolation=cv2.INTER_LINEAR)
             doubt = np.clip(cost / np.float32(MAX_DISAGREEMENT) - 1, 0, 1)
-            later = cv2.resize(share + (_smooth_step(share) - share) * doubt, (width, height))
+            later = cv2.resize(share + (smooth_step(share) - share) * doubt, (width, height))
             first = _sample_image(self.images[0], grid - np.float32(share) * displacement)
             second = _sample_image(self.images[1], grid + np.float32(1 - share) * displacement)
             mixtures.append(cv2.blendLinear(first, second, 1 - later, later))
@@ -122,8 +121,8 @@ class FlowPair:
         return np.asarray(cv2.blur(difference, (MATCH_WINDOW_PX, MATCH_WINDOW_PX)), dtype=np.float32)
 
 
-def _smooth_step(share: float) -> float:
-    """Return a share that passes quickly through the middle."""
+def smooth_step(share: float) -> float:
+    """Return a share that passes quickly through the middle, so that a hand in a cross-fade appears double briefly."""
     x = float(np.clip((share - 0.3) / 0.4, 0, 1))
     return x * x * (3 - 2 * x)
 
@@ -154,11 +153,6 @@ def _sample_image(image: ImageArray, where: Float32Array) -> ImageArray:
     """Sample an image at places (h, w, 2) px by bilinear interpolation."""
     looked = cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(looked, dtype=np.uint8)
-
-
-def _resize_image(image: ImageArray, size: tuple[int, int]) -> ImageArray:
-    """Reduce an image to a size (w, h) by area averaging."""
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def compute_flow(first: ImageArray, second: ImageArray, finest: int = 1) -> Float32Array:

@@ -10,7 +10,7 @@ import av
 from av.filter import Graph
 
 from video.io.clip import Clip
-from video.io.decoder import demux_packets, open_container
+from video.io.decoder import demux_packets, open_container, pull_frames
 
 # Sample rate of the output, Hz, and its channel layout.
 SAMPLE_RATE_HZ, CHANNEL_LAYOUT = 48000, "stereo"
@@ -65,9 +65,9 @@ def _stretch_audio(clip: Clip, slowdown: float, duration: float) -> Iterator[Any
         for packet in demux_packets(container, stream):
             for frame in packet.decode():
                 source.push(frame)
-                yield from _pull_frames(sink)
+                yield from pull_frames(sink)
         source.push(None)
-        yield from _pull_frames(sink)
+        yield from pull_frames(sink)
         del graph
 
 
@@ -103,12 +103,3 @@ def _build_filter_graph(stream: Any, start: float, slowdown: float, duration: fl
     before.link_to(sink)
     graph.configure()
     return graph, source, sink
-
-
-def _pull_frames(sink: Any) -> Iterator[Any]:
-    """Yield the frames that a filter has ready."""
-    while True:
-        try:
-            yield sink.pull()
-        except (av.error.BlockingIOError, av.error.EOFError):
-            return

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from models.core.errors import ClipError
 from models.core.progress import Progress, ignore_progress
 from models.core.typing import FloatArray
-from video.io.blended_frames import classify_frames
 from video.io.clip_digest import compute_clip_digest
 from video.io.decoder import (
     ONE_FRAME_CODECS,
@@ -25,7 +24,7 @@ from video.io.decoder import (
     pixel_aspect_ratio,
     read_capture_rate,
 )
-from video.io.duplicate_frames import FrameChangeMeter
+from video.io.duplicate_frames import FrameChangeMeter, classify_frames
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
 from video.io.image_sequence import open_image_sequence

@@ -13,10 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import av
+from av.filter import Graph
 
 from models.core.errors import ClipError
-from video.io.field_splitting import FieldSplitter
-from video.io.image_sequence import LOCAL_FILES_ONLY, ImageSequence, decode_image_sequence, open_image_sequence
+from video.io.image_sequence import (
+    LOCAL_FILES_ONLY,
+    ImageSequence,
+    decode_image_sequence,
+    describe_error,
+    open_image_sequence,
+)
 
 av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
 
@@ -110,7 +116,7 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
         container = av.open(str(path.absolute()), options=LOCAL_FILES_ONLY, metadata_errors="replace")
     except (av.error.FFmpegError, OSError) as error:
         raise ClipError(
-            f"{path.name} is not a readable video, or its index is truncated: {_describe_error(error)}"
+            f"{path.name} is not a readable video, or its index is truncated: {describe_error(error)}"
         ) from error
     with container:
         yield container, _select_video_stream(container, path)
@@ -173,7 +179,7 @@ def _decode_stored_frames(container: Any, stream: Any, damage: DecodingDamage) -
         try:
             packet = next(packets, None)
         except av.error.FFmpegError as error:  # the file is truncated or damaged here
-            damage.errors.append(_describe_error(error))
+            damage.errors.append(describe_error(error))
             packet = None
         yield from _decode_packet(stream, packet, damage)
         if packet is None:
@@ -232,7 +238,7 @@ def _decode_packet(stream: Any, packet: Any, damage: DecodingDamage) -> list[Any
     except av.error.EOFError:
         pass
     except av.error.FFmpegError as error:
-        damage.errors.append(_describe_error(error))
+        damage.errors.append(describe_error(error))
     if packet is not None:
         damage.note_packet(packet, is_lost=len(damage.errors) > error_count)
     return frames
@@ -273,5 +279,39 @@ def _read_mp4_boxes(path: Path) -> Iterator[bytes]:
             file.seek(start + size)
 
 
-def _describe_error(error: BaseException) -> str:
-    return (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()
+# FFmpeg filter that makes a frame of each field, in the order that the frame states, and passes progressive frames.
+FIELD_FILTER = ("bwdif", "mode=send_field:parity=auto:deint=interlaced")
+
+
+class FieldSplitter:
+    """Splits frames that state to be interlaced; progressive frames before the first of them pass unchanged."""
+
+    def __init__(self) -> None:
+        self._graph: Graph | None = None
+
+    def split_fields(self, frame: Any) -> Iterator[Any]:
+        """Yield the frames that a frame completes; None yields the rest at the end of the video."""
+        if self._graph is None and (frame is None or not frame.interlaced_frame):
+            yield from () if frame is None else (frame,)
+            return
+        if self._graph is None:
+            self._graph = _build_field_graph(frame)
+        self._graph.push(frame)
+        yield from pull_frames(self._graph)
+
+
+def pull_frames(source: Any) -> Iterator[Any]:
+    """Yield the frames that a filter or a graph of filters has ready."""
+    while True:
+        try:
+            yield source.pull()
+        except (av.error.BlockingIOError, av.error.EOFError):
+            return
+
+
+def _build_field_graph(frame: Any) -> Graph:
+    """Build the filter graph for frames like this one."""
+    graph = Graph()
+    source = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base)
+    graph.link_nodes(source, graph.add(*FIELD_FILTER), graph.add("buffersink")).configure()
+    return graph

@@ -144,6 +144,10 @@ def _decode_image(path: Path, damage: list[str]) -> Any:
                 raise OSError("it is not an image")
             return next(container.decode(video=0), None)
     except (av.error.FFmpegError, OSError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()
-        damage.append(f"{path.name}: {reason}")
+        damage.append(f"{path.name}: {describe_error(error)}")
         return None
+
+
+def describe_error(error: BaseException) -> str:
+    """Describe an error in a few words."""
+    return (getattr(error, "strerror", None) or str(error)).rstrip(".").lower()

@@ -15,6 +15,7 @@ from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTr
 
 from models.core.errors import ClipError
 from models.core.typing import ImageArray
+from video.io.clip import Clip, read_frames
 
 # x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
 # control of x264 0.165 reads uninitialised memory (seen at 64 x 48 and 854 x 480 px), so that two runs may differ.
@@ -136,6 +137,7 @@ def _open_output(part_path: Path) -> av.container.OutputContainer:
 
 PIXEL_FORMAT = "yuv420p"
 # (3, 4) red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (ITU-R BT.709-6, items 3.2 to 3.4).
+# OpenCV rounds shares to 1 / 1024, which darkens by 0.054 levels in the mean, and halves of a mean of four upwards.
 LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 RGB_TO_YUV = np.column_stack([
     np.stack([
@@ -143,14 +145,15 @@ RGB_TO_YUV = np.column_stack([
         112 * (np.eye(3)[2] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[2]),
         112 * (np.eye(3)[0] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[0]),
     ]) / 255,
-    (16.0, 128.0, 128.0),
+    (16.054, 127.875, 127.875),
 ]).astype(np.float32)  # fmt: skip
 
 
 def build_encoder_frame(image: ImageArray) -> av.VideoFrame:
     """Convert an image (H, W, 3); an odd side is made even by repeating its last column or row.
 
-    The chroma of 2 x 2 pixels is their mean. FFmpeg's general converter is slower, and blurs chroma over four rows.
+    Luma is right to 0.6 levels; the chroma of 2 x 2 pixels is their mean, to a level. FFmpeg's general converter is
+    slower, and blurs chroma over four rows.
     """
     height, width = image.shape[:2]
     even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
@@ -161,3 +164,52 @@ def build_encoder_frame(image: ImageArray) -> av.VideoFrame:
         rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)  # padded
         rows[:, : plane.width] = source[..., k]
     return frame
+
+
+# Pixel formats that browsers and the rerun viewer can play.
+PLAYABLE_FORMATS = ("yuv420p", "yuvj420p")
+
+
+def ensure_playable(clip: Clip, copy_path: Path) -> Path:
+    """Provide a file of the clip that browsers and the rerun viewer can play upright.
+
+    Args:
+        copy_path: the mp4 file to write where the original is not playable.
+
+    Returns:
+        The clip's own file where it is playable, else `copy_path`, now written as H.264.
+    """
+    return clip.path if _is_playable(clip) else re_encode_clip(clip, copy_path)
+
+
+def re_encode_clip(clip: Clip, copy_path: Path) -> Path:
+    """Write all frames of a clip upright as H.264 in mp4.
+
+    Args:
+        copy_path: the mp4 file to write.
+
+    Returns:
+        `copy_path`.
+    """
+    with VideoWriter(copy_path, clip.width, clip.height, clip.fps) as writer:
+        for _, rgb in read_frames(clip, indices=clip.frames):
+            writer.write(rgb)
+    return copy_path
+
+
+def _is_playable(clip: Clip) -> bool:
+    """Check for mp4 with unrotated 8-bit H.264 in square pixels, without damage, fields or hidden frames."""
+    if clip.path.is_dir() or not clip.is_whole_file:
+        return False
+    with av.open(str(clip.path.absolute()), metadata_errors="replace") as container:
+        stream = container.streams.video[0]
+        codec = stream.codec_context
+        upright = (codec.width, codec.height) == (clip.width, clip.height)
+        return (
+            "mp4" in container.format.name
+            and codec.name == "h264"
+            and codec.pix_fmt in PLAYABLE_FORMATS
+            and upright
+            and stream.frames in (0, clip.frame_count)
+            and not any(packet.is_corrupt for packet in container.demux(stream))
+        )

@@ -9,7 +9,7 @@ from the former or to the latter.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from itertools import pairwise
 
@@ -165,7 +165,7 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
     is_round[0] = False  # the background
     if np.count_nonzero(is_round) < 2:
         return []
-    moves = [_merge(_differ(image, side[0]) for image in side[1:]) for side in (before[::-1], after)]
+    moves = [reduce(cv2.bitwise_or, (_differ(image, side[0]) for image in side[1:])) for side in (before[::-1], after)]
     clearances = [cv2.distanceTransform(255 - moved, cv2.DIST_L2, 3) for moved in moves]
     things = []
     for k in np.flatnonzero(is_round):
@@ -181,11 +181,6 @@ def find_jumps(before: Sequence[ByteArray], after: Sequence[ByteArray]) -> list[
             share = (centres[k] + 0.5) / stepped.shape[::-1]
             things.append((float(share[0]), float(share[1]), 1.0 if appears else -1.0))
     return things if {sign for _, _, sign in things} == {-1.0, 1.0} else []
-
-
-def _merge(masks: Iterable[ByteArray]) -> ByteArray:
-    """Mark (h, w) what any of some masks marks."""
-    return reduce(cv2.bitwise_or, masks)
 
 
 def _differ(one: ByteArray, other: ByteArray) -> ByteArray:

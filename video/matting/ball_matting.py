@@ -39,6 +39,10 @@ MAX_OVEREXPOSURE = 4.0
 MIN_STREAK_RADII = 0.5
 
 
+# x, y, width, height
+Box = tuple[int, int, int, int]
+
+
 def comparison_half_width(radius: float) -> int:
     """Return the half width of the window in which views of a ball are compared: the ball and its edge.
 
@@ -195,36 +199,29 @@ def matte_balls(
         The background and a sprite per outline.
     """
     background = image.copy()
-    boxes = [_bounding_box(outline, image.shape) for outline in outlines]
-    all_outlines = [*outlines, *remaining]
+    boxes = [find_box(outline.path, outline.reach, image.shape) for outline in outlines]
     layers = []
-    for index, (outline, box) in enumerate(zip(outlines, boxes, strict=True)):
-        neighbours = [
-            other for k, other in enumerate(all_outlines) if k != index and _surroundings_overlap(outline, other)
-        ]
-        remaining_neighbours = [other for other in remaining if _surroundings_overlap(outline, other)]
+    for outline, box in zip(outlines, boxes, strict=True):
+        near = [other for other in (*outlines, *remaining) if other is not outline and _overlap(outline, other)]
+        stays = [other for other in remaining if _overlap(outline, other)]
         layers.append(
-            None
-            if box is None
-            else _erase_ball(background, image, outline, neighbours, remaining_neighbours, box, plate, motion)
+            None if 0 in box[2:] else _erase_ball(background, image, outline, near, stays, box, plate, motion)
         )
     sprites = [
-        None if layer is None or box is None else _extract_sprite(image, background, outline, *layer, box)
+        None if layer is None else _extract_sprite(image, background, outline, *layer, box)
         for outline, box, layer in zip(outlines, boxes, layers, strict=True)
     ]
     return MattedFrame(background, tuple(sprites))
 
 
-def _bounding_box(outline: BallOutline, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
-    """Return x, y, width and height of the pixels that a ball can affect, cut at the border; None if there are none."""
-    low = np.floor(outline.path.min(axis=0) - outline.reach).astype(int)
-    high = np.ceil(outline.path.max(axis=0) + outline.reach).astype(int) + 1
-    x0, y0 = (int(v) for v in np.maximum(low, 0))
-    x1, y1 = (int(v) for v in np.minimum(high, [shape[1], shape[0]]))
-    return (x0, y0, x1 - x0, y1 - y0) if x1 > x0 and y1 > y0 else None
+def find_box(path: FloatArray, reach: float, shape: tuple[int, ...]) -> Box:
+    """Find x, y, width and height of the pixels within `reach` px of a path (P, 2), cut at the border."""
+    x0, y0 = (int(v) for v in np.maximum(np.floor(path.min(axis=0) - reach), 0))
+    x1, y1 = (int(v) for v in np.minimum(np.ceil(path.max(axis=0) + reach) + 1, [shape[1], shape[0]]))
+    return x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)
 
 
-def _surroundings_overlap(a: BallOutline, b: BallOutline) -> bool:
+def _overlap(a: BallOutline, b: BallOutline) -> bool:
     """Return whether the surroundings of two balls may overlap."""
     gap = np.maximum(a.path.min(axis=0) - b.path.max(axis=0), b.path.min(axis=0) - a.path.max(axis=0))
     return bool(np.hypot(*np.maximum(gap, 0)) < a.reach + b.reach)
@@ -236,7 +233,7 @@ def _erase_ball(
     outline: BallOutline,
     neighbours: Sequence[BallOutline],
     remaining: Sequence[BallOutline],
-    box: tuple[int, int, int, int],
+    box: Box,
     plate: BackgroundPlate,
     motion: FloatArray | None,
 ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
@@ -304,7 +301,7 @@ def _extract_sprite(
     ownership: Float32Array,
     touched: Float32Array,
     halo: Float32Array,
-    box: tuple[int, int, int, int],
+    box: Box,
 ) -> MattedSprite | None:
     """Return the sprite of one ball from the frame with and without it; None where no part of it is visible."""
     x, y, width, height = box
@@ -347,7 +344,7 @@ def _extract_streaked_sprite(
     empty: Float32Array,
     shading: Float32Array,
     outline: BallOutline,
-    box: tuple[int, int, int, int],
+    box: Box,
 ) -> MattedSprite:
     """Return the sprite of a streak, whose alpha is the share of the shutter time for which the ball covers a pixel."""
     x, y, width, height = box

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,13 +239,16 @@ def build_ball_timeline(scene: Scene, tracks: Tracks, fit: Fit) -> BallTimeline:
     moving = _find_moving_balls(scene, tracks, inside_gaps[:, ::4], radius)
     if camera.motion is None:
         offset, centre = _stabilize_resting_balls(offset, centre, predicted, observed, moving)
-    return BallTimeline(
+    timeline = BallTimeline(
         scene=scene, trajectory=fit.trajectory, time_span=_ball_time_spans(fit.trajectory),
         frame=tracks.frame, t=tracks.t, centre=centre, offset=offset, radius=radius, observed=observed,
         moving=moving, motion_progress=_compute_motion_progress(inside_gaps),
-        streak_path=_compute_streak_paths(scene, tracks, fit.trajectory, shutter_time), shutter_time=shutter_time,
+        streak_path=np.zeros((len(tracks.t), 1, len(tracks.ids), 2)), shutter_time=shutter_time,
         colour=np.array([lab_to_rgb(lab) for lab in tracks.colour], dtype=np.uint8).reshape(-1, 3),
     )  # fmt: skip
+    if shutter_time == 0:
+        return timeline
+    return replace(timeline, streak_path=timeline.streak_paths(tracks.t, shutter_time))
 
 
 def _stabilize_resting_balls(
@@ -324,16 +327,6 @@ def _find_moving_balls(scene: Scene, tracks: Tracks, px: FloatArray, radius: Flo
         fit_moves | (observed_step > np.fmax(MIN_OBSERVED_SHIFT_PX, MIN_OBSERVED_SHIFT_RADII * radius[1:])),
         dtype=np.bool_,
     )
-
-
-def _compute_streak_paths(scene: Scene, tracks: Tracks, trajectory: Trajectory, shutter_time: float) -> FloatArray:
-    """Return the path (T, P, N, 2) px of every ball, relative to its middle, while the shutter is open, s."""
-    if shutter_time == 0:
-        return np.zeros((len(tracks.t), 1, len(tracks.ids), 2))
-    times = tracks.t[:, None] + shutter_time * np.linspace(-0.5, 0.5, STREAK_POINTS)
-    times = np.clip(times, tracks.t[0], tracks.t[-1])
-    px = scene.camera.to_pixels(trajectory.at(times).xy, scene.table.ball_radius)
-    return np.asarray(px - px[:, [STREAK_POINTS // 2]], dtype=np.float64)
 
 
 def _estimate_shutter_time(tracks: Tracks, v: FloatArray, radius: float) -> float:

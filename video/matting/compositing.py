@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -54,12 +53,6 @@ class SpriteLayer:
     rotation: RotationWarp | None = None
 
 
-def find_changed_boxes(shape: tuple[int, ...], balls: Sequence[Sequence[SpriteLayer]]) -> list[Box]:
-    """Return the boxes that `composite_balls` changes in a frame of a shape (H, W, ...)."""
-    boxes = [_shading_box(shape, layers) for layers in balls if layers]
-    return [box for box in boxes if box is not None]
-
-
 def composite_balls(
     image: ImageArray, balls: Sequence[Sequence[SpriteLayer]], resting: Sequence[BallOutline] = ()
 ) -> list[Box]:
@@ -74,17 +67,15 @@ def composite_balls(
     Returns:
         The boxes that changed.
     """
-    balls = [layers for layers in balls if layers]
+    balls = sorted((layers for layers in balls if layers), key=lambda layers: float(_mean_centre(layers[0].centres)[1]))
+    boxes = [_shading_box(image.shape, layers) for layers in balls]
+    for layers, box in zip(balls, boxes, strict=True):
+        if box is not None:
+            _composite_shading(image, layers, resting, box)
     for layers in balls:
-        _composite_shading(image, layers, resting)
-    for low, layers in sorted(((_image_row(layers), layers) for layers in balls), key=itemgetter(0)):
+        low = float(_mean_centre(layers[0].centres)[1])
         _composite_sprites(image, layers, [other for other in resting if other.centre[1] > low])
-    return find_changed_boxes(image.shape, balls)
-
-
-def _image_row(layers: Sequence[SpriteLayer]) -> float:
-    """Return the y coordinate of a ball, px."""
-    return float(_mean_centre(layers[0].centres)[1])
+    return [box for box in boxes if box is not None]
 
 
 def _mean_centre(centres: FloatArray) -> FloatArray:
@@ -98,11 +89,10 @@ def _shading_box(shape: tuple[int, ...], layers: Sequence[SpriteLayer]) -> Box |
     return _bounding_box(shape, [layer.sprite.shading for layer in layers], corners, layers)
 
 
-def _composite_shading(image: ImageArray, layers: Sequence[SpriteLayer], resting: Sequence[BallOutline]) -> None:
+def _composite_shading(
+    image: ImageArray, layers: Sequence[SpriteLayer], resting: Sequence[BallOutline], box: Box
+) -> None:
     """Darken the background."""
-    box = _shading_box(image.shape, layers)
-    if box is None:
-        return
     total: Float32Array | None = None
     for layer in layers:
         places = _thin_centres(layer.centres)

@@ -15,8 +15,13 @@ from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import BallOutline, matte_balls, sample_path
 from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.compositing import SpriteLayer, composite_balls
-from video.matting.deblur import match_brightness
-from video.matting.sharp_balls import FAST_RADII, SharpBalls, find_isolated_rows, frame_to_frame_shifts
+from video.matting.sharp_balls import (
+    FAST_RADII,
+    SharpBalls,
+    find_isolated_rows,
+    frame_to_frame_shifts,
+    match_brightness,
+)
 
 # Candidate shutter times as shares of the frame interval.
 SHUTTER_SHARES = np.array([0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.3, 0.4, 0.5, 0.7, 0.9])

@@ -11,8 +11,8 @@ import numpy as np
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import drawing_scale
 from video.drawing.label_layout import (
+    COST_CELL_PX,
     PANEL_MARGIN,
     LabelPosition,
     Rect,
@@ -21,6 +21,7 @@ from video.drawing.label_layout import (
     place_label,
     place_panel,
 )
+from video.drawing.masks import drawing_scale
 from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions
@@ -55,8 +56,6 @@ FADE_IN_STEP = 0.1
 NAME_MARGIN_RADII = 0.3
 # Longer side of the plan, share of the frame width.
 INSET_SHARE = 0.23
-# px of the frame per cell of the panel cost map.
-COST_CELL_PX = 8
 # Costs of hidden table, pockets and image detail.
 TABLE_COST, POCKET_COST, DETAIL_COST = 1.0, 2.0, 1.5
 # Ball radii around the centres of all balls, at any time, that no panel covers.
@@ -315,9 +314,9 @@ def prepare_annotation(
     inset = build_table_inset(timeline.scene, round(INSET_SHARE * width))
     clock = ClockPanel(f"{slow:g}× slower", fit.trust.level, f"trust: {fit.trust.level}")
     cost, crossed = _panel_cost_map(timeline, first), _trace_balls(timeline, paths)
-    inset_place = place_panel(inset.size, (width, height), cost, crossed, 1 / COST_CELL_PX)
+    inset_place = place_panel(inset.size, (width, height), cost, crossed)
     avoided = np.vstack([crossed, inset_place])
-    clock_place = place_panel(clock.size(scale), (width, height), cost, avoided, 1 / COST_CELL_PX)
+    clock_place = place_panel(clock.size(scale), (width, height), cost, avoided)
     strip_height, has_panels = 0, style != "clean" or fit.trust.level != "green"
     if has_panels and (overlap_share(inset_place, crossed) or overlap_share(clock_place, avoided)):
         inset_place, clock_place, strip_height = _place_below(inset.size, clock.size(scale), (width, height))

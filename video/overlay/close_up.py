@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_ring, to_fixed_point
+from video.drawing.masks import SHIFT, blend_mask, draw_panel, draw_ring, draw_text, round_corner_mask, to_fixed_point
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
 from video.drawing.table_plan import append_footer
-from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
 # px, size of a close-up.
 CLOSE_UP_SIZE = (960, 720)
@@ -30,8 +29,6 @@ MAX_MAGNIFICATION = 24.0
 DASHES = 36
 # Colours of the outlines of the first and of the second ball.
 RING_COLOURS: tuple[Colour, Colour] = ((96, 214, 255), (255, 150, 110))
-# Fractional bits of OpenCV's fixed-point coordinates.
-SHIFT = 4
 
 
 # (2, 2) px, middle and least extent of a part of a frame.
@@ -250,9 +247,6 @@ def _draw_ball_names(view: ImageArray, frame: CloseUpFrame, scale: float, corner
     """Draw names above the balls, below the lower ball, so that they do not hide the gap."""
     lowest = max((outline.centre[1] for outline in frame.outlines), default=0.0)
     for k, outline in enumerate(frame.outlines):
-        width = text_mask(outline.name, 17, True).shape[1]
         below = len(frame.outlines) > 1 and outline.centre[1] == lowest
-        away = scale * outline.radius + 8 if below else -scale * outline.radius - 34
-        x, y = scale * (outline.centre - corner) + [-width / 2, away]
-        blend_mask(view, round_corner_mask(width + 14, 26, 6), round(x) - 7, round(y), INK, 0.75)
-        draw_text(view, outline.name, x, y + 2, 17, RING_COLOURS[k % 2], bold=True)
+        away = (scale * outline.radius + 21) * (1 if below else -1)
+        draw_panel(view, outline.name, scale * (outline.centre - corner) + [0, away], 17, RING_COLOURS[k % 2])

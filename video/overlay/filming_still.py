@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT, draw_disc, draw_ring, drawing_scale, to_fixed_point
+from video.drawing.masks import SHIFT, draw_disc, draw_ring, draw_text, drawing_scale, to_fixed_point
 from video.drawing.palette import FLASH, INK, TRUST_COLOURS, Colour
-from video.drawing.text import draw_text
 
 # Width of the panel relative to the image, and at least.
 PANEL_SHARE, LEAST_PANEL_PX = 0.42, 380

@@ -14,10 +14,21 @@ from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.drawing.circles import SHIFT, disc_mask, draw_disc, draw_ring, to_fixed_point
 from video.drawing.label_layout import Rect, make_squares
+from video.drawing.masks import (
+    SHIFT,
+    blend_colours,
+    blend_mask,
+    disc_mask,
+    draw_disc,
+    draw_ring,
+    draw_text,
+    number_mask,
+    round_corner_mask,
+    text_mask,
+    to_fixed_point,
+)
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
-from video.drawing.text import blend_colours, blend_mask, draw_text, number_mask, round_corner_mask, text_mask
 
 LABEL_OPACITY = 0.72
 # px around a ball on which nothing is drawn.
@@ -202,7 +213,9 @@ def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Co
         (mix_colours(WHITE, colour, 0.12), width * 0.3, CORE_OPACITY),
     ):
         mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
-        _draw_strokes(mask, pieces, opacity, max(1, round(thickness)))
+        for line, own in pieces:
+            if (level := round(own * opacity * 255)) > 2:
+                cv2.polylines(mask, [line], False, level, max(1, round(thickness)), cv2.LINE_AA, SHIFT)
         blend_mask(image, mask, x0, y0, ink)
 
 
@@ -213,13 +226,3 @@ def _split_trail(path: FloatArray, fade: FloatArray) -> list[tuple[NDArray[np.in
     count = int(min(max(length / TRAIL_PIECE_PX, 2), MAX_TRAIL_PIECES, len(points) - 1))
     cuts = [k * (len(points) - 1) // count for k in range(count + 1)]
     return [(points[start : end + 1], float(fade[end])) for start, end in pairwise(cuts)]
-
-
-def _draw_strokes(
-    mask: ImageArray, pieces: Sequence[tuple[NDArray[np.int32], float]], opacity: float, thickness: int
-) -> None:
-    """Draw the pieces of a polyline, each with its own opacity."""
-    for line, fade in pieces:
-        level = round(fade * opacity * 255)
-        if level > 2:
-            cv2.polylines(mask, [line], False, level, thickness, cv2.LINE_AA, SHIFT)

@@ -13,8 +13,18 @@ from models.core.naming import Naming
 from models.core.scene import CUSHIONS, Camera, Table
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.ball_places import find_nearest_cushions
-from video.drawing.circles import SHIFT, drawing_scale, to_fixed_point
 from video.drawing.label_layout import Rect, overlap_share, place_label
+from video.drawing.masks import (
+    SHIFT,
+    blend_mask,
+    draw_panel,
+    draw_text,
+    drawing_scale,
+    measure_panel,
+    round_corner_mask,
+    text_mask,
+    to_fixed_point,
+)
 from video.drawing.palette import INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
 from video.drawing.table_plan import (
     CLOTH_COLOUR,
@@ -24,7 +34,6 @@ from video.drawing.table_plan import (
     build_empty_inset,
     name_rails,
 )
-from video.drawing.text import blend_mask, draw_text, round_corner_mask, text_mask
 
 # Points of the outline of a ball.
 OUTLINE_POINTS = 72
@@ -117,9 +126,8 @@ def draw_places(
             now = project_ball_outline(camera, ring.present, radius)
             obstacles.append(_bound_points(now))
             _draw_arrow(drawn, now, outline, ring.colour, scale)
-    header_rect = _draw_header(drawn, header, scale)
-    obstacles.append(header_rect)
-    obstacles += [_draw_panel(drawn, name, at, NOTE_COLOUR, scale) for name, at in names]
+    obstacles.append(_draw_header(drawn, header, scale))
+    obstacles += [draw_panel(drawn, name, at, round(TEXT_PX * scale), NOTE_COLOUR) for name, at in names]
     for ring, outline in zip(rings, outlines, strict=True):
         if ring.label:
             obstacles.append(_draw_label(drawn, ring, outline, obstacles, scale))
@@ -173,27 +181,12 @@ def _bound_points(points: FloatArray) -> Rect:
 
 def _draw_label(image: ImageArray, ring: PlacedRing, outline: FloatArray, obstacles: list[Rect], scale: float) -> Rect:
     """Draw the label of a ring where it hides little; return its rectangle."""
-    box = _measure_panel(ring.label, scale)
+    size = round(TEXT_PX * scale)
+    box = measure_panel(ring.label, size)
     centre, radius = outline.mean(axis=0), float(np.ptp(outline, axis=0).max()) / 2
     position = place_label(box, centre, radius, np.zeros(2), obstacles, (image.shape[1], image.shape[0]), None)
     middle = centre + position.top_left_corner(box, radius) + np.array(box) / 2
-    return _draw_panel(image, ring.label, middle, ring.colour, scale)
-
-
-def _draw_panel(image: ImageArray, text: str, middle: FloatArray, colour: Colour, scale: float) -> Rect:
-    """Draw a text on a dark panel around a point, moved into the image; return its rectangle."""
-    box = _measure_panel(text, scale)
-    room = np.maximum(np.subtract((image.shape[1], image.shape[0]), box), 0)
-    left, top = (round(float(v)) for v in np.clip(middle - np.array(box) / 2, 0, room))
-    blend_mask(image, round_corner_mask(*box, max(3, box[1] // 4)), left, top, INK, 0.72)
-    draw_text(image, text, left + round(5 * scale), top + round(scale), round(TEXT_PX * scale), colour, bold=True)
-    return float(left), float(top), float(box[0]), float(box[1])
-
-
-def _measure_panel(text: str, scale: float) -> tuple[int, int]:
-    """Return width and height, px, of a text on its panel."""
-    height, width = text_mask(text, round(TEXT_PX * scale), bold=True).shape
-    return width + round(10 * scale), height + round(2 * scale)
+    return draw_panel(image, ring.label, middle, size, ring.colour)
 
 
 def _draw_header(image: ImageArray, header: list[tuple[str, Colour]], scale: float) -> Rect:
@@ -300,15 +293,7 @@ def _draw_tag(
     image: ImageArray, text: str, places: list[FloatArray], taken: list[Rect], colour: Colour, size_px: int
 ) -> Rect:
     """Draw a text on a dark panel at the place where it covers least of what is taken; return its rectangle."""
-    height, width = text_mask(text, size_px, bold=True).shape
-    box = (width + 10, height)
-    rects = []
-    for place in places:
-        left = float(np.clip(place[0] - box[0] / 2, 0, image.shape[1] - box[0]))
-        top = float(np.clip(place[1] - box[1] / 2, 0, image.shape[0] - box[1]))
-        rects.append((left, top, float(box[0]), float(box[1])))
-    best = min(rects, key=lambda rect: round(overlap_share(rect, taken), 3))
-    left_px, top_px = round(best[0]), round(best[1])
-    blend_mask(image, round_corner_mask(*box, box[1] // 4), left_px, top_px, INK, 0.66)
-    draw_text(image, text, left_px + 5, top_px, size_px, colour, bold=True)
-    return best
+    box = np.array(measure_panel(text, size_px))
+    corners = np.clip(np.array(places) - box / 2, 0, np.array(image.shape[1::-1]) - box)
+    shares = [round(overlap_share((*corner, *box.tolist()), taken), 3) for corner in corners.tolist()]
+    return draw_panel(image, text, corners[int(np.argmin(shares))] + box / 2, size_px, colour)

@@ -1,69 +1,20 @@
-"""Interpolation of a clip without annotation: decoded frames stay unchanged, in-between frames are synthesized."""
+"""Times and crop of the frames of an interpolated clip without annotation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 
-from models.core.typing import FloatArray, ImageArray, IntArray
-from video.io.clip import Clip, read_frames
+from models.core.typing import FloatArray, IntArray
+from video.io.clip import Clip
 from video.matting.ball_timeline import BallTimeline
-from video.overlay.slow_motion import balls_at_times
-from video.synthesis.frame_synthesis import ClipAppearance, prepare_interval
 
 # s of jitter within which timestamps count as regular: some containers count milliseconds.
 REGULAR_TOLERANCE_S = 1e-3
 # Share of the frame interval within which a decoded frame replaces a synthesized one.
 SNAP_SHARE = 0.02
-
-
-def synthesize_frames(
-    clip: Clip, appearance: ClipAppearance, times: FloatArray, shutter_time: float | None = None
-) -> Iterator[ImageArray]:
-    """Yield the frames at ascending times within the clip; at most two decoded frames are held in memory.
-
-    Args:
-        appearance: Its estimated appearance.
-        times: Times (K,), s.
-        shutter_time: s for which the shutter is open; None: as filmed.
-
-    Yields:
-        Image (H, W, 3); the decoded frame itself at its time.
-    """
-    t = appearance.timeline.t
-    rows = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
-    before: ImageArray | None = None
-    for row, (_, after) in enumerate(read_frames(clip, indices=appearance.timeline.frame), start=-1):
-        wanted = times[rows == row]
-        if before is not None and len(wanted):
-            yield from _synthesize_gap(appearance, row, before, after, wanted, shutter_time)
-        before = after
-
-
-def _synthesize_gap(
-    appearance: ClipAppearance,
-    row: int,
-    first: ImageArray,
-    second: ImageArray,
-    times: FloatArray,
-    shutter_time: float | None,
-) -> Iterator[ImageArray]:
-    """Yield the frames at times from that of `row` to that of `row + 1`."""
-    timeline = appearance.timeline
-    frames_by_time = {float(timeline.t[row]): first, float(timeline.t[row + 1]): second}
-    if all(float(t) in frames_by_time for t in times):
-        yield from (frames_by_time[float(t)] for t in times)
-        return
-    interval = prepare_interval(
-        timeline, appearance.plate, row, first, second, appearance.sharp_balls, force_deblur=shutter_time is not None
-    )
-    shutter_time = timeline.shutter_time if shutter_time is None else shutter_time
-    state, streaks = timeline.state_at(times), timeline.streak_paths(times, shutter_time)
-    for t, balls, streak in zip(times.tolist(), balls_at_times(timeline, state, times), streaks, strict=True):
-        yield frames_by_time[t] if t in frames_by_time else interval.synthesize(t, balls.centre, streak)
 
 
 def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
@@ -81,7 +32,7 @@ def subdivide_frame_times(clip: Clip, factor: int) -> FloatArray:
     if factor < 1:
         raise ValueError(f"a factor is 1 or more; got {factor}")
     t = clip.times_of(clip.distinct_frames)
-    inner = [np.array([a, *_inner_times(a, b, factor)]) for a, b in pairwise(t)]
+    inner = [a + (b - a) * np.arange(factor) / factor for a, b in pairwise(t)]
     return np.concatenate([*inner, t[-1:]])
 
 
@@ -118,11 +69,6 @@ def regular_frame_rate(clip: Clip, factor: int) -> Fraction | None:
     t = clip.times_of(frames)
     even = t[0] + np.arange(len(frames)) / float(rate)
     return rate * factor if np.abs(t - even).max() < REGULAR_TOLERANCE_S else None
-
-
-def _inner_times(first: float, last: float, factor: int) -> FloatArray:
-    """Return the times (factor - 1,) that divide a gap evenly."""
-    return first + (last - first) * np.arange(1, factor) / factor
 
 
 # Width to height.

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 
-import cv2
 import numpy as np
 
-from models.core.errors import ClipError
 from models.core.fit_result import Fit
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_disc, draw_ring
-from video.drawing.label_layout import Rect, overlap_share, place_label, place_panel
+from video.drawing.label_layout import COST_CELL_PX, Rect, overlap_share, place_label, place_panel
+from video.drawing.masks import draw_disc, draw_ring
 from video.drawing.palette import FLASH, INK, WHITE, ensure_contrast
+from video.io.clip import Clip
 from video.io.video_options import RenderOptions
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import MattedSprite, matte_balls
-from video.matting.ball_timeline import BallTimeline
+from video.matting.ball_timeline import BallTimeline, read_rows
 from video.matting.compositing import SpriteLayer, composite_balls
 from video.matting.hidden_background import HiddenBackground
-from video.overlay.annotation import COST_CELL_PX, DEFAULT_OPTIONS, Annotation, prepare_annotation
+from video.overlay.annotation import DEFAULT_OPTIONS, Annotation, prepare_annotation
 from video.overlay.close_up import draw_polyline
 from video.overlay.frame_overlay import LABEL_LETTERS, FrameBalls, Label, draw_trail, keep_balls_on_top
 from video.overlay.motion_paths import EVENT_STRENGTHS
@@ -37,74 +35,51 @@ LABEL_REACHES = (12.0, 40.0)
 PHONE_WIDTH, LEAST_LETTERS = 390.0, 9.0
 
 
-@dataclass(slots=True)
-class Poster:
-    """The last frame of a shot with stroboscopic ghosts of every ball, and its contacts.
+def draw_poster(
+    clip: Clip, background: HiddenBackground, tracks: Tracks, fit: Fit, options: RenderOptions = DEFAULT_OPTIONS
+) -> ImageArray:
+    """Draw the last frame of a shot with stroboscopic ghosts of every ball, and its contacts.
 
-    It receives the frames in order of time; those in `rows` suffice.
+    Args:
+        background: Positions of its balls, and the background without the moving ones.
+        tracks: Tracks of the balls.
+        fit: Fitted motion and events.
+        options: Options of the slow motion, for the labels.
+
+    Returns:
+        Image (H, W, 3), with the strip that the slow motion has.
     """
-
-    timeline: BallTimeline
-    plate: BackgroundPlate
-    ghost_positions: list[tuple[int, int]]
-    """Row and ball of every ghost."""
-    rows: frozenset[int]
-    ghosts: list[tuple[MattedSprite, FloatArray]] = field(default_factory=list)
+    timeline, positions = background.timeline, _select_ghost_positions(background.timeline)
+    ghosts: list[tuple[MattedSprite, FloatArray]] = []
     first: ImageArray | None = None
-    last: ImageArray | None = None
-
-    @classmethod
-    def for_background(cls, background: HiddenBackground) -> Poster:
-        """Create a poster that has received no frame.
-
-        Args:
-            background: Positions of the balls, and the background without the moving ones.
-
-        Returns:
-            The poster; its `rows` are the frames that it needs.
-        """
-        timeline = background.timeline
-        ghosts = _select_ghost_positions(timeline)
-        rows = frozenset({0, len(timeline.t) - 1, *(row for row, _ in ghosts)})
-        return cls(background.timeline, background.plate, ghosts, rows)
-
-    def add_frame(self, row: int, image: ImageArray) -> None:
-        """Take what the poster needs from a frame.
-
-        Args:
-            row: Row of the frame in the timeline.
-            image: Frame (H, W, 3), which is not modified.
-        """
-        if row not in self.rows:
-            return
-        self.first, self.last = image if self.first is None else self.first, image
-        balls = [ball for k, ball in self.ghost_positions if k == row]
-        self.ghosts += _extract_ghosts(self.timeline, self.plate, row, image, balls)
-
-    def write(self, tracks: Tracks, fit: Fit, path: Path, options: RenderOptions = DEFAULT_OPTIONS) -> None:
-        """Write the poster as a PNG.
-
-        Args:
-            tracks: Tracks of the balls.
-            fit: Fitted motion and events.
-            path: Output file.
-            options: Options of the slow motion, for the labels.
-
-        Raises:
-            ValueError: No frame was added.
-            ClipError: OpenCV fails to encode the PNG.
-        """
-        if self.first is None or self.last is None:
-            raise ValueError("a poster needs at least one frame; none was added")
-        annotation = prepare_annotation(self.timeline, tracks, fit, self.first, options.slow)
-        still = annotation.extend(self.last.copy())
-        count = sum(kind in EVENT_STRENGTHS for kind in fit.events.kind)
-        _draw_poster(still, self.timeline, annotation, self.ghosts, fit, count)
-        encoded, data = cv2.imencode(".png", cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
-        if not encoded:
-            height, width = still.shape[:2]
-            raise ClipError(f"the poster {path.name} was to be a PNG of {width} x {height} px; it failed")
-        path.write_bytes(data.tobytes())
+    for row, image in read_rows(clip, timeline, {0, len(timeline.t) - 1, *(row for row, _ in positions)}):
+        first = image if first is None else first
+        chosen = [ball for k, ball in positions if k == row]
+        ghosts += _extract_ghosts(timeline, background.plate, row, image, chosen)
+    assert first is not None
+    annotation = prepare_annotation(timeline, tracks, fit, first, options.slow)
+    still = annotation.extend(image.copy())
+    frame = still[: len(still) - annotation.strip_height]
+    end = float(timeline.t[-1])
+    for sprite, place in ghosts:
+        composite_balls(frame, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
+    ball_count = len(annotation.paths)
+    centre = timeline.centre[-1]
+    none, zeros = np.zeros(ball_count, dtype=bool), np.zeros((ball_count, 2))
+    balls = FrameBalls(centre, timeline.radius[-1], zeros[:, 0], zeros, none, none, ~none)
+    left, top = (round(v) for v in annotation.inset_place[:2])
+    with keep_balls_on_top(frame, balls):
+        for ball, path in enumerate(annotation.paths):
+            if len(path.t):
+                trail = timeline.project(path.xy, end)
+                width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
+                draw_trail(frame, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
+        for path, colour in zip(annotation.paths, annotation.colours, strict=True):
+            annotation.inset.add_path(annotation.plan_canvas, path.xy, colour)
+        plan = annotation.inset.reduce_canvas(annotation.plan_canvas)
+        annotation.inset.draw_with_balls(still, left, top, plan, fit.trajectory.at(end).xy, annotation.colours)
+        _draw_labels(frame, timeline, annotation, balls, sum(kind in EVENT_STRENGTHS for kind in fit.events.kind))
+    return still
 
 
 def _select_ghost_positions(timeline: BallTimeline) -> list[tuple[int, int]]:
@@ -140,35 +115,6 @@ def _extract_ghosts(
     return [(sprite, places[ball]) for sprite, ball in zip(matted.sprites, balls, strict=True) if sprite is not None]
 
 
-def _draw_poster(
-    still: ImageArray,
-    timeline: BallTimeline,
-    annotation: Annotation,
-    ghosts: Sequence[tuple[MattedSprite, FloatArray]],
-    fit: Fit,
-    count: int,
-) -> None:
-    """Draw ghosts, paths, names, the plan and a count of contacts onto the last frame and its strip."""
-    frame = still[: len(still) - annotation.strip_height]
-    end = float(timeline.t[-1])
-    for sprite, place in ghosts:
-        composite_balls(frame, [[SpriteLayer(sprite, place[None], GHOST_OPACITY)]])
-    ball_count = len(annotation.paths)
-    centre = timeline.centre[-1]
-    none, zeros = np.zeros(ball_count, dtype=bool), np.zeros((ball_count, 2))
-    balls = FrameBalls(centre, timeline.radius[-1], zeros[:, 0], zeros, none, none, ~none)
-    left, top = (round(v) for v in annotation.inset_place[:2])
-    paths = [path.xy for path in annotation.paths]
-    with keep_balls_on_top(frame, balls):
-        for ball, path in enumerate(annotation.paths):
-            if len(path.t):
-                trail = timeline.project(path.xy, end)
-                width = float(np.clip(0.3 * path.radius, 2.0, 6 * annotation.scale))
-                draw_trail(frame, trail, np.full(len(trail), 0.9), annotation.trail_colours[ball], width)
-        annotation.inset.draw(still, left, top, fit.trajectory.at(end).xy, paths, annotation.colours)
-        _draw_labels(frame, timeline, annotation, balls, count)
-
-
 def _draw_labels(
     still: ImageArray, timeline: BallTimeline, annotation: Annotation, balls: FrameBalls, count: int
 ) -> None:
@@ -178,7 +124,8 @@ def _draw_labels(
     crossed = np.vstack([balls.boxes(0.3), annotation.path_squares(end, -np.inf, np.inf, balls=True)])
     obstacles: list[Rect] = [annotation.inset_place, *crossed.tolist()]
     order = sorted(annotation.marks, key=lambda mark: (-mark.opacity, -mark.strength, mark.t))
-    times = [(_shorten_label(mark.label), timeline.project(mark.xy, end), mark.opacity) for mark in order]
+    labels = [replace(mark.label, value=mark.label.value.partition(" ±")[0]) for mark in order]  # the report has errors
+    times = [(label, timeline.project(one.xy, end), one.opacity) for label, one in zip(labels, order, strict=True)]
     names = []
     for mark in annotation.marks:
         spot = timeline.project(mark.xy, end)
@@ -206,7 +153,7 @@ def _draw_labels(
     if count:
         note = Label(f"{count} more contact{'s' * (count > 1)}", "", FLASH)
         cost = np.zeros((bounds[1] // COST_CELL_PX, bounds[0] // COST_CELL_PX))
-        place = place_panel(note.size(letters), bounds, cost, obstacles, 1 / COST_CELL_PX)
+        place = place_panel(note.size(letters), bounds, cost, obstacles)
         note.draw(still, np.array(place[:2]), letters)
 
 
@@ -222,8 +169,3 @@ def _find_free_place(
         if is_inside and not overlap_share(rect, obstacles):
             return rect
     return None
-
-
-def _shorten_label(label: Label) -> Label:
-    """Leave out the error of the time, which the report has."""
-    return replace(label, value=label.value.partition(" ±")[0])

@@ -13,8 +13,8 @@ from models.core.fit_result import Fit
 from models.core.naming import Naming
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import Rect, make_squares
+from video.drawing.masks import LINE_SPACING, draw_paragraph, wrap_text
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
-from video.drawing.text import LINE_SPACING, draw_paragraph, wrap_text
 from video.io.clip import Clip
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import BallTimeline
@@ -81,7 +81,7 @@ def render_share_clip(
     normal, slow = _schedule_times(timeline, moment.t, slowdown)
     view = _MomentView.prepare(timeline, fit.trajectory.ids, naming, moment, normal, slowdown)
     frames = map(view.draw, prefetch_items(
-        synthesize_frames(clip, appearance, fit, np.concatenate([normal, slow])),
+        synthesize_frames(clip, appearance, np.concatenate([normal, slow])),
         PREFETCHED_FRAMES,
     ))  # fmt: skip
     card = _draw_card(moment, plan)

@@ -19,12 +19,12 @@ from models.core.progress import Progress, ignore_progress
 from models.core.tracks import Tracks
 from models.core.trajectory import State
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_ring, drawing_scale
+from video.drawing.masks import draw_ring, drawing_scale
 from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
-from video.matting.ball_timeline import BallTimeline
+from video.matting.ball_timeline import BallTimeline, read_rows
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.close_up import magnify_image
 from video.overlay.frame_overlay import FrameBalls, Label, keep_balls_on_top
@@ -103,7 +103,7 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        frames = prefetch_items(synthesize_frames(clip, appearance, fit, times), PREFETCHED_FRAMES)
+        frames = prefetch_items(synthesize_frames(clip, appearance, times), PREFETCHED_FRAMES)
         shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
         closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
         for done, image in enumerate(chain(shot, closer), start=1):
@@ -140,42 +140,46 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
 
 
 def synthesize_frames(
-    clip: Clip,
-    appearance: ClipAppearance,
-    fit: Fit,
-    times: FloatArray,
+    clip: Clip, appearance: ClipAppearance, times: FloatArray, shutter_time: float | None = None
 ) -> Iterator[SynthesizedFrame]:
-    """Yield the frames of a slow motion before annotation; at most two decoded frames are held in memory.
+    """Yield frames at ascending times within the clip; at most two decoded frames are held in memory.
 
     Args:
         appearance: Its estimated appearance.
-        fit: Fitted motion.
-        times: Times of the frames (K,), s.
+        times: Times of the frames (K,), s; at the time of a decoded frame its image is a copy of that.
+        shutter_time: s for which the shutter is open; None: as filmed.
     """
     timeline = appearance.timeline
     rows, _ = timeline.locate_times(times)
     count = np.bincount(rows, minlength=len(timeline.t))
-    moments = _iterate_ball_states(timeline, fit, times)
+    moments = _iterate_ball_states(timeline, times, timeline.shutter_time if shutter_time is None else shutter_time)
     before: ImageArray | None = None
     interval: FrameInterval | None = None
-    for row, (_, after) in enumerate(read_frames(clip, indices=timeline.frame), start=-1):
-        if before is not None and count[row]:
-            interval = prepare_interval(
-                timeline, appearance.plate, row, before, after, sharp_balls=appearance.sharp_balls, previous=interval
-            )
-            for t, balls, streak, plan in islice(moments, int(count[row])):
-                yield SynthesizedFrame(t, interval.synthesize(t, balls.centre, streak), balls, plan)
+    for row, after in read_rows(clip, timeline, np.unique([rows, np.minimum(rows + 1, len(timeline.t) - 1)])):
+        if before is not None:
+            decoded = {float(timeline.t[row - 1]): before, float(timeline.t[row]): after}
+            for t, balls, streak, plan in islice(moments, int(count[row - 1])):
+                if t not in decoded and (interval is None or interval.row != row - 1):
+                    interval = prepare_interval(
+                        timeline, appearance.plate, row - 1, before, after, appearance.sharp_balls,
+                        force_deblur=shutter_time is not None, previous=interval,
+                    )  # fmt: skip
+                if t in decoded or interval is None:
+                    image = decoded[t].copy()
+                else:
+                    image = interval.synthesize(t, balls.centre, streak)
+                yield SynthesizedFrame(t, image, balls, plan)
         before = after
 
 
 def _iterate_ball_states(
-    timeline: BallTimeline, fit: Fit, times: FloatArray
+    timeline: BallTimeline, times: FloatArray, shutter_time: float
 ) -> Iterator[tuple[float, FrameBalls, FloatArray, FloatArray]]:
     """Yield time, balls, their streaks (P, N, 2) px and their positions (N, 2) m; many times are evaluated at once."""
     for start in range(0, len(times), TIMES_PER_LOOKUP):
         t = times[start : start + TIMES_PER_LOOKUP]
         balls = balls_at_times(timeline, timeline.state_at(t), t)
-        streaks, plan = timeline.streak_paths(t, timeline.shutter_time), fit.trajectory.at(t).xy
+        streaks, plan = timeline.streak_paths(t, shutter_time), timeline.trajectory.at(t).xy
         yield from zip(t.tolist(), balls, streaks, plan, strict=True)
 
 
@@ -236,31 +240,11 @@ def replay_times(timeline: BallTimeline, mark: ContactMark, rate: float, slow: f
 def render_replays(
     clip: Clip, appearance: ClipAppearance, marks: list[ContactMark], rate: float, slow: float
 ) -> Iterator[ImageArray]:
-    """Yield the close-ups (H, W, 3) of all marks; at most two decoded frames are held in memory."""
+    """Yield the close-ups (H, W, 3) of all marks."""
     timeline = appearance.timeline
-    rows = [timeline.locate_time(mark.t)[0] for mark in marks]
-    wanted = sorted({row + side for row in rows for side in (0, 1)})
-    before: tuple[int, ImageArray] | None = None
-    images = read_frames(clip, indices=timeline.frame[wanted])
-    for row, (_, image) in zip(wanted, images, strict=True):
-        if before is not None and before[0] == row - 1:
-            here = [mark for mark, other in zip(marks, rows, strict=True) if other == row - 1]
-            if here:
-                interval = prepare_interval(
-                    timeline, appearance.plate, row - 1, before[1], image, sharp_balls=appearance.sharp_balls
-                )
-                for mark in here:
-                    yield from _render_replay(interval, mark, replay_times(timeline, mark, rate, slow), slow)
-        before = (row, image)
-
-
-def _render_replay(interval: FrameInterval, mark: ContactMark, times: FloatArray, slow: float) -> Iterator[ImageArray]:
-    """Yield the close-ups of one contact."""
-    timeline = interval.timeline
-    state, streaks = timeline.state_at(times), timeline.streak_paths(times, timeline.shutter_time)
-    for t, balls, streak in zip(times.tolist(), balls_at_times(timeline, state, times), streaks, strict=True):
-        image = interval.synthesize(t, balls.centre, streak)
-        yield _draw_replay_frame(image, timeline, mark, t, balls, slow)
+    for mark in marks:
+        for frame in synthesize_frames(clip, appearance, replay_times(timeline, mark, rate, slow)):
+            yield _draw_replay_frame(frame.image, timeline, mark, frame.t, frame.balls, slow)
 
 
 def _draw_replay_frame(

@@ -20,7 +20,6 @@ from video.rendering.ball_shading import Illumination, srgb_to_linear, to_float3
 from video.rendering.pinhole_camera import make_lens
 from video.rendering.player_props import Rod, draw_rods, make_cue_rods, make_hand_rods
 from video.rendering.random_scene import RandomScene, sample_colour
-from video.rendering.scene_appearance import Colour
 
 # Fractional bits of pixel coordinates in OpenCV's drawing functions.
 SHIFT = 4
@@ -60,7 +59,8 @@ def paint_caption(rng: np.random.Generator, image: NDArray[np.uint8]) -> None:
     colour = [int(c) for c in rng.integers(0, 256, 3)]
     alpha = rng.uniform(0.5, 1.0)
     image[y : y + h, x : x + w] = image[y : y + h, x : x + w] * (1 - alpha) + alpha * np.array(colour)
-    _write_text(image, _sample_word(rng, 12), (x + 2, y + h - 3), h / 30, [int(c) for c in rng.integers(0, 256, 3)])
+    word, ink, place = _sample_word(rng, 12), rng.integers(0, 256, 3).tolist(), (x + 2, y + h - 3)
+    cv2.putText(image, word, place, cv2.FONT_HERSHEY_SIMPLEX, max(h / 30, 0.25), ink, 1, cv2.LINE_AA)
 
 
 def _sample_pixel(rng: np.random.Generator, image: Float32Array) -> FloatArray:
@@ -220,15 +220,11 @@ def _paint_arm(rng: np.random.Generator, image: Float32Array, scene: RandomScene
     direction = _sample_direction(rng)
     position = np.append(scene.camera.to_table(_sample_pixel(rng, image), 0.0), rng.uniform(0.0, 0.04))
     rods = make_hand_rods(position, direction, sample_colour(rng, (0.0, 0.9), (0.03, 1.0)))
-    skin = np.clip(np.array(rods[-1].colour) * rng.uniform(0.3, 1.15) + rng.normal(0, 0.03, 3), 0, 1)
-    tinted = tuple(replace(rod, colour=_to_colour(skin)) if rod.colour == rods[-1].colour else rod for rod in rods)
+    skin = np.clip(np.array(rods[-1].colour) * rng.uniform(0.3, 1.15) + rng.normal(0, 0.03, 3), 0, 1).tolist()
+    tinted = tuple(replace(rod, colour=tuple(skin)) if rod.colour == rods[-1].colour else rod for rod in rods)
     if rng.random() < 0.5:
         tinted = (*tinted, *make_cue_rods(position + np.append(0.25 * direction, 0.03), direction))
     _paint_rods(rng, image, scene, light, tinted, keep_colour_share=1.0)
-
-
-def _to_colour(values: FloatArray) -> Colour:
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _paint_rack(rng: np.random.Generator, image: Float32Array, scene: RandomScene, light: Illumination) -> None:
@@ -280,9 +276,3 @@ def _paint_body(rng: np.random.Generator, image: Float32Array, scene: RandomScen
 def _sample_word(rng: np.random.Generator, max_length: int) -> str:
     letters = list(string.ascii_letters + string.digits + " &")
     return "".join(rng.choice(letters, int(rng.integers(1, max_length + 1))))
-
-
-def _write_text(
-    image: NDArray[np.uint8], text: str, position: tuple[int, int], scale: float, colour: list[int]
-) -> None:
-    cv2.putText(image, text, position, cv2.FONT_HERSHEY_SIMPLEX, max(scale, 0.25), colour, 1, cv2.LINE_AA)

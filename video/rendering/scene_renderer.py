@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -202,18 +203,10 @@ def _group_overlapping_balls(view: SceneView, positions: dict[int, list[FloatArr
             groups.remove(other)
             members, window = members + other[0], _window_union(window, other[1])
         groups.append((members, window))
-    return groups if not _has_overlaps(groups) else [(sorted(positions), _merge_windows(groups))]
-
-
-def _has_overlaps(groups: list[tuple[list[int], Window]]) -> bool:
-    return any(_windows_overlap(a[1], b[1]) for i, a in enumerate(groups) for b in groups[:i])
-
-
-def _merge_windows(groups: list[tuple[list[int], Window]]) -> Window:
-    window = groups[0][1]
-    for _, other in groups[1:]:
-        window = _window_union(window, other)
-    return window
+    windows = [window for _, window in groups]
+    if any(_windows_overlap(*pair) for pair in combinations(windows, 2)):
+        return [(sorted(positions), reduce(_window_union, windows))]
+    return groups
 
 
 def _windows_overlap(a: Window, b: Window) -> bool:
@@ -359,8 +352,4 @@ def _vignette_factor(view: SceneView) -> Float32Array:
     return share
 
 
-def _srgb_curve(levels: int = 4096) -> ImageArray:
-    return (encode_srgb(np.linspace(0, 1, levels)) * 255 + 0.5).astype(np.uint8)
-
-
-_SRGB_CURVE = _srgb_curve()
+_SRGB_CURVE = (encode_srgb(np.linspace(0, 1, 4096)) * 255 + 0.5).astype(np.uint8)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.typing import ByteArray, Float32Array, FloatArray
-from video.rendering.ball_arrangement import BallArrangement, arrange_balls
-from video.rendering.random_scene import RandomScene, generate_scene
+from video.rendering.random_scene import BallArrangement, RandomScene, arrange_balls, generate_scene
 from video.rendering.scene_clutter import paint_backdrop, paint_caption, paint_halos, paint_players
 from video.rendering.scene_renderer import (
     SceneView,
@@ -100,7 +99,7 @@ def render_training_image(
         balls=tuple(scene.balls[i] for i in arrangement.look_index),
         empty=replace(view.empty, image=_render_backdrop(rng, scene, view, arrangement)),
     )
-    light = render_exposure(view, arrangement.ball_motion(), 0.0)
+    light = render_exposure(view, arrangement.poses_at, 0.0)
     before = light.copy()
     paint_players(rng, light, scene, view.illumination)
     hidden = np.abs(light - before).max(axis=2) > MIN_OCCLUSION_CHANGE * (before.max(axis=2) + 0.01)
@@ -131,7 +130,7 @@ def _render_backdrop(
 
 def _project_balls(view: SceneView, arrangement: BallArrangement) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return centres (N, 2), radii (N,) and streaks (N, 2) in px."""
-    motion = arrangement.ball_motion()
+    motion = arrangement.poses_at
     streak = project_ball_centres(view, motion, 0.5) - project_ball_centres(view, motion, -0.5)
     radius = view.camera.radius_px(arrangement.position, view.table.ball_radius)
     return project_ball_centres(view, motion, 0.0), np.asarray(radius, dtype=np.float64), streak

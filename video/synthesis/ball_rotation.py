@@ -331,31 +331,19 @@ class _RotationFit:
     def estimate_light(self, paints: tuple[Float32Array, Float32Array]) -> Float32Array:
         """Return the levels (g, g, 3) by which lamps brighten a place more than others, whichever paint is there.
 
-        A place that is brighter in both views than its paint is in the other view is lit by a lamp.
+        A place that is brighter in both views than its paint is in the other view is lit by a lamp. Where only one view
+        shows that paint elsewhere, it cannot be darker than the darkest paint on the ball.
         """
-        light = _common_light(self.views, self.excess, self.visibility, paints)
+        darkest, brightest = paints
+        below, above = np.minimum(*self.views) - darkest, brightest - np.maximum(*self.views)
+        alone = [np.clip(gain, -np.maximum(above, 0), np.maximum(below, 0)) for gain in self.excess]
+        is_agreed = self.excess[0] * self.excess[1] > 0
+        agreed = np.where(is_agreed, np.sign(self.excess[0]) * np.minimum(*np.abs(self.excess)), 0)
+        first, second = (share[..., None] for share in self.visibility)
+        light = first * second * agreed + first * (1 - second) * alone[0] + second * (1 - first) * alone[1]
         return np.asarray(light * self.rotating_share[..., None], dtype=np.float32)
 
 
 def _excess_levels(own: Float32Array, most: Float32Array, least: Float32Array) -> Float32Array:
     """Return the levels (g, g, 3) by which a view is above the maximum or, negative, below the minimum."""
     return np.asarray(np.maximum(own - most, 0) - np.maximum(least - own, 0), dtype=np.float32)
-
-
-def _common_light(
-    views: tuple[Float32Array, Float32Array],
-    excess: list[Float32Array],
-    visibility: list[Float32Array],
-    paints: tuple[Float32Array, Float32Array],
-) -> Float32Array:
-    """Return the levels (g, g, 3) by which places are brighter in both views than their paint is elsewhere on the ball.
-
-    Where only one view shows that paint elsewhere, it cannot be darker than the darkest paint on the ball.
-    """
-    darkest, brightest = paints
-    headroom = np.maximum(np.minimum(*views) - darkest, 0), np.maximum(brightest - np.maximum(*views), 0)
-    alone = [np.clip(gain, -headroom[1], headroom[0]) for gain in excess]
-    agreed = np.where(excess[0] * excess[1] > 0, np.sign(excess[0]) * np.minimum(*np.abs(excess)), 0)
-    first, second = (share[..., None] for share in visibility)
-    light = first * second * agreed + first * (1 - second) * alone[0] + second * (1 - first) * alone[1]
-    return np.asarray(light, dtype=np.float32)

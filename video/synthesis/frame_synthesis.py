@@ -11,7 +11,7 @@ import numpy as np
 from models.core.trajectory import State
 from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.moving_regions import MovingRegion, find_moving_regions
-from video.flow.optical_flow import compute_flow, pixel_grid
+from video.flow.optical_flow import compute_flow, pixel_grid, smooth_step
 from video.io.clip import Clip
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import (
@@ -25,10 +25,9 @@ from video.matting.ball_matting import (
 )
 from video.matting.ball_timeline import BallTimeline
 from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls
-from video.matting.hidden_background import HiddenBackground
+from video.matting.hidden_background import HiddenBackground, find_visible_balls
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
-from video.matting.visible_balls import find_visible_balls
 from video.synthesis.ball_rotation import (
     BallRotation,
     compare_rotated_views,
@@ -45,9 +44,6 @@ MAX_ROTATION_STREAK_RADII = 1.5
 MAX_ROTATION_ERROR_RATIO = 1.5
 # Radii by which the ends of two similar streaks may differ.
 SIMILAR_STREAK_RADII = 0.4
-# Shares of the gap between which everything except balls cross-fades: short, so that hands and cues appear double only
-# briefly.
-CROSS_FADE_SHARES = (0.3, 0.7)
 # Largest deviation from the chroma of the own 2 x 2 block, relative to that on a shifted grid; rounding alone gives a
 # tenth.
 MAX_ALIGNED_SHARE = 0.3
@@ -201,7 +197,7 @@ class FrameInterval:
 
     def _blend_backgrounds(self, t: float, share: float) -> ImageArray:
         """Return the cross-fade of both backgrounds, a new image."""
-        weight = _fade_weight(share)
+        weight = smooth_step(share)
         sides = [self._warp_background(side, t) for side in (0, 1) if weight != 1 - side]
         if len(sides) == 1:
             return sides[0].copy()
@@ -212,12 +208,6 @@ class FrameInterval:
         background = self.matted[side].background
         step = self.timeline.camera_step(float(self.timeline.t[self.row + side]), t)
         return background if step is None else _warp_image(background, step)
-
-
-def _fade_weight(share: float) -> float:
-    """Return the weight of the second background at a share of the gap."""
-    x = float(np.clip((share - CROSS_FADE_SHARES[0]) / (CROSS_FADE_SHARES[1] - CROSS_FADE_SHARES[0]), 0, 1))
-    return x * x * (3 - 2 * x)
 
 
 def subsample_chroma(image: ImageArray, box: Box) -> None:
@@ -296,7 +286,9 @@ def prepare_interval(
     second_background = matted[1].background if step is None else _warp_image(matted[1].background, step)
     regions = find_moving_regions(first_matted.background, second_background, step is None)
     has_square_chroma = (previous is not None and previous.has_square_chroma) or has_subsampled_chroma(first)
-    resting = _resting_outlines(timeline, row, balls)
+    resting = tuple(
+        timeline.outline(row, int(ball)) for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls
+    )
     return FrameInterval(timeline, row, first, second, matted, tuple(moving_balls), resting, regions, has_square_chroma)
 
 
@@ -350,12 +342,6 @@ def _is_occluded(
     near = np.hypot(away[:, 0], away[:, 1]) < 1.2 * timeline.radius[side]
     near[ball] = False
     return bool((near & (away[:, 1] > 0) & timeline.observed[side]).any())
-
-
-def _resting_outlines(timeline: BallTimeline, row: int, balls: tuple[int, ...]) -> tuple[BallOutline, ...]:
-    """Return the outlines of the balls that rest in both frames."""
-    resting = [ball for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls]
-    return tuple(timeline.outline(row, int(ball)) for ball in resting)
 
 
 def _matte_frame(

@@ -24,7 +24,7 @@ from models.core.scene import CUSHIONS, POCKETS
 from models.core.typing import FloatArray
 from models.estimation.forecast.state_estimate import PARAMETERS_PER_BALL, StateEstimate
 from models.estimation.multiple_shooting.shooting_windows import MAX_SENSITIVITY
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
     EVENT_FIRST,

@@ -40,8 +40,8 @@ from models.estimation.table_learning.cushion_learning import learn_own_cushions
 from models.estimation.table_learning.learned_table import CLOTH_SPREAD, ROLLING_MODEL_SIGMA, LearnedTable
 from models.estimation.table_learning.side_spin import infer_side_spins
 from models.numerics.statistics import evaluate_huber_loss, measure_lack_of_fit
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.cloth.closed_form_motion import GRAVITY
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import AIR_DRAG, ROLLING_MU, SLIDING_MU, VISCOUS_DRAG
 from models.tracking.track_noise import apply_noise, estimate_noise
 

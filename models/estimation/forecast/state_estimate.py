@@ -14,10 +14,9 @@ from models.core.typing import FloatArray
 from models.estimation.joint_fit.joint_refinement import ROLLING_RANGE, SLIDING_RANGE
 from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.table_learning.side_spin import SpinDistribution
-from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.cloth.closed_form_motion import spin_from_slip
+from models.physics.billiards.contact_models import BALL_MODELS, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
     BALL_E,
     CUSHION_E,

@@ -20,7 +20,7 @@ from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_windows import ShotWindows
-from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
+from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
     EVENT_FIRST,

@@ -61,36 +61,29 @@ class GapScene(Protocol):
     @property
     def name(self) -> str:
         """One of billiards, flight, pendulum, slide."""
-        ...
 
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The catalogue: effects that these recordings allow to test, including those of the simulator."""
-        ...
 
     @property
     def simulator_effects(self) -> tuple[str, ...]:
         """Names of the effects that the user's simulator has; their parameters are fitted as well."""
-        ...
 
     @property
     def alternatives(self) -> tuple[Alternatives, ...]:
         """Choices between published contact models."""
-        ...
 
     @property
     def gauges(self) -> tuple[str, ...]:
         """Quantities that no data of this kind can identify, such as the frame rate."""
-        ...
 
     @property
     def not_tested(self) -> tuple[str, ...]:
         """Effects of the library that these recordings cannot test, such as lens distortion without an image."""
-        ...
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Split a recording at external interventions (a strike, a hand), between which the motion is autonomous."""
-        ...
 
     def build_model(
         self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
@@ -109,7 +102,6 @@ class GapScene(Protocol):
         Returns:
             The model.
         """
-        ...
 
     def observation_covariates(
         self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
@@ -125,7 +117,6 @@ class GapScene(Protocol):
         Returns:
             Covariates of the K observations, from a simulation.
         """
-        ...
 
     def predict_positions(
         self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
@@ -141,7 +132,6 @@ class GapScene(Protocol):
         Returns:
             (T, N, D) in the unit of the scene.
         """
-        ...
 
 
 @runtime_checkable
@@ -151,7 +141,6 @@ class ContactRichScene(Protocol):
     @property
     def initial_window_length(self) -> float:
         """s, duration of segments whose fit converges; longer ones are fitted by continuation."""
-        ...
 
 
 def neutral_values(scene: GapScene, forms: tuple[str, ...] | None = None) -> FloatArray:

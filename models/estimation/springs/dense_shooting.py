@@ -51,11 +51,9 @@ class ChainModel(Protocol):
 
     def predict(self, states: FloatArray, shared: FloatArray) -> ChainPrediction:
         """Predict from states (K, S) and shared coordinates (P,)."""
-        ...
 
     def clip_shared(self, shared: FloatArray) -> FloatArray:
         """Return the nearest possible shared coordinates (P,)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, ContactScatter, LearnedTable
 from models.estimation.table_learning.side_spin import Rebounds, filter_side_spin, predict_rebounds
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import find_model
+from models.physics.billiards.contact_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
     BALL_E,
     BALL_MU,

@@ -25,8 +25,8 @@ from models.estimation.table_learning.learned_table import LearnedTable
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.numerics.executor import SERIAL, Executor
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior

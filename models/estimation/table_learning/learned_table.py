@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.core.typing import FloatArray, IntArray
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION, correct_rebound
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
 from models.physics.effects.catalogue import find_prior

@@ -1,7 +1,7 @@
 """Published models of a contact, the steps that they share, and one compiled function that contains all of them.
 
-A model is one file in `ball_cushion` or `ball_ball` that defines `MODEL`, a `ContactModel`. The registry of the folder
-(`cushion_models`, `ball_models`) finds the file and derives everything else from it: names, checks of parameters,
+A model is one file in `ball_cushion` or `ball_ball` that defines `MODEL`, a `ContactModel`. The registry
+(`contact_models`) finds the file and derives everything else from it: names, checks of parameters,
 compiled dispatch and derivatives, and the models that a diagnosis compares.
 
 Every ball model is a compiled function
@@ -71,7 +71,7 @@ class ContactModel:
     reference: str
     """Author, year, title and DOI."""
     resolve: Callable[..., Any]
-    """Compiled; the signature is that of the folder, see `cushion_models.rebound` and `ball_models.collide`."""
+    """Compiled; the signature is that of the folder, see above."""
     is_candidate: bool = True
     """Whether a diagnosis tries the model where a simulator has another one."""
     standard_values: tuple[tuple[str, float], ...] = ()
@@ -160,29 +160,40 @@ def tabulate_parameters(models: Sequence[ContactModel], generic_law: tuple[int, 
     )
 
 
-def compose_dispatch(
-    models: Sequence[ContactModel],
-    prepend_model: Callable[[int, Callable[..., Any], Any], Any],
-    ignore_code: Callable[[Callable[..., Any]], Any],
-) -> Any:
+def compose_dispatch(models: Sequence[ContactModel]) -> Any:
     """Compose one compiled function that resolves a contact by any of several models.
 
     Numba binds calls when it compiles, so the choice is a chain of closures, each of which compares the code with its
-    own and otherwise calls the next one. They are inlined and become plain conditions.
+    own and otherwise calls the next one.
 
     Args:
         models: Models of one folder, by code.
-        prepend_model: Makes a closure of a code, `ContactModel.resolve` and the closure of all models behind it.
-        ignore_code: Makes a closure that calls `ContactModel.resolve` whatever the code.
 
     Returns:
         A compiled function of a model's code and the arguments of `ContactModel.resolve`. A code beyond the last model
         stands for the last one.
     """
     *others, last = models
-    dispatch = ignore_code(last.resolve)
+    resolve_last = last.resolve
+
+    @compile_kernel
+    def dispatch(code, *arguments):  # type: ignore[no-untyped-def]
+        return resolve_last(*arguments)
+
     for code, model in reversed(tuple(enumerate(others))):
-        dispatch = prepend_model(code, model.resolve, dispatch)
+        dispatch = _prepend_model(code, model.resolve, dispatch)
+    return dispatch
+
+
+def _prepend_model(own_code: int, resolve: Callable[..., Any], others: Any) -> Any:
+    """Make a compiled function that resolves a contact by a model, or by the `others` for other codes."""
+
+    @compile_kernel
+    def dispatch(code, *arguments):  # type: ignore[no-untyped-def]
+        if code == own_code:
+            return resolve(*arguments)
+        return others(code, *arguments)
+
     return dispatch
 
 
@@ -216,6 +227,20 @@ def apply_ball_impulse(  # type: ignore[no-untyped-def]
         wbn,
         wbt - spin_b * up,
         wbz + spin_b * along,
+    )
+
+
+@compile_kernel
+def rub_balls(  # type: ignore[no-untyped-def]
+    van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, friction
+):
+    """Return both balls after a normal impulse, and friction of at most this impulse, which never reverses the slip."""
+    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
+    slip = np.sqrt(st * st + sz * sz + 1e-300)
+    stick = STICKING_SHARE * ma * mb / (ma + mb)
+    share = friction / slip if friction.real < stick.real * slip.real else stick
+    return apply_ball_impulse(
+        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
     )
 
 

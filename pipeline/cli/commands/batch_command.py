@@ -109,7 +109,11 @@ def batch(
     rows = work.results
     _print_results(rows, out, time.monotonic() - began, as_json)
     if gaps:
-        _print_diagnosis(rows, out)
+        from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
+
+        for table, sentence in diagnose_tables(group_by_table(rows), out, cli.console):
+            shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
+            cli.print_note(f"{table.name} ({shots}): {sentence}")
     if any(row.status == "failed" for row in rows):
         raise typer.Exit(1)
 
@@ -169,15 +173,6 @@ def _print_disk_use(work: Batch, options: RunOptions) -> None:
         others = len(facts) - len(films)
         later = f"; {others} long recording{'s' * (others != 1)} not counted yet" if others else ""
         cli.print_note(f"Disk: {text}{later}")
-
-
-def _print_diagnosis(rows: list[ClipResult], out: Path) -> None:
-    """Diagnose the shots of each table and print the results."""
-    from pipeline.actions.diagnose_batch import diagnose_tables, group_by_table
-
-    for table, sentence in diagnose_tables(group_by_table(rows), out, cli.console):
-        shots = f"{len(table.folders)} shot{'s' * (len(table.folders) != 1)}"
-        cli.print_note(f"{table.name} ({shots}): {sentence}")
 
 
 def _print_results(rows: list[ClipResult], out: Path, seconds: float, as_json: bool) -> None:

@@ -29,7 +29,7 @@ from pipeline.settings import DoorOptions, build_door_options, list_door_setting
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.command_settings import add_settings
 from video.drawing.palette import MUTED_GREY, TRUST_COLOURS, WHITE
-from video.filming_check.filming_limits import FilmingLimits
+from video.filming_check.measure_filming import FilmingLimits
 from video.overlay.filming_still import PanelLine, TableOutline, count_panel_letters, draw_filming_still
 
 # Signs of the levels on a terminal.

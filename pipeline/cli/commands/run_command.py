@@ -83,21 +83,15 @@ def run(
             clip, folder, options, store, display, ShotChoice(shot, at), executor=executor,
             answer_listener=None if as_json else print_answer, start_helpers=start_helpers,
         )  # fmt: skip
-    _print_run(finished, options, update_profile, as_json, is_answered=bool(answers))
-
-
-def _print_run(
-    finished: FinishedRun, options: RunOptions, profile: Path | None, as_json: bool, *, is_answered: bool = False
-) -> None:
-    """Print the result of a run, unless the answer was printed before, improve the profile by it, name the video."""
     if as_json:
         _print_notes(finished.notes)
-    elif not is_answered:
+    elif not answers:
         _print_answer(finished)
-    if profile is not None:
-        from pipeline.io.view_profile import update_profile  # pydantic is slow to import
+    if update_profile is not None:
+        from pipeline.io import view_profile  # pydantic is slow to import
 
-        _print_notes((*update_profile(profile, finished.folder), f"{profile} now holds this run too"))
+        begun = view_profile.update_profile(update_profile, finished.folder)
+        _print_notes((*begun, f"{update_profile} now holds this run too"))
     if as_json:
         print(json.dumps(_run_to_json(finished), allow_nan=False))
     elif not options.render.no_video:

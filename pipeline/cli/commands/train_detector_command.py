@@ -79,8 +79,7 @@ def train_detector(
     require_writable_folder(out.parent)
     require_writable_folder(work)
     from detectors.network.ball_model import SHIPPED_BALL_MODEL
-    from detectors.training.data.disc_samples import DiscSource
-    from detectors.training.data.streak_samples import StreakSource
+    from detectors.training.offset_samples import DiscSource, StreakSource
     from detectors.training.train_detector import (  # torch: seconds to import
         CHECKPOINTS,
         train_ball_detector,

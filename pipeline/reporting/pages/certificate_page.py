@@ -18,8 +18,8 @@ from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import LearnedTable, rebound_rolling_balls
 from models.estimation.table_learning.table_measurements import MIN_CONTACTS_PER_CUSHION, MeasuredTable
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from pipeline.engine.atomic_write import write_text
 from pipeline.io.certificate_files import ADVISED_CONTACTS, ADVISED_SHOTS, NAMES, CertifiedTable, NumberComparison
 from pipeline.io.table_profile import parse_learned_table
@@ -71,7 +71,10 @@ def write_certificate_page(
         warning=format_too_few(document),
         sections=[(heading, [_format_row(name, numbers[name]) for name in names if name in numbers])
                   for heading, names in _SECTIONS],
-        repeatability=[_format_scatter(name, entry) for name, entry in document["repeatability"].items()],
+        repeatability=[
+            (NAMES[name], *format_number("", entry), format_count(entry["count"], "shot"))  # a scatter has no direction
+            for name, entry in document["repeatability"].items()
+        ],
         figures=[
             ("Paths of all shots, and the fall of the table", embed_figure(slope, "plot-slope", 460)),
             (_RESTITUTION_CAPTION, embed_figure(restitution, "plot-restitution", _FIGURE_HEIGHT)),
@@ -90,11 +93,6 @@ def _format_row(name: str, entry: dict[str, Any]) -> tuple[str, str, str, str, s
     """Format a number as a row of a table: words, value, standard deviation, unit, and what it is from."""
     unit = "contact" if name.startswith("restitution") or name in ("length", "width") else "shot"
     return NAMES[name], *format_number(name, entry), format_count(entry["count"], unit)
-
-
-def _format_scatter(name: str, entry: dict[str, Any]) -> tuple[str, str, str, str, str]:
-    """Format a scatter between shots as a row of a table; it has no direction."""
-    return NAMES[name], *format_number("", entry), format_count(entry["count"], "shot")
 
 
 def _format_difference(row: NumberComparison) -> tuple[str, str, str, str, str, str, bool]:

@@ -29,7 +29,7 @@ from models.core.number_format import format_measured, format_unit
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from pipeline.engine.atomic_write import write_text
-from pipeline.io.gap_files import PROFILE_FILE, has_fitted_model
+from pipeline.io.gap_files import PROFILE_FILE
 from pipeline.reporting.pages.page_template import embed_figure, pack_plotly_source, render_template
 from pipeline.reporting.text import gap_sentences
 from pipeline.reporting.text.text_formatting import escape_text, format_law
@@ -93,7 +93,7 @@ def write_gap_page(
         laws=" and ".join(format_law(name) for name in report.forms),
         model=gap_sentences.format_assumed_effects(report),
         undecided=gap_sentences.format_undecided(report),
-        profile=escape_text(path.parent / PROFILE_FILE) if table is not None and has_fitted_model(report) else "",
+        profile=escape_text(path.parent / PROFILE_FILE) if table is not None and report.fitted else "",
         plotly=pack_plotly_source(),
     )
     write_text(path, html)

@@ -27,7 +27,7 @@ from models.core.typing import ByteArray, FloatArray
 from pipeline.reporting.figures.motion_samples import find_moving_balls, simplify_line
 from video.drawing.palette import INK, adapt_to_any_background, ensure_contrast
 from video.io.clip import Clip
-from video.io.playback_copy import ensure_playable, re_encode_clip
+from video.io.video_writer import ensure_playable, re_encode_clip
 
 # Name of the timeline in s of the source clip.
 VIDEO_TIME = "video_time"

@@ -56,7 +56,8 @@ def format_alternatives(events: Events, k: int, explanation: ShotExplanation, na
         return ""
     others = [one for one in moment.hypotheses if not _is_event(moment, one, events, k)]
     causes = _format_causes(moment, others, naming)
-    return causes and f"or {causes}{FALL_REASONS.get(_find_category(moment, events, k), '')}"
+    category = next((one.category for one in moment.hypotheses if _is_event(moment, one, events, k)), "")
+    return causes and f"or {causes}{FALL_REASONS.get(category, '')}"
 
 
 def format_event_probability(events: Events, k: int, explanation: ShotExplanation, naming: Naming) -> str:
@@ -104,11 +105,6 @@ def _find_moment(events: Events, k: int, explanation: ShotExplanation) -> Moment
         if abs(moment.t - t) < MOMENT_TIME and _is_event(moment, one, events, k)
     ]
     return min(candidates, key=lambda entry: entry[:2])[2] if candidates else None
-
-
-def _find_category(moment: Moment, events: Events, k: int) -> str:
-    """Find what event k is concluded from."""
-    return next((one.category for one in moment.hypotheses if _is_event(moment, one, events, k)), "")
 
 
 def _is_event(moment: Moment, one: CauseHypothesis, events: Events, k: int) -> bool:

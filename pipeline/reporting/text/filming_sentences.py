@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from models.core.scene import Table
-from video.filming_check.filming_limits import FilmingLimits
-from video.filming_check.measure_filming import FilmingMeasurement
+from video.filming_check.measure_filming import FilmingLimits, FilmingMeasurement
 
 # The verdict as a sentence.
 VERDICT_WORDS = {

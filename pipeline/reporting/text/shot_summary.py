@@ -91,7 +91,7 @@ def summarize_shots(
         own = [k for k in likely if start <= events.t[k] < end and k != strike]
         stroke = _Stroke(tracks, fit, table, ball, start, end, strike, own, calls)
         summary = stroke.summarize()
-        speed = " ".join([summary.speed, *(scale_doubts if summary.speed != NO_ANSWER else ())])
+        speed = " ".join([summary.speed, *(scale_doubts if "m/s" in summary.speed else ())])
         spread = " ".join(stroke.format_break(one) for one in fit.explanation.breaks if start <= one.t < end)
         points = (
             format_score(one, fit.naming, stroke.is_moving(ball))

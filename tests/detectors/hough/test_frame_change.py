@@ -70,13 +70,6 @@ def test_only_what_changed_is_searched() -> None:
     assert sum((r.stop - r.start) * (c.stop - c.start) for r, c in parts) < 0.5 * touched.size
 
 
-def test_a_window_is_a_view_of_the_same_table() -> None:
-    view = build_hough_detector(build_test_scene(), [(0, clip(1)[1][0])]).view
-    part = view.crop_view((slice(20, 120), slice(48, 200)))
-    assert part.radius.shape == (100, 152)
-    assert np.allclose(part.to_reference(np.array([3.0, 5.0])), view.to_reference(np.array([51.0, 25.0])))
-
-
 def test_a_ball_whose_outline_is_disturbed_has_a_larger_error() -> None:
     rng = np.random.default_rng(23)
     clean = render_balls(REST, rng)

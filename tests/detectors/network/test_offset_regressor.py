@@ -11,22 +11,20 @@ import pytest
 from support.rendered_balls import CLOTH, PX_PER_M, RADIUS, Ball, build_test_scene, render_balls
 
 from detectors.measurement.circle_fit import Circles, fit_circles, smooth_image
-from detectors.network.ball_crops import (
+from detectors.network.ball_model import SHIPPED_BALL_MODEL
+from detectors.network.offset_regressor import (
+    DISC,
     DISC_RADIUS_PX,
     DISC_SIDE,
+    STREAK,
     STREAK_COLUMNS,
     STREAK_MARGIN_RADII,
     STREAK_RADIUS_PX,
     STREAK_ROWS,
     DiscCrop,
-    StreakCrop,
-)
-from detectors.network.ball_model import SHIPPED_BALL_MODEL
-from detectors.network.offset_regressor import (
-    DISC,
-    STREAK,
     OffsetRegressor,
     OffsetRegressorKind,
+    StreakCrop,
     measure_discs,
     measure_streak,
     open_offset_regressor,

@@ -12,31 +12,29 @@ import torch
 
 from detectors.network.ball_model import CentreModel, open_ball_model, read_model_metadata
 from detectors.network.peak_decoding import STREAK_UNIT_PX, decode_maps
+from detectors.training.augmentation import apply_similarity, apply_square_symmetry, augment_image
 from detectors.training.ball_evaluation import (
     PeakMatches,
     fit_calibration,
     fit_logistic,
-    format_metadata,
     summarize_matches,
 )
-from detectors.training.ball_export import (
+from detectors.training.ball_training import load_exported_weights, to_network_input, train_ball_network
+from detectors.training.detector_networks import BallNetwork, build_targets, compute_ball_loss, encode_streaks
+from detectors.training.onnx_export import (
     ExportedBallNetwork,
     NetworkCalibration,
     build_parity_inputs,
     export_ball_network,
+    max_disagreement,
 )
-from detectors.training.ball_training import load_exported_weights, to_network_input, train_ball_network
-from detectors.training.data.augmentation import apply_similarity, apply_square_symmetry, augment_image
-from detectors.training.data.training_shards import (
+from detectors.training.training_loop import TrainOptions
+from detectors.training.training_shards import (
     IMAGES_PER_SHARD,
     prepare_shard_file,
     read_shard,
     stack_training_images,
 )
-from detectors.training.networks.ball_loss import build_targets, compute_ball_loss, encode_streaks
-from detectors.training.networks.ball_network import BallNetwork
-from detectors.training.onnx_export import max_disagreement
-from detectors.training.training_loop import TrainOptions
 from video.rendering.random_scene import HOLD_OUT_ELEVATION, generate_scene
 from video.rendering.training_images import SIZE_PX, TrainingImage, generate_training_images
 
@@ -66,7 +64,7 @@ def test_truth_is_within_what_the_network_is_made_for(images: list[TrainingImage
 
 def test_a_ball_is_drawn_where_the_truth_says() -> None:
     """An image with one ball less differs from the other in a disc about that ball's centre, half lit or not."""
-    from video.rendering.ball_arrangement import arrange_balls
+    from video.rendering.random_scene import arrange_balls
     from video.rendering.scene_renderer import build_view, render_exposure
 
     rng = np.random.default_rng(11)
@@ -91,8 +89,8 @@ def test_a_ball_is_drawn_where_the_truth_says() -> None:
         rotation=one.rotation[:0],
         is_rolling=one.is_rolling[:0],
     )
-    light = render_exposure(replace(view, balls=(scene.balls[0],)), one.ball_motion(), 0.0)
-    empty = render_exposure(replace(view, balls=()), none.ball_motion(), 0.0)
+    light = render_exposure(replace(view, balls=(scene.balls[0],)), one.poses_at, 0.0)
+    empty = render_exposure(replace(view, balls=()), none.poses_at, 0.0)
     centre = scene.camera.to_pixels(one.position, scene.table.ball_radius)[0]
     radius = float(scene.camera.radius_px(one.position, scene.table.ball_radius)[0])
     y, x = np.mgrid[:SIZE_PX, :SIZE_PX]
@@ -238,9 +236,8 @@ def test_a_network_that_finds_nothing_has_figures_too() -> None:
     none, pairs = np.empty(0), np.empty((0, 2))
     nothing = PeakMatches(none, none.astype(bool), pairs, pairs, none, none, 12, 0)
     figures = summarize_matches(nothing, 3)
-    assert (figures.recall, figures.precision, figures.look_right) == (0.0, 0.0, 0.0)
-    facts = format_metadata(NetworkCalibration(1.0, 0.0, 1.0), figures)
-    assert "sharp_rms_px" not in facts["trueroll.held_out"]
+    assert (figures["recall"], figures["precision"], figures["look_right"]) == (0.0, 0.0, 0.0)
+    assert "sharp_rms_px" not in figures
 
 
 def test_augmentation_adds_no_ball(images: list[TrainingImage]) -> None:
@@ -330,7 +327,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[BallNetwork, Pat
     with torch.no_grad():
         for _ in range(3):
             network(torch.randn(4, 3, 64, 64))
-    export_ball_network(network.eval(), CALIBRATION, {"trueroll.recipe": {"steps": 3}}, path)
+    export_ball_network(network.eval(), CALIBRATION, {}, {"steps": 3}, path)
     return network, path
 
 

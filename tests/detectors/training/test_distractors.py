@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from detectors.training.data.distractors import PAINTERS, paint_distractors
+from detectors.training.augmentation import PAINTERS, paint_distractors
 
 SIDE = 96
 BALLS = np.array([[30.0, 40.0, 7.0, 0, 0, 0, 1], [66.0, 60.0, 8.0, 20.0, -6.0, 2, 1], [np.nan] * 7], dtype=np.float32)

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from models.core.module_discovery import find_discovered_packages
-from models.physics.billiards.ball_cushion.cushion_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import collect_models, find_model
+from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
 from models.physics.effects.catalogue import collect_effects
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -52,7 +52,7 @@ MODEL = ContactModel("sticky", ("glue.share",), "Half the speed comes back", "th
 QUESTIONS = """
 import json
 import numpy as np
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_CHOICE, CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODEL_CHOICE, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import resolve_cushion_contact
 from models.physics.billiards.simulation.table_physics import Physics
@@ -142,10 +142,9 @@ def test_an_unknown_model_is_named_with_the_others() -> None:
 
 
 def test_caches_see_the_packages_that_registries_discover() -> None:
-    registries = ("effects/catalogue", "billiards/ball_cushion/cushion_models", "billiards/ball_ball/ball_models")
+    registries = ("effects/catalogue", "billiards/contact_models")
     sources = [(ROOT / "models" / "physics" / f"{name}.py").read_bytes() for name in registries]
     assert [find_discovered_packages(source) for source in sources] == [
         ("models.physics.effects",),
-        ("models.physics.billiards.ball_cushion",),
-        ("models.physics.billiards.ball_ball",),
+        ("models.physics.billiards.ball_ball", "models.physics.billiards.ball_cushion"),
     ]

@@ -15,8 +15,7 @@ from support.sample_clips import SAMPLES
 from pipeline.cli.execute import execute_command_line
 from pipeline.io.image_file import write_image
 from pipeline.reporting.text.filming_sentences import rank_faults
-from video.filming_check.filming_limits import CODES, FilmingLimits
-from video.filming_check.measure_filming import FilmingMeasurement
+from video.filming_check.measure_filming import CODES, FilmingLimits, FilmingMeasurement
 from video.io.clip import open_clip, read_frames
 from video.io.video_writer import VideoWriter
 

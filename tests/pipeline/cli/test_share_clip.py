@@ -16,7 +16,7 @@ from models.core.errors import OptionError
 from pipeline.actions.answer_call import answer_question
 from pipeline.io.run_views import read_shot_record
 from video.drawing.label_layout import Rect
-from video.drawing.text import text_mask, wrap_text
+from video.drawing.masks import text_mask, wrap_text
 from video.overlay import share_clip
 from video.overlay.frame_overlay import FrameBalls
 from video.overlay.share_clip import MARGIN, QUESTION_PX, SENTENCE_PX, VERDICT_PX, WIDTH

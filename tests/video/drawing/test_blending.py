@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from video.drawing.text import blend_colours
+from video.drawing.masks import blend_colours
 
 CORNERS = [(3, 2), (-4, -3), (25, 14), (-90, 5), (5, 90)]
 

@@ -12,8 +12,10 @@ import pytest
 from models.core.detections import Detections
 from models.core.typing import FloatArray, ImageArray
 from video.filming_check.clip_sample import FRAME_RANGE, sample_clip
-from video.filming_check.filming_limits import CODES, FilmingLimits, Limit
 from video.filming_check.measure_filming import (
+    CODES,
+    FilmingLimits,
+    Limit,
     find_glare,
     measure_clipping,
     measure_edge_blur,

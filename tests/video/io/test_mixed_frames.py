@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from video.io.blended_frames import find_blending
+from video.io.duplicate_frames import find_blending
 
 PERIOD = 6
 """Frames of the file after which the rhythm of 25 fps in 30 fps recurs."""

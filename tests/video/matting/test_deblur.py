@@ -12,8 +12,13 @@ from models.core.typing import FloatArray, ImageArray
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import BallOutline, MattedSprite, matte_balls, sample_path
 from video.matting.compositing import SpriteLayer, composite_balls
-from video.matting.deblur import blur_along_path, deblur_sprite, match_brightness, scale_sprite
-from video.matting.sharp_balls import smooth_shading_over_borders
+from video.matting.sharp_balls import (
+    blur_along_path,
+    deblur_sprite,
+    match_brightness,
+    scale_sprite,
+    smooth_shading_over_borders,
+)
 
 SIZE, RADIUS, CENTRE = 96, 9.0, np.array([47.3, 48.6])
 CLOTH, BALL = np.array([40.0, 110.0, 80.0]), np.array([230.0, 60.0, 40.0])

@@ -11,7 +11,7 @@ from support import staged_shot as shot
 
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_timeline import BallTimeline, build_ball_timeline
-from video.matting.visible_balls import find_visible_balls
+from video.matting.hidden_background import find_visible_balls
 
 ROW = 15
 TIMES = np.arange(31) / shot.RATE

@@ -7,8 +7,8 @@ from support import staged_shot as shot
 from models.core.ball_look import CLASS_COLOURS
 from models.core.scene import Camera, Scene
 from models.core.typing import FloatArray, ImageArray
-from video.drawing.circles import draw_ring
 from video.drawing.label_layout import LabelPosition, overlap_share, place_label, place_panel
+from video.drawing.masks import draw_ring, draw_text, text_mask
 from video.drawing.palette import (
     BRIGHT_LUMA,
     INK,
@@ -20,7 +20,6 @@ from video.drawing.palette import (
     lighten_for_text,
 )
 from video.drawing.table_plan import build_table_inset
-from video.drawing.text import draw_text, text_mask
 from video.overlay.frame_overlay import (
     ClockPanel,
     FrameBalls,
@@ -131,10 +130,10 @@ def test_a_label_moves_the_short_way_round_without_crossing_its_ball() -> None:
 def test_a_panel_takes_the_corner_that_hides_least() -> None:
     cost = np.ones((45, 80))
     cost[:15, 55:] = 0
-    left, top, width, height = place_panel((100, 60), (640, 360), cost, [], 1 / 8)
+    left, top, width, height = place_panel((100, 60), (640, 360), cost, [])
     assert left > 500
     assert top < 20
-    other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)], 1 / 8)
+    other = place_panel((100, 60), (640, 360), cost, [(left, top, width, height)])
     assert overlap_share((left, top, width, height), [other]) == 0
 
 
@@ -201,7 +200,7 @@ def test_the_plan_shows_balls_in_their_colour_and_leaves_out_absent_ones() -> No
     plan = build_table_inset(shot.scene(), 180)
     image = black(200, 300)
     xy: FloatArray = np.array([[0.45, 0.475], [np.nan, np.nan]])
-    plan.draw(image, 10, 20, xy, [np.empty((0, 2))] * 2, [(255, 255, 0), (0, 255, 255)])
+    plan.draw_with_balls(image, 10, 20, plan.reduce_canvas(plan.canvas), xy, [(255, 255, 0), (0, 255, 255)])
     x, y = plan.to_fixed_point(xy[0]) / 16 / 2
     assert image[20 + round(y), 10 + round(x), :2].min() > 200
     assert not ((image[..., 0] < 60) & (image[..., 1] > 220)).any()

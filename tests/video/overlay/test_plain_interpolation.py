@@ -19,7 +19,8 @@ from video.io.clip import Clip, read_frames
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
-from video.overlay.plain_interpolation import regular_frame_rate, subdivide_frame_times, synthesize_frames
+from video.overlay.plain_interpolation import regular_frame_rate, subdivide_frame_times
+from video.overlay.slow_motion import synthesize_frames
 from video.synthesis.frame_synthesis import estimate_clip_appearance
 
 FACTOR = 4
@@ -29,7 +30,7 @@ def interpolate(clip: Clip, tracks: Tracks, fit: Fit, factor: int) -> Iterator[I
     """Frames (H, W, 3) of the clip with `factor` - 1 synthesized ones in every gap."""
     background = estimate_hidden_background(build_ball_timeline(shot.scene(), tracks, fit), clip)
     appearance = estimate_clip_appearance(background, clip)
-    return synthesize_frames(clip, appearance, subdivide_frame_times(clip, factor))
+    return (frame.image for frame in synthesize_frames(clip, appearance, subdivide_frame_times(clip, factor)))
 
 
 def test_original_frames_are_the_decoded_ones_bit_for_bit(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from models.core.fit_result import Fit, Trust
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray, ImageArray
-from video.io.clip import Clip, read_frames
+from video.io.clip import Clip
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
@@ -27,7 +27,7 @@ from video.overlay import poster
 from video.overlay.annotation import prepare_annotation
 from video.overlay.frame_overlay import LABEL_LETTERS, Label
 from video.overlay.motion_paths import EVENT_STRENGTHS
-from video.overlay.poster import Poster
+from video.overlay.poster import draw_poster
 from video.overlay.slow_motion import CRF, SLOW_TUNING, balls_at_times, find_output_times, render_slow_motion
 from video.synthesis.frame_synthesis import ClipAppearance, estimate_clip_appearance
 
@@ -43,11 +43,9 @@ def appearance_of(clip: Clip, tracks: Tracks | None = None, fit: Fit | None = No
 
 
 def render_poster(clip: Clip, appearance: ClipAppearance, tracks: Tracks, fit: Fit, path: Path) -> None:
-    """Write the poster of a clip from all of its frames."""
-    still = Poster.for_background(HiddenBackground(appearance.timeline, appearance.plate))
-    for row, (_, image) in enumerate(read_frames(clip, indices=appearance.timeline.frame)):
-        still.add_frame(row, image)
-    still.write(tracks, fit, path)
+    """Write the poster of a clip."""
+    still = draw_poster(clip, HiddenBackground(appearance.timeline, appearance.plate), tracks, fit)
+    assert cv2.imwrite(str(path), cv2.cvtColor(still, cv2.COLOR_RGB2BGR))
 
 
 def render_and_decode(

@@ -14,7 +14,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.contact_model import STICKING_SHARE, ContactModel, apply_ball_impulse, surface_slip
+from models.physics.billiards.contact_model import ContactModel, rub_balls, surface_slip
 
 # Coefficient of friction at high speed.
 FRICTION_AT_SPEED = 0.00995
@@ -36,16 +36,12 @@ def friction_coefficient(slip):  # type: ignore[no-untyped-def]
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
-    reduced = ma * mb / (ma + mb)
-    normal = (1.0 + p[_E]) * (van - vbn) * reduced
+    """Return velocities and spins after the contact; arguments and result as in `contact_model`."""
+    normal = (1.0 + p[_E]) * (van - vbn) * ma * mb / (ma + mb)
     st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
     slip = np.sqrt(st * st + sz * sz + 1e-300)
-    bound, stick = friction_coefficient(slip) * normal, STICKING_SHARE * reduced
-    share = bound / slip if bound.real < stick.real * slip.real else stick
-    return apply_ball_impulse(
-        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
-    )
+    friction = friction_coefficient(slip) * normal
+    return rub_balls(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, friction)
 
 
 MODEL = ContactModel(

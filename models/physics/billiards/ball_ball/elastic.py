@@ -10,7 +10,7 @@ from models.physics.billiards.contact_model import ContactModel, apply_ball_impu
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
+    """Return velocities and spins after the contact; arguments and result as in `contact_model`."""
     normal = 2.0 * (van - vbn) * ma * mb / (ma + mb)
     none = 0.0 * p[0]
     return apply_ball_impulse(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, none, none)

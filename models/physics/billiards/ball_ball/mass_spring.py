@@ -22,7 +22,7 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.contact_model import STICKING_SHARE, ContactModel, apply_ball_impulse, surface_slip
+from models.physics.billiards.contact_model import ContactModel, rub_balls
 
 # N/m: two balls of 0.17 kg touch for 0.2 ms, the order of Hertz's contact of phenolic balls at 1 m/s.
 STIFFNESS = 2.1e7
@@ -59,18 +59,11 @@ def pushing_impulse(e):  # type: ignore[no-untyped-def]
 def collide(  # type: ignore[no-untyped-def]
     van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p
 ):
-    """Return velocities and spins after the contact; arguments and result as in `ball_contact`."""
+    """Return velocities and spins after the contact; arguments and result as in `contact_model`."""
     e = p[_E]
-    reduced = ma * mb / (ma + mb)
-    through = reduced * (van - vbn)
-    st, sz = surface_slip(vat, wat, waz, vbt, wbt, wbz, ra, rb)
-    slip = np.sqrt(st * st + sz * sz + 1e-300)
-    bound, stick = p[_MU] * pushing_impulse(e + 1e-300) * through, STICKING_SHARE * reduced
-    share = bound / slip if bound.real < stick.real * slip.real else stick
-    normal = (1.0 + e) * through
-    return apply_ball_impulse(
-        van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, -share * st, -share * sz
-    )
+    through = ma * mb / (ma + mb) * (van - vbn)
+    normal, friction = (1.0 + e) * through, p[_MU] * pushing_impulse(e + 1e-300) * through
+    return rub_balls(van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, normal, friction)
 
 
 MODEL = ContactModel(

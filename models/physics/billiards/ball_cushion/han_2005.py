@@ -30,7 +30,7 @@ _STICK = 2.0 / 7.0
 
 @compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
+    """Return velocity and spin after the contact; arguments and result as in `contact_model`."""
     sine, cosine = contact_inclination(p, NOSE_HEIGHT)
     closing, st, sk = contact_velocities(vn, vt, wn, wt, wz, radius, sine, cosine)
     normal = (1.0 + restitution_at_speed(vn, p)) * closing

@@ -223,7 +223,7 @@ def finish_phase(y, whole, contact, restoring, work_left, work, after):  # type:
 
 @compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
+    """Return velocity and spin after the contact; arguments and result as in `contact_model`."""
     e = restitution_at_speed(vn, p)
     sine, cosine = contact_inclination(p, NOSE_HEIGHT)
     y, after, work = np.zeros(_SIZE, p.dtype), np.empty(_SIZE, p.dtype), np.empty((11, _SIZE), p.dtype)

@@ -35,7 +35,7 @@ _STICK = 2.0 / 7.0
 
 @compile_kernel
 def rebound(vn, vt, wn, wt, wz, radius, mass, p):  # type: ignore[no-untyped-def]
-    """Return velocity and spin after the contact; arguments and result as in `cushion_contact`."""
+    """Return velocity and spin after the contact; arguments and result as in `contact_model`."""
     e = restitution_at_speed(vn, p)
     sine, cosine = contact_inclination(p, CENTRE_HEIGHT)
     slip = vt + radius * (cosine * wz - sine * wn)

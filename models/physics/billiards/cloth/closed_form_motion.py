@@ -11,7 +11,6 @@ acceleration while rolling, cx, cy (m/s^2).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.core.contact_graph import SEGMENT_STATE_SIZE, ClothFriction
 from models.core.typing import FloatArray
@@ -62,10 +61,11 @@ def duration_until_rest(state: FloatArray, friction: ClothFriction) -> FloatArra
     Returns:
         (...) s.
     """
-    slide = sliding_duration(state, friction)
     _, v, _ = _find_rolling_start(state, friction)
-    speed = np.hypot(v[..., 0], v[..., 1])
-    time: FloatArray = slide + speed / _rolling_deceleration(v, speed, state[..., 6:8], friction.rolling * GRAVITY)
+    speed, rolling = np.hypot(v[..., 0], v[..., 1]), friction.rolling * GRAVITY
+    along = (v * state[..., 6:8]).sum(axis=-1) / np.where(speed > 1e-12, speed, 1.0)
+    # at least a fifth of rolling resistance, so that every ball stops
+    time: FloatArray = sliding_duration(state, friction) + speed / np.maximum(rolling - along, 0.2 * rolling)
     return time
 
 
@@ -80,7 +80,7 @@ def evaluate_kinematics(state: FloatArray, tau: FloatArray, friction: ClothFrict
     Returns:
         (M, 6) position (m), velocity and slip (m/s).
     """
-    return np.real(_evaluate_motion(state, tau, friction.sliding, friction.rolling))
+    return differentiate_kinematics(state, tau, friction)[0]
 
 
 def differentiate_kinematics(
@@ -248,35 +248,3 @@ def _find_rolling_start(state: FloatArray, friction: ClothFriction) -> tuple[Flo
     a = -friction.sliding * GRAVITY * slip / np.maximum(speed, 1e-12)
     t = 2 / 7 * speed / (friction.sliding * GRAVITY)
     return state[..., 0:2] + state[..., 2:4] * t + a * t**2 / 2, state[..., 2:4] + a * t, a
-
-
-def _evaluate_motion(state: NDArray, tau: NDArray, sliding: NDArray | float, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
-    """Evaluate position, velocity, slip (..., 6) at tau (...) after the initial states (..., 8); real or complex."""
-    x, v, slip, extra = (state[..., k : k + 2] for k in (0, 2, 4, 6))
-    slip_speed = np.sqrt(slip[..., 0] ** 2 + slip[..., 1] ** 2 + _TINY_SLIP)
-    a = sliding * GRAVITY
-    slide = 2 / 7 * slip_speed / a
-    ts = np.where(np.real(tau) < np.real(slide), tau, slide)
-    against = slip / slip_speed[..., None]
-    push = (a * ts)[..., None] * against
-    x = x + (v - push / 2) * ts[..., None]
-    v = v - push
-    slip = slip - 3.5 * push
-    speed = np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + _TINY_SLIP)
-    stop = speed / _rolling_deceleration(v, speed, extra, rolling * GRAVITY)
-    tr = np.where(np.real(tau - ts) < np.real(stop), tau - ts, stop)[..., None]
-    slow = extra - (rolling * GRAVITY / speed)[..., None] * v
-    x = x + v * tr + slow * tr**2 / 2
-    v = np.where(np.real(tau - ts - stop)[..., None] < 0, v + slow * tr, 0)
-    return np.concatenate([x, v, slip], axis=-1)
-
-
-def _rolling_deceleration(v: NDArray, speed: NDArray, extra: NDArray, rolling: NDArray | float) -> NDArray:  # type: ignore[type-arg]
-    """Return the deceleration along the path, m/s^2 (...).
-
-    It is at least a fifth of rolling resistance, so that every ball stops.
-    """
-    along = (v[..., 0] * extra[..., 0] + v[..., 1] * extra[..., 1]) / np.where(np.real(speed) > 1e-12, speed, 1.0)
-    slow = rolling - along
-    floor = 0.2 * rolling
-    return np.where(np.real(slow) > np.real(floor), slow, floor)

@@ -14,9 +14,8 @@ import numpy as np
 
 from models.numerics.jit import compile_kernel
 from models.numerics.roots import CONTACT_DEPTH
-from models.physics.billiards.ball_ball.ball_models import GENTLE_MODEL, dispatch_ball_model
-from models.physics.billiards.ball_cushion.cushion_models import dispatch_cushion_model
 from models.physics.billiards.contact_model import MAX_ENERGY_RATIO, apply_ball_impulse, sphere_energy, surface_slip
+from models.physics.billiards.contact_models import GENTLE_MODEL, dispatch_ball_model, dispatch_cushion_model
 from models.physics.billiards.parameter_vector import IMPULSE_PARAMETERS, REBOUND_PARAMETERS
 
 
@@ -58,15 +57,6 @@ def rebound_with_slip(code, before, radius, mass, p, after):  # type: ignore[no-
     wn, wt = (ut - vt) / radius, (vn - un) / radius
     vn, vt, wn, wt, wz = rebound(code, vn, vt, wn, wt, before[4] / radius, radius, mass, p)
     after[0], after[1], after[2], after[3], after[4] = vn, vt, vn - radius * wt, vt + radius * wn, radius * wz
-
-
-@compile_kernel
-def collide(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p):  # type: ignore[no-untyped-def]
-    """Resolve a contact of two balls by the model of a code, an index in `BALL_MODELS`.
-
-    The other arguments and the result are those of every ball model, see `ball_contact`.
-    """
-    return dispatch_ball_model(code, van, vat, wan, wat, waz, vbn, vbt, wbn, wbt, wbz, ra, rb, ma, mb, p)
 
 
 @compile_kernel
@@ -117,7 +107,7 @@ def resolve_ball_contact(a, b, ra, rb, ma, mb, p, code, gentle, out):  # type: i
     nx, ny = nx / size, ny / size
     van, vat, vbn, vbt = nx * a[2] + ny * a[3], nx * a[3] - ny * a[2], nx * b[2] + ny * b[3], nx * b[3] - ny * b[2]
     wan, wat, wbn, wbt = nx * a[4] + ny * a[5], nx * a[5] - ny * a[4], nx * b[4] + ny * b[5], nx * b[5] - ny * b[4]
-    after = collide(
+    after = dispatch_ball_model(
         GENTLE_MODEL if gentle else code, van, vat, wan, wat, a[6], vbn, vbt, wbn, wbt, b[6], ra, rb, ma, mb, p
     )
     if not gentle:
@@ -144,7 +134,7 @@ def _change_impulse(  # type: ignore[no-untyped-def]
 ):
     """Change velocities and spins after a contact of two balls by the generic law.
 
-    Args and result are those of `ball_contact`; `after` are the ten numbers after the contact by a model. A parameter
+    Args and result are those of a ball model; `after` are the ten numbers after the contact by a model. A parameter
     that carries only a derivative counts too.
     """
     acts = False

@@ -19,8 +19,6 @@ from __future__ import annotations
 import numpy as np
 
 from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers, copy_rows
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_READS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODEL_READS
 from models.physics.billiards.cloth.cloth_motion import plan_motion
 from models.physics.billiards.cloth.motion_pieces import (
     PIECE_START,
@@ -32,6 +30,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     find_piece,
     side_spin_at,
 )
+from models.physics.billiards.contact_models import BALL_MODEL_READS, CUSHION_MODEL_READS
 from models.physics.billiards.parameter_vector import IS_CLOTH_PARAMETER, PARAMETER_NAMES, SPIN_DECAY
 from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 from models.physics.billiards.simulation.event_engine import (

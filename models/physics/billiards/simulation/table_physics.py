@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.physics.billiards.ball_ball.ball_models import BALL_MODEL_CHOICE, BALL_MODELS, REGISTERED_BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import (
+from models.physics.billiards.contact_model import ContactModel, find_model
+from models.physics.billiards.contact_models import (
+    BALL_MODEL_CHOICE,
+    BALL_MODELS,
     CUSHION_MODEL_CHOICE,
     CUSHION_MODELS,
+    REGISTERED_BALL_MODELS,
     REGISTERED_CUSHION_MODELS,
 )
-from models.physics.billiards.contact_model import ContactModel, find_model
 from models.physics.billiards.parameter_vector import (
     ENGINE_EFFECTS,
     IS_CLOTH_PARAMETER,

@@ -22,7 +22,7 @@ from models.estimation.forecast.state_estimate import (
     StateEstimate,
     law_probabilities,
 )
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from pipeline.actions.predict_shot import summarize_prediction
 
 R, G, MU = 0.028575, 9.81, 0.01

@@ -8,7 +8,7 @@ import pytest
 from models.estimation.table_learning.correction_training import MIN_GAIN, train_correction
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.learned_table import ContactScatter
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral_parameters
 from models.physics.billiards.simulation.contact_resolution import rebound
 

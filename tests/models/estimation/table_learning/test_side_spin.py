@@ -10,7 +10,7 @@ from models.estimation.table_learning.cushion_contacts import CushionContacts, j
 from models.estimation.table_learning.cushion_learning import learn_cushions
 from models.estimation.table_learning.learned_table import ContactScatter
 from models.estimation.table_learning.side_spin import SpinDistribution, brake_spin, filter_side_spin, predict_rebounds
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
     CUSHION_E,
     CUSHION_MU,

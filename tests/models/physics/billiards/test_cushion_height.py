@@ -7,8 +7,8 @@ import pytest
 
 from models.core.typing import FloatArray
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.contact_model import LEAST_HEIGHT, find_model
+from models.physics.billiards.contact_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.simulation.table_physics import Physics
 
 RADIUS, MASS = 0.028575, 0.17

@@ -12,9 +12,13 @@ from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER
 from models.physics.billiards import parameter_vector
-from models.physics.billiards.ball_ball.ball_models import BALL_MODELS, REGISTERED_BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.ball_cushion.rebound_correction import rebound_energy
+from models.physics.billiards.contact_models import (
+    BALL_MODELS,
+    CUSHION_MODELS,
+    REGISTERED_BALL_MODELS,
+    REGISTERED_CUSHION_MODELS,
+)
 from models.physics.billiards.simulation import contact_resolution
 from models.physics.billiards.simulation.event_engine import (
     EVENT_FIRST,

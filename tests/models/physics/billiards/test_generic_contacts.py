@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from models.core.typing import FloatArray
-from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import BALL_MODELS, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
     IMPULSE_PARAMETERS,
     REBOUND_PARAMETERS,

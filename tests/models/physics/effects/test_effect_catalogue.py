@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from models.physics.billiards.ball_ball.ball_models import BALL_MODELS
-from models.physics.billiards.ball_cushion.cushion_models import CUSHION_MODELS
+from models.physics.billiards.contact_models import BALL_MODELS, CUSHION_MODELS
 from models.physics.billiards.parameter_vector import ENGINE_EFFECTS, PARAMETER_NAMES, neutral_parameters
 from models.physics.billiards.simulation.parametrised_shot import IMAGE_PARAMETERS
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES

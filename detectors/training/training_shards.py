@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from models.core.typing import ByteArray, Float32Array
-from video.rendering.ball_arrangement import MAX_BALLS
+from video.rendering.random_scene import MAX_BALLS
 from video.rendering.training_images import TrainingImage, generate_training_images
 
 # Images in a file.

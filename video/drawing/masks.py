@@ -1,17 +1,20 @@
-"""Anti-aliased text and masks that are blended onto an image in one colour."""
+"""Masks of text, discs and rings, and colours that are blended onto an image through them."""
 
 from __future__ import annotations
 
+import math
 import re
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from models.core.typing import ByteArray, ImageArray
+from models.core.typing import ByteArray, FloatArray, ImageArray
 from models.numerics.jit import compile_kernel
-from video.drawing.palette import Colour
+from video.drawing.palette import INK, Colour
 
 # Distance of two lines over the font size.
 LINE_SPACING = 1.4
@@ -160,6 +163,24 @@ def draw_text(
     return int(mask.shape[1])
 
 
+def measure_panel(text: str, size: int) -> tuple[int, int]:
+    """Measure width and height, px, of a text of a font size on its panel."""
+    height, width = text_mask(text, size, bold=True).shape
+    return width + 2 * (size // 3), height + 2
+
+
+def draw_panel(
+    image: ImageArray, text: str, middle: FloatArray, size: int, colour: Colour
+) -> tuple[float, float, float, float]:
+    """Draw a text on a dark panel around a point (2,), moved into the image; return left, top, width and height."""
+    box = measure_panel(text, size)
+    room = np.maximum(np.subtract(image.shape[1::-1], box), 0)
+    left, top = (round(float(v)) for v in np.clip(middle - np.array(box) / 2, 0, room))
+    blend_mask(image, round_corner_mask(*box, max(3, box[1] // 4)), left, top, INK, 0.72)
+    draw_text(image, text, left + size // 3, top + 1, size, colour, bold=True)
+    return float(left), float(top), float(box[0]), float(box[1])
+
+
 def wrap_text(text: str, size: int, width: int, bold: bool = False) -> list[str]:
     """Break lines of text of a font size (px) so that they fit into `width` px."""
     font, lines = _load_font(size, bold), list[str]()
@@ -193,3 +214,75 @@ def draw_paragraph(
         draw_text(image, line, margin, y, size, colour, bold)
         y += round(LINE_SPACING * size)
     return y
+
+
+# Fractional bits of OpenCV's fixed-point coordinates.
+SHIFT = 4
+
+
+def drawing_scale(height: int) -> float:
+    """Return the scale of drawings relative to a frame of 720 rows; small frames keep legible text."""
+    return max(height / 720, 0.78)
+
+
+def to_fixed_point(px: FloatArray) -> NDArray[np.int32]:
+    """Convert pixels to OpenCV's fixed-point coordinates."""
+    return np.asarray(np.rint(px * (1 << SHIFT)), dtype=np.int32)
+
+
+def draw_ring(
+    image: ImageArray,
+    centre: FloatArray,
+    radius: float,
+    thickness: float,
+    colour: Colour,
+    opacity: float,
+    dashes: int = 0,
+) -> None:
+    """Draw a circle, solid or dashed, in place."""
+    if not np.isfinite(centre).all() or opacity <= 0.01:
+        return
+    half = int(np.ceil(radius + thickness + 2))
+    x0, y0 = (int(v) for v in np.floor(centre) - half)
+    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
+    middle = to_fixed_point(centre - [x0, y0]).tolist()
+    size = round(radius * (1 << SHIFT))
+    stroke = max(1, round(thickness))
+    if dashes:
+        step = 360 / dashes
+        for dash in range(dashes):
+            start = dash * step
+            cv2.ellipse(mask, middle, (size, size), 0, start, start + 0.5 * step, 255, stroke, cv2.LINE_AA, SHIFT)
+    else:
+        cv2.circle(mask, middle, size, 255, stroke, cv2.LINE_AA, SHIFT)
+    blend_mask(image, mask, x0, y0, colour, opacity)
+
+
+def draw_disc(image: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+    """Draw a filled circle, in place."""
+    mask, x, y = disc_mask(centre, radius)
+    blend_mask(image, mask, x, y, colour, opacity)
+
+
+def disc_mask(centre: FloatArray, radius: float) -> tuple[ByteArray, int, int]:
+    """Return the mask of a filled circle, and its top-left pixel."""
+    half = math.ceil(radius + 2)
+    x, y = (round(float(place) * (1 << SHIFT)) for place in centre)
+    within = (1 << SHIFT) - 1
+    return (
+        _disc_cover(half, x & within, y & within, round(radius * (1 << SHIFT))),
+        (x >> SHIFT) - half,
+        (y >> SHIFT) - half,
+    )
+
+
+@lru_cache(maxsize=4096)
+def _disc_cover(half: int, x: int, y: int, radius: int) -> ByteArray:
+    """Return the mask of a disc around a fraction (x, y) of pixel (half, half), in fixed-point px.
+
+    Cached, shared and read-only: most balls rest, and the others take up the same fractions of a pixel again.
+    """
+    mask = np.zeros((2 * half + 2, 2 * half + 2), dtype=np.uint8)
+    cv2.circle(mask, ((half << SHIFT) + x, (half << SHIFT) + y), radius, 255, -1, cv2.LINE_AA, SHIFT)
+    mask.setflags(write=False)
+    return mask

@@ -1,1 +1,0 @@
-"""Training samples: rendered frames on disk, augmentation, distractors and crops."""

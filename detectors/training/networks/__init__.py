@@ -1,1 +1,0 @@
-"""The torch networks, their targets and losses."""
