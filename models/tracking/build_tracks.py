@@ -82,7 +82,9 @@ def build_tracks(
         raise ValueError(f"one time per frame is needed; got {len(t)} times for {len(frame)} frames")
     if len(frame) < MIN_FRAMES:
         raise TrackError(f"Tracking needs at least {MIN_FRAMES} distinct frames; the clip has {len(frame)}.")
-    marked = detections if isinstance(detections, MarkedDetections) else _mark_none(detections)
+    marked = detections
+    if isinstance(marked, Detections):
+        marked = MarkedDetections(marked, np.full(len(marked), -1, np.int64))
     balls, pixels = _find_balls(marked, frame, t, scene, options, progress)
     first = [pixels.table_detections.row[ball.row] for ball in balls]  # rows of the detections
     used = former = _assign_first_ids(balls, pixels, marked.mark, scene)
@@ -117,10 +119,6 @@ def _classify(
     )
     kinds = classify_balls(appearance, scene.table.game, struck_ball)
     return np.array([table_detections.xy[ball.row[0]] for ball in balls]), kinds, appearance.colour
-
-
-def _mark_none(detections: Detections) -> MarkedDetections:
-    return MarkedDetections(detections, np.full(len(detections), -1, np.int64))
 
 
 def _find_balls(

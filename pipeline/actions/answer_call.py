@@ -306,8 +306,8 @@ def trace_mark(record: ShotRecord, call: CallAnswer) -> FloatArray:
         return np.empty((0, 2))
     axis, at = _parse_line(call.subject[1])
     along = np.linspace(0, record.table.width if axis == "x" else record.table.length, LINE_POINTS)
-    columns = (np.full(LINE_POINTS, at), along)
-    return np.column_stack(columns if axis == "x" else columns[::-1])
+    points = np.column_stack([np.full(LINE_POINTS, at), along])
+    return points if axis == "x" else points[:, ::-1]
 
 
 def _build_close_up_frame(

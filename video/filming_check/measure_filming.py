@@ -104,7 +104,7 @@ class FilmingMeasurement:
     """One property of a clip."""
 
     code: str
-    """One of `filming_limits.CODES`, where unit and limits are stated."""
+    """One of `CODES`, where unit and limits are stated."""
     value: float
     """NaN where it could not be measured."""
     level: Level

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from models.core.typing import FloatArray, ImageArray
+from video.drawing.label_layout import make_squares, place_panel
 from video.drawing.masks import SHIFT, blend_mask, draw_panel, draw_ring, draw_text, round_corner_mask, to_fixed_point
 from video.drawing.palette import FLASH, INK, MUTED_GREY, WHITE, Colour
 from video.drawing.table_plan import append_footer
@@ -136,20 +137,13 @@ def _draw_named_balls(
 
 
 def _free_corner(frames: Sequence[CloseUpFrame], window: Window) -> tuple[int, int]:
-    """Return left and top, px of a tile, of the corner where the caption hides the fewest balls of all frames."""
+    """Return left and top, px of a tile, of the place where the caption hides least of the balls of all frames."""
     scale, corner = _view_transform(TILE_SIZE, window)
-    far = (TILE_SIZE[0] - CAPTION_SIZE[0] - 10, TILE_SIZE[1] - CAPTION_SIZE[1] - 10)
-    places = [(10, 10), (10, far[1]), (far[0], 10), (far[0], far[1])]
-
-    def hidden(place: tuple[int, int]) -> int:
-        count = 0
-        for outline in (outline for scene in frames for outline in scene.outlines):
-            centre, reach = scale * (outline.centre - corner), scale * outline.radius
-            nearest = np.clip(centre, place, np.add(place, CAPTION_SIZE))
-            count += bool(np.hypot(*(centre - nearest)) < reach)
-        return count
-
-    return min(places, key=hidden)
+    outlines = [outline for scene in frames for outline in scene.outlines]
+    centres = np.array([scale * (outline.centre - corner) for outline in outlines]).reshape(-1, 2)
+    squares = make_squares(centres, np.array([scale * outline.radius for outline in outlines]))
+    left, top, _, _ = place_panel(CAPTION_SIZE, TILE_SIZE, np.zeros(TILE_SIZE), squares)
+    return round(left), round(top)
 
 
 def find_window(places: FloatArray, reach: FloatArray | float) -> Window:

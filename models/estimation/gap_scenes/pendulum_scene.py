@@ -40,6 +40,10 @@ def pendulum_effects(angles: int) -> tuple[Effect, ...]:
     Returns:
         Rods, friction, tilt, with one angle air drag; the brake probe comes last.
     """
+    tilt = Effect(
+        "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
+        "the vertical of the image is not that of gravity",
+    )  # fmt: skip
     if angles == 1:
         return (
             Effect("rods", (_PULL,), (50.0,), ("swing",), "w'' = -pull sin(theta)"),
@@ -48,10 +52,7 @@ def pendulum_effects(angles: int) -> tuple[Effect, ...]:
                 "air_drag", (Prior("k", "1", 0.0, 0.05, False, (0.0, 5.0)),), (0.0,), ("swing",), "w' = -k w w",
                 ("joint_friction",),
             ),
-            Effect(
-                "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
-                "the vertical of the image is not that of gravity",
-            ),
+            tilt,
             build_brake_probe("rad", "swing"),
         )  # fmt: skip
     rods = Effect(
@@ -69,10 +70,6 @@ def pendulum_effects(angles: int) -> tuple[Effect, ...]:
         (_VISCOUS, _DRY, Prior("viscous_2", "1/s", 0.0, 0.1, False, (0.0, 20.0)),
          Prior("dry_2", "rad/s2", 0.0, 0.2, False, (0.0, 50.0))),
         (0.0, 0.0, 0.0, 0.0), ("swing",), _FRICTION, ("air_drag",),
-    )  # fmt: skip
-    tilt = Effect(
-        "gravity_tilt", (Prior("angle", "rad", 0.0, 0.02, False, (-0.5, 0.5)),), (0.0,), ("swing",),
-        "the vertical of the image is not that of gravity",
     )  # fmt: skip
     return (rods, friction, tilt, build_brake_probe("rad", "swing"))
 

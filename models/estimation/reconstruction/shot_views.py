@@ -14,7 +14,7 @@ from models.core.fit_result import MIN_LISTED_PROBABILITY, Fit, Moment, Paramete
 from models.core.naming import Naming
 from models.core.number_format import format_time
 from models.core.scene import POCKETS, Table
-from models.core.shot import BreakExit, ClosePass, ContactTestResult, Shot, SimulatedBreak
+from models.core.shot import BreakExit, ClosePass, Shot, SimulatedBreak
 from models.core.tracks import Tracks
 from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import FloatArray
@@ -314,7 +314,7 @@ def _add_close_passes(
     events: Events, explanation: ShotExplanation, passes: tuple[ClosePass, ...], tracks: Tracks
 ) -> tuple[Events, ShotExplanation]:
     """Add possible contacts of close passes to the moments, and to the events if they are probable enough."""
-    moments, rows = list(explanation.moments), []
+    moments, rows = list(explanation.moments), list[EventRow]()
     for one, two, result in ((each.one, each.other, each.result) for each in passes):
         if explanation.is_within_rack(result.t, tracks.ids[one], tracks.ids[two]):
             continue
@@ -323,27 +323,17 @@ def _add_close_passes(
         xy = np.array([np.interp(result.t, tracks.t, np.nan_to_num(tracks.xy[:, one, axis])) for axis in (0, 1)])
         moments.append(Moment(tracks.ids[one], result.t, result.t_sigma, xy, hypotheses, ("close_pass",)))
         if p >= MIN_LISTED_PROBABILITY:
-            rows.append((one, two, result, p, xy))
+            rows.append(
+                EventRow(
+                    "ball", result.t, result.t_sigma, tracks.ids[one], tracks.ids[two], xy, "close", probability=p,
+                    gap=result.gap, gap_sigma=result.gap_sigma, speed=result.closing,
+                )
+            )  # fmt: skip
     explanation = replace(explanation, moments=tuple(sorted(moments, key=lambda entry: entry.t)))
-    return (_insert_contacts(events, rows, tracks) if rows else events), explanation
-
-
-def _insert_contacts(
-    events: Events, rows: list[tuple[int, int, ContactTestResult, float, np.ndarray]], tracks: Tracks
-) -> Events:
-    """Insert contacts of balls into events."""
-    rows = sorted(rows, key=lambda row: row[2].t)
-    results = [row[2] for row in rows]
-    t = np.array([result.t for result in results])
-    added = Events(
-        ("ball",) * len(rows), t, np.array([max(result.t_sigma, 1e-6) for result in results]), tracks.frame_at(t),
-        tuple(tracks.ids[row[0]] for row in rows), tuple(tracks.ids[row[1]] for row in rows),
-        np.array([row[4] for row in rows]), np.array([row[3] for row in rows]),
-        np.array([result.gap for result in results]), np.array([result.gap_sigma for result in results]),
-        np.array([result.closing for result in results]),
-    )  # fmt: skip
-    merged = merge_events(events, added)
-    return replace(merged, frame=tracks.frame_at(merged.t))
+    if rows:
+        events = merge_events(events, collect_events(rows, tracks))
+        events = replace(events, frame=tracks.frame_at(events.t))
+    return events, explanation
 
 
 def _list_break_contacts(breaks: tuple[SimulatedBreak, ...], ids: tuple[str, ...]) -> list[EventRow]:

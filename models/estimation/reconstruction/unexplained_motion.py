@@ -9,7 +9,6 @@ import numpy as np
 from models.core.fit_result import CauseHypothesis, Moment, ShotExplanation
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from models.core.typing import IntArray
 
 # Frames over which a velocity changes, also the largest distance of its cause; and the steps in which it is sought.
 SPAN_FRAMES, STEPS_PER_FRAME = 1.5, 4
@@ -46,7 +45,8 @@ def mark_unexplained_motion(explanation: ShotExplanation, trajectory: Trajectory
     moments = list(explanation.moments)
     for k, ball in enumerate(tracks.ids):
         causes = np.array([one.t for one in explanation.moments if ball in _list_balls(one)])
-        for rows in _split_runs(np.flatnonzero(is_abrupt[:, k])):
+        abrupt = np.flatnonzero(is_abrupt[:, k])
+        for rows in np.split(abrupt, np.flatnonzero(np.diff(abrupt) > 1) + 1):  # runs of neighbours
             middle = t[rows] + reach * step / 2
             if len(causes):
                 middle = middle[np.abs(middle[:, None] - causes).min(axis=1) > SPAN_FRAMES * frame]
@@ -84,8 +84,3 @@ def _list_balls(moment: Moment) -> tuple[str, ...]:
     """List the balls whose velocity changes at a moment."""
     others = (one.other for one in moment.hypotheses if one.cause == "ball")
     return () if moment.best.cause == "rest" else (moment.ball, *others)
-
-
-def _split_runs(rows: IntArray) -> list[IntArray]:
-    """Split rows into runs of neighbours."""
-    return list(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) if len(rows) else []

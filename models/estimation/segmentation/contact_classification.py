@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -144,8 +144,7 @@ def find_contact_opportunities(samples: BallSamples, others: list[BallSamples], 
         )
         reach = (2 + 2 * BALL_TOLERANCE) * table.ball_radius + 0.8 * (step + other_step)
         is_near |= np.linalg.norm(ends.mean(axis=0) - other_place, axis=1) < reach
-    result: NDArray[np.bool_] = is_near
-    return result
+    return np.asarray(is_near)
 
 
 def _propose_ball_contacts(changes: list[VelocityChange], table: Table) -> list[_CandidateCause]:
@@ -270,11 +269,9 @@ def build_contact_graph(
         )
         contact = Contact(cause.kind, t, before, after, cause.cushion, gain=sum(b.gain for b in members))
         for b, one, two in zip(members, before, after, strict=True):
-            segments[one] = _set_segment_end(segments[one], len(contacts))
+            segments[one] = replace(segments[one], end=len(contacts))
             new_segment = _make_segment(b.ball, samples[b.ball], parts_by_ball[b.ball][b.segment_index + 1], t, b)
-            segments[two] = Segment(
-                new_segment.ball, new_segment.static, len(contacts), segments[two].end, t, new_segment.state
-            )
+            segments[two] = replace(new_segment, start=len(contacts), end=segments[two].end)
         if cause.kind == "strike" and members[0].is_jump:
             unobserved[len(contacts)] = members[0]
         contacts.append(contact)
@@ -292,18 +289,12 @@ def _insert_unobserved_runs(graph: ContactGraph, unobserved: dict[int, VelocityC
         start, stop = gap.t_before + margin, gap.t_after - margin
         goal_place = gap.curve_after.position_at(stop)
         v = (goal_place - segments[rest].state[:2]) / (stop - start)
-        run = Segment(
-            gap.ball,
-            False,
-            number,
-            len(contacts),
-            start,
-            np.concatenate([segments[rest].state[:2], v, 0.1 * v, np.zeros(2)]),
-        )
+        state = np.concatenate([segments[rest].state[:2], v, 0.1 * v, np.zeros(2)])
+        run = Segment(gap.ball, False, number, len(contacts), start, state)
         arrived = segments[goal].state.copy()
         arrived[:2] = goal_place
         arrived[2:4] = 0.0 if segments[goal].static else gap.curve_after.velocity_at(stop)
-        segments[goal] = Segment(gap.ball, segments[goal].static, len(contacts), segments[goal].end, stop, arrived)
+        segments[goal] = replace(segments[goal], start=len(contacts), t0=stop, state=arrived)
         contacts[number] = Contact("strike", start, (rest,), (len(segments),), gain=strike.gain)
         contacts.append(Contact("free", stop, (len(segments),), (goal,), gain=strike.gain))
         segments.append(run)
@@ -328,23 +319,17 @@ def _insert_strikes(
         v = segments[contact.after[0]].state[2:4] + segments[contact.after[1]].state[2:4]
         speed = max(float(v @ displacement) / float(np.hypot(*displacement)), 0.1)
         if gap < 0.15 * table.ball_radius or _is_third_ball_moving(graph, contact):
-            contacts[number] = Contact("ball", contact.t, contact.before, contact.after, driven=True, gain=contact.gain)
+            contacts[number] = replace(contact, driven=True)
             continue
         old = contact.before[cue]
         t = max(contact.t - gap / speed, (segments[old].t0 + contact.t) / 2)
         state = np.concatenate([rest, v, np.zeros(4)])
         segments.append(Segment(segments[old].ball, False, len(contacts), number, t, state))
         still = np.concatenate([rest, np.zeros(6)])
-        segments[old] = Segment(
-            segments[old].ball,
-            True,
-            None if not segments[old].static else segments[old].start,
-            len(contacts),
-            segments[old].t0,
-            still,
-        )
+        start = segments[old].start if segments[old].static else None
+        segments[old] = replace(segments[old], static=True, start=start, end=len(contacts), state=still)
         before = tuple(len(segments) - 1 if k == cue else contact.before[k] for k in range(2))
-        contacts[number] = Contact("ball", contact.t, before, contact.after, gain=contact.gain)
+        contacts[number] = replace(contact, before=before)
         contacts.append(Contact("strike", t, (old,), (len(segments) - 1,), gain=contact.gain))
     return ContactGraph(tuple(segments), tuple(contacts))
 
@@ -387,10 +372,6 @@ def _select_struck_ball(segments: list[Segment], contact: Contact, kinds: tuple[
     return int(np.argmin(straight))
 
 
-def _set_segment_end(segment: Segment, contact: int) -> Segment:
-    return Segment(segment.ball, segment.static, segment.start, contact, segment.t0, segment.state)
-
-
 def _make_segment(
     ball: int, samples: BallSamples, part: SampleRange, t: float | None = None, start: VelocityChange | None = None
 ) -> Segment:
@@ -413,7 +394,7 @@ def _find_curve_crossing(
 ) -> tuple[float, FloatArray]:
     """Find when and where two successive curves meet: at their closest approach near the gap between their samples."""
     early, late = float(samples.t[left.last]), float(samples.t[right.first])
-    slack = min(0.3 * (late - early), 0.5 * _sampling_interval(samples))
+    slack = min(0.3 * (late - early), 0.5 * float(np.median(np.diff(samples.t))))
     t = np.linspace(early - slack, late + slack, 60)
     best = float(t[np.argmin(np.linalg.norm(one.position_at(t) - two.position_at(t), axis=1))])
     best = max(best, float(samples.t[left.first]) + 0.1 * (late - early))
@@ -428,11 +409,6 @@ def _find_curve_crossing(
 def _has_enough_samples(part: SampleRange) -> bool:
     """Return whether a part has enough samples for a curve."""
     return part.static or part.last - part.first >= 2
-
-
-def _sampling_interval(samples: BallSamples) -> float:
-    """Return the median time between samples, s."""
-    return float(np.median(np.diff(samples.t)))
 
 
 def _velocity_beside_change(

@@ -245,7 +245,7 @@ def _solve_step(
     None where the equations have no solution.
     """
     right = np.concatenate([band.border, band.gradient[:, :, None]], axis=2)
-    extra = damping * float((observed.weight**2).max()) * _damping_weights(observed)
+    extra = damping * float((observed.weight**2).max()) * (observed.state_scale.min() / observed.state_scale) ** 2
     try:
         inside = _solve_banded(band, extra, right)
         whole = band.corner - np.einsum("ksp,ksq->pq", band.border, inside[:, :, :-1])
@@ -259,11 +259,6 @@ def _solve_step(
         return None
     shared = shared / max(1.0, float(np.max(np.abs(shared) / observed.scale, initial=0.0)) / MAX_STEP)
     return -(inside[:, :, -1] + inside[:, :, :-1] @ shared), shared
-
-
-def _damping_weights(observed: ChainObservations) -> FloatArray:
-    """Compute the damping (S,) of the state variables, relative to an observation of a position."""
-    return np.asarray(np.square(observed.state_scale.min() / observed.state_scale), np.float64)
 
 
 def _solve_banded(band: BandedNormalEquations, extra: FloatArray, right: FloatArray) -> FloatArray:

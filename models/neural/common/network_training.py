@@ -23,6 +23,7 @@ from models.core.typing import FloatArray
 from models.neural.common.method_interface import (
     HOLDOUT_PATIENCE,
     MIN_HOLDOUT_GAIN,
+    FittedMotion,
     HeldOutSamples,
     MotionNotFoundError,
     TrainingBudget,
@@ -342,3 +343,9 @@ def _count_affordable_evaluations(budget: TrainingBudget, best: BestState) -> in
         return EVALUATIONS_PER_CHECK
     each = best.cpu_seconds() / max(len(best.loss_curve), 1)
     return max(1, int((budget.seconds - best.cpu_seconds()) / max(each, 1e-9)))
+
+
+def summarize_training(motion: Motion, result: TrainingResult, network: nn.Module, began: float) -> FittedMotion:
+    """Return the motion of a trained network; `began` is the CPU time at the start of the fit, s."""
+    seconds = time.process_time() - began
+    return FittedMotion(motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete)

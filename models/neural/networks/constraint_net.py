@@ -39,8 +39,8 @@ from models.neural.common.network_training import (
     Perceptron,
     TrainingResult,
     TrainingSchedule,
-    count_parameters,
     make_generator,
+    summarize_training,
     train_network,
     use_one_thread,
 )
@@ -126,10 +126,7 @@ class ConstraintNet:
             budget or TrainingBudget(),
             lambda network: self.build_motion(network, lines, scale),
         )
-        motion, seconds = self.build_motion(network, lines, scale), time.process_time() - began
-        return FittedMotion(
-            motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
-        )
+        return summarize_training(self.build_motion(network, lines, scale), result, network, began)
 
     def _select_network(
         self,
@@ -267,7 +264,4 @@ class PretrainedConstraintNet:
             return projection_loss(network, pairs.select(torch.randint(len(right), (self.batch,), generator=generator)))
 
         result = train_network(network, loss, self.schedule, budget or TrainingBudget())
-        motion, seconds = self.net.build_motion(network, fit_spline(t, x, 1), scale), time.process_time() - began
-        return FittedMotion(
-            motion, result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
-        )
+        return summarize_training(self.net.build_motion(network, fit_spline(t, x, 1), scale), result, network, began)

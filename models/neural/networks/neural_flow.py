@@ -37,8 +37,8 @@ from models.neural.common.network_training import (
     Motion,
     Perceptron,
     TrainingSchedule,
-    count_parameters,
     make_generator,
+    summarize_training,
     train_network,
     use_one_thread,
 )
@@ -124,10 +124,7 @@ class NeuralFlowMethod:
             return self._build_motion(network, scale, steps, pace)
 
         result = train_network(network, loss, self.schedule, budget or TrainingBudget(), build_motion)
-        seconds = time.process_time() - began
-        return FittedMotion(
-            build_motion(), result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
-        )
+        return summarize_training(build_motion(), result, network, began)
 
     def _build_motion(self, network: ShootingNetwork, scale: Scaling, steps: Tensor, pace: float) -> Motion:
         @torch.no_grad()

@@ -32,8 +32,8 @@ from models.neural.common.network_training import (
     Motion,
     Perceptron,
     TrainingSchedule,
-    count_parameters,
     make_generator,
+    summarize_training,
     train_network,
     use_one_thread,
 )
@@ -93,10 +93,7 @@ class NeuralSimulator:
             return self._build_motion(network, samples, scale)
 
         result = train_network(network, loss, self.schedule, budget or TrainingBudget(), build_motion)
-        seconds = time.process_time() - began
-        return FittedMotion(
-            build_motion(), result.loss_curve, count_parameters(network), seconds, is_trained=result.is_complete
-        )
+        return summarize_training(build_motion(), result, network, began)
 
     def _build_network(self, scale: Scaling, span: float, coordinates: int, seed: int) -> VelocityNetwork:
         clock = TimeEncoding(span, self.shortest_period)

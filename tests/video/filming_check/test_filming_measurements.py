@@ -52,7 +52,7 @@ def test_a_limit_grades_both_directions(limit: Limit) -> None:
 
 
 def test_every_limit_has_a_reason_in_the_source() -> None:
-    source = Path(__file__).parents[3] / "video" / "filming_check" / "filming_limits.py"
+    source = Path(__file__).parents[3] / "video" / "filming_check" / "measure_filming.py"
     lines = source.read_text(encoding="utf-8").splitlines()
     for code in CODES:
         at = next(k for k, line in enumerate(lines) if line.startswith(f"    {code}: Limit"))
