@@ -20,8 +20,9 @@ UNSURE_CLOSING, LIKELY_CLOSING = 0.02, 0.05
 LAST_FRAMES = 1.5
 # Time in which a pocketed ball falls by a radius, s.
 FALL_SECONDS = 0.08
-# Ball radii: distance from its place of rest from which a ball comes to rest, and way per frame below which it rests.
-REST_RADII = (0.1, 0.01)
+# Ball radii: distance from its place of rest from which a ball comes to rest, and way per frame below which it rests:
+# a ball stops within a frame or two then, whatever the frame rate.
+REST_RADII = (0.1, 0.0005)
 
 
 @dataclass(frozen=True, slots=True)

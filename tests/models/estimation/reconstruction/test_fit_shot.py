@@ -222,7 +222,7 @@ def test_a_failed_fit_shows_the_measurements(monkeypatch: pytest.MonkeyPatch) ->
     assert np.isfinite(fit.trajectory.at(shot.tracks.t).xy[shot.tracks.is_observed]).all()
 
 
-def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
+def test_the_error_of_a_rest_reaches_from_when_it_looks_still_to_when_it_stops() -> None:
     shot = film(
         np.array([[0.5, 0.6], [2.0, 0.3]]), np.array([[0.5, 0.0], [0, 0]]), np.zeros((2, 3)),
         np.random.default_rng(0), seconds=6.0,
@@ -230,7 +230,10 @@ def test_a_ball_rests_when_it_has_a_pixel_left_to_go() -> None:
     fit = view_shot(explain(shot.tracks, shot.scene))
     row = fit.events.kind.index("rest")
     to_go = np.linalg.norm(shot.xy[:, 0] - shot.xy[-1, 0], axis=1)
-    assert fit.events.t[row] == pytest.approx(shot.tracks.t[np.argmax(to_go < 0.05 * RADIUS)], abs=0.06)
+    looks_still, stops = (shot.tracks.t[np.argmax(to_go < share * RADIUS)] for share in (0.025, 1e-6))
+    t, sigma, frame = fit.events.t[row], fit.events.t_sigma[row], shot.tracks.t[1] - shot.tracks.t[0]
+    assert looks_still - frame < t - sigma < t + sigma < stops + frame
+    assert 2 * sigma > 0.8 * (stops - looks_still) > 0.08
     until = shot.tracks.truncate_after(float(fit.events.t[row]))
     events = view_shot(explain(until, shot.scene)).events
     assert all(t <= until.t[-1] for t, kind in zip(events.t, events.kind, strict=True) if kind == "rest")
