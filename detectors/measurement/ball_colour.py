@@ -35,10 +35,17 @@ MAX_TINT_DIFFERENCE, MIN_SHADE_LIGHTNESS = 0.35, 0.5
 # overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
 # luma's, so that the edge of a small disc reaches its middle.
 FLAT_SHARE = 0.022
+# Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level. An eight mirrors
+# lamps and shows its number: of 60 detections in real clips none is below 22 levels.
+MIN_FLAT_LEVEL = 80.0
 # Weights of red, green and blue (Rec. 601).
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-# Level of two channels, the white of studio range, from which a camera no longer records shading.
-EXPOSED_LEVEL = 235.0
+# Level of two channels, the white of studio range, from which a camera no longer records shading. A sphere that is so
+# bright still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88 of the
+# luma of the cloth farther out in real clips, that around discs and spots of light that are drawn at least 0.97.
+EXPOSED_LEVEL, MAX_SHADED_SHARE = 235.0, 0.93
+# Radii of these rings in ball radii, and the directions of which eight in succession are that sixth.
+NEAR_RADII, FAR_RADII, DIRECTIONS, SECTOR = (1.2, 1.35, 1.5), (2.2, 2.5, 2.8), 48, 8
 
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5.0))
 _SAMPLE_NUMBERS = np.arange(SAMPLES) + 0.5
@@ -82,8 +89,23 @@ def find_flat_discs(rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> B
         return np.zeros(0, dtype=np.bool_)
     samples = sample_discs(rgb, centre, radius)
     luma, level = samples @ LUMA, np.sort(np.median(samples, axis=1), axis=1)
-    is_flat = luma.std(axis=1) < FLAT_SHARE * np.median(luma, axis=1)
-    return np.asarray(is_flat & (level[:, -2] < EXPOSED_LEVEL))
+    is_flat = luma.std(axis=1) < FLAT_SHARE * np.maximum(np.median(luma, axis=1), MIN_FLAT_LEVEL)
+    exposed = np.flatnonzero(is_flat & (level[:, -2] >= EXPOSED_LEVEL))
+    is_flat[exposed] = [_measure_shade(rgb, centre[k], float(radius[k])) > MAX_SHADED_SHARE for k in exposed]
+    return np.asarray(is_flat)
+
+
+def _measure_shade(rgb: ByteArray, centre: FloatArray, radius: float) -> float:
+    """Measure the luma of the darkest sector of the ring around a disc over that of the surface farther out."""
+    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    reach = radius * np.array([*NEAR_RADII, *FAR_RADII], np.float32)[:, None]
+    x, y = (
+        np.float32(middle + reach * turn) for middle, turn in zip(centre, (np.cos(angle), np.sin(angle)), strict=True)
+    )
+    luma = cv2.remap(rgb, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) @ LUMA
+    near = luma[: len(NEAR_RADII)].mean(axis=0)
+    sectors = np.convolve(np.append(near, near[: SECTOR - 1]), np.full(SECTOR, 1 / SECTOR), "valid")
+    return float(sectors.min() / max(np.median(luma[len(NEAR_RADII) :]), 1.0))
 
 
 def measure_ball_colours(rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> BallColours:

@@ -85,3 +85,15 @@ def test_a_small_drawn_disc_is_flat_although_its_colour_is_coded_at_half_the_res
     decoded = cv2.cvtColor(coded, cv2.COLOR_YCrCb2RGB)
     centre = np.array([[20.0, 20.0], [60.0, 20.0]])
     assert find_flat_discs(np.asarray(decoded, np.uint8), centre, np.full(2, 6.0)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("level", "shadow", "is_flat"), [(245.0, 0.0, True), (245.0, 0.2, False), (12.0, 0.0, True)])
+def test_a_drawn_disc_is_flat_also_where_it_is_white_or_black(level: float, shadow: float, is_flat: bool) -> None:
+    """An overexposed ball shows no shading either, but keeps light from the cloth on one side at least."""
+    y, x = np.mgrid[:80, :80]
+    away = np.hypot(x - 40, y - 40) / 10.0
+    cloth = np.array([20.0, 140.0, 50.0]) * (1 - shadow * np.exp(-((np.hypot(x - 44, y - 40) / 15.0) ** 4)))[..., None]
+    cover = cv2.GaussianBlur((away < 1).astype(np.float64), (0, 0), 0.5)[..., None]
+    image = cover * level + (1 - cover) * cloth + np.random.default_rng(1).normal(0, 0.8, (80, 80, 1))
+    found = find_flat_discs(np.clip(image, 0, 255).astype(np.uint8), np.full((1, 2), 40.0), np.full(1, 10.0))
+    assert found.tolist() == [is_flat]
