@@ -23,7 +23,7 @@ from models.tracking.assignment_cost import (
 )
 from models.tracking.clutter_filter import STREAK_EXCESS_RADII
 from models.tracking.table_detections import TableDetections
-from models.tracking.tracklet_linking import MAX_SPEED, Tracklet, ends_in_pocket, make_tracklet
+from models.tracking.tracklet_linking import MAX_SPEED, Tracklet, count_leaps, ends_in_pocket, make_tracklet
 
 # Probability that a ball of which detections are missing rests between two of them.
 REST_PROBABILITY = 0.6
@@ -54,18 +54,19 @@ def complete_tracks(
     completed = list(balls)
     for number in sorted(range(len(balls)), key=lambda k: -len(balls[k].row)):
         ball = balls[number]
-        added: list[int] = []
+        leaps = count_leaps(ball.frame_index, ball.row, detections, t, table.ball_radius)
         for before, after in _list_gaps(ball, len(t), ends_in_pocket(ball, table)):
             begin = 0 if before is None else int(ball.frame_index[before]) + 1
             end = len(t) if after is None else int(ball.frame_index[after])
             rows = np.arange(detections.first[begin], detections.first[end])
             rows = rows[~is_used[rows]]
             anchors = tuple(None if k is None else int(ball.row[k]) for k in (before, after))
-            added += _find_best_chain(ball, rows, anchors, detections, frame_of, t, table)
-        if added:
-            is_used[added] = True
-            rows = np.sort(np.concatenate([ball.row, np.array(added, np.int64)]))
-            completed[number] = make_tracklet(frame_of[rows], rows, detections, t)
+            chain = _find_best_chain(ball, rows, anchors, detections, frame_of, t, table)
+            rows = np.sort(np.concatenate([completed[number].row, np.array(chain, np.int64)]))
+            # what rests elsewhere meanwhile is another body
+            if chain and count_leaps(frame_of[rows], rows, detections, t, table.ball_radius) <= leaps:
+                is_used[chain] = True
+                completed[number] = make_tracklet(frame_of[rows], rows, detections, t)
     return completed
 
 

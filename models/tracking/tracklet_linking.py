@@ -16,6 +16,8 @@ MAX_SPEED = 12.0
 # m/s below which a ball rests, whose velocity is known to 0.03; and m/s2 by which one slows down: sliding has 2, and
 # cushions take their share.
 REST_SPEED, MAX_DECELERATION = 0.1, 3.0
+# Radii from the centre of another ball within which a ball may be stopped: two, and the way of a frame.
+STOP_RADII = 3.5
 # Frames without a detection that end a tracklet, and the fewest detections of one.
 MAX_GAP_FRAMES, MIN_DETECTIONS = 4, 3
 # Frames in which a resting ball may be detected twice, as one of its tracklets ends and the next begins.
@@ -72,6 +74,24 @@ def _find_look_changes(colour: FloatArray) -> IntArray:
     change = np.hypot.reduce(medians[LOOK_FRAMES:] - medians[:-LOOK_FRAMES], axis=1)
     is_peak = (change >= np.append(change[1:], 0)) & (change > np.append(0, change[:-1]))
     return np.flatnonzero(is_peak & (change > LOOK_CHANGE)) + LOOK_FRAMES
+
+
+def count_leaps(frame_index: IntArray, row: IntArray, detections: TableDetections, t: FloatArray, radius: float) -> int:
+    """Count how often detections (M,) leap from rest to rest, farther than a ball gets that no other one stops."""
+    xy, count = detections.xy[row], 0
+    far = np.hypot(*np.diff(xy, axis=0).T) > _reach_from_rest(np.diff(t[frame_index]), radius)
+    for k in np.flatnonzero(far).tolist():
+        around = xy[max(k + 1 - MIN_DETECTIONS, 0) : k + 1], xy[k + 1 : k + 1 + MIN_DETECTIONS]
+        rests = all(len(part) == MIN_DETECTIONS and np.ptp(part, axis=0).max() < radius / 2 for part in around)
+        others = detections.xy[detections.first[frame_index[k]] : detections.first[frame_index[k] + 1]]
+        gap = np.hypot(*(others - xy[k + 1]).T) / radius
+        count += bool(rests and not ((gap > 1) & (gap < STOP_RADII)).any())
+    return count
+
+
+def _reach_from_rest(seconds: FloatArray | float, radius: float) -> FloatArray | float:
+    """Return how far, m, a ball gets that is struck, and stops by friction, within some seconds."""
+    return MAX_DECELERATION * seconds**2 / 2 + 2 * radius
 
 
 def make_tracklet(frame_index: IntArray, row: IntArray, detections: TableDetections, t: FloatArray) -> Tracklet:
@@ -148,7 +168,7 @@ def _link_cost(before: Tracklet, after: Tracklet, t: FloatArray, table: Table) -
         return _IMPOSSIBLE
     rests = max(np.hypot(*before.end[2:]), np.hypot(*after.start[2:])) < REST_SPEED
     # struck and stopped within the gap: it cannot have gone farther than it can slow down
-    if rests and distance > MAX_DECELERATION * gap**2 / 2 + 2 * table.ball_radius:
+    if rests and distance > _reach_from_rest(gap, table.ball_radius):
         return _IMPOSSIBLE
     colour = float(((before.colour - after.colour) ** 2).sum()) / max(before.spread, after.spread) ** 2
     reach = 0.01 + 0.3 * gap + 0.5 * gap * float(np.hypot(*before.end[2:]))

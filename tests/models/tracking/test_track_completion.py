@@ -59,6 +59,23 @@ def test_a_gap_is_filled_by_the_ball_and_not_by_clutter_of_another_colour() -> N
     assert not set(hidden.tolist()) & set(shadowed[0].row.tolist())
 
 
+@pytest.mark.parametrize(("reach", "is_filled"), [(0.02, True), (0.8, False)])
+def test_what_rests_elsewhere_while_a_ball_is_hidden_is_another_body(reach: float, is_filled: bool) -> None:
+    """Two nets sway in turn at opposite pockets; a ball that a player nudges is the same one."""
+    observed = _film()
+    table = project_detections(observed.detections, observed.frame, overhead())
+    whole, own = _track(observed, 1, range(len(observed.t)))
+    xy = table.xy.copy()
+    is_hidden = (whole.frame_index > 13) & (whole.frame_index < 30)
+    xy[own] = np.where(is_hidden[:, None], [1.6, 0.9 - reach], [1.6, 0.9])
+    xy[own] += np.random.default_rng(2).normal(0, 3e-4, (len(own), 2))
+    table = replace(table, xy=xy)
+    gapped = make_tracklet(whole.frame_index[~is_hidden], own[~is_hidden], table, observed.t)
+    other, _ = _track(observed, 0, range(len(observed.t)))
+    filled = complete_tracks([gapped, other], [], table, observed.t, overhead().table)
+    assert bool(np.isin(own[is_hidden], filled[0].row).any()) == is_filled
+
+
 @pytest.mark.parametrize(("change", "is_cut"), [(14.0, False), (26.0, True)])
 def test_a_track_is_cut_where_its_colour_becomes_that_of_another_ball(change: float, is_cut: bool) -> None:
     """The colours of neighbouring balls of a set differ by 20 in CIE Lab; light and coding change one ball by less."""
