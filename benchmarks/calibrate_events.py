@@ -36,7 +36,7 @@ from benchmarks.stress_cases.case_scores import judge_call  # noqa: E402
 from benchmarks.stress_cases.detection_damage import DETECTION_DAMAGES, NothingToDamage  # noqa: E402
 from benchmarks.stress_cases.false_premises import FALSE_PREMISES  # noqa: E402
 from benchmarks.stress_cases.shot_truth import ShotTruth  # noqa: E402
-from benchmarks.stress_cases.stress_chain import Call, FittedShot, fit_recording  # noqa: E402
+from benchmarks.stress_cases.stress_chain import Call, FittedShot, Recording, fit_recording  # noqa: E402
 from benchmarks.stress_cases.synthetic_shots import (  # noqa: E402
     DrawnShot,
     draw_synthetic_shot,
@@ -126,7 +126,7 @@ def label_shot(number: int, seed: int, work: Path) -> tuple[list[LabelledHypothe
 
 
 def label_premises(number: int, seed: int, work: Path) -> tuple[list[LabelledHypothesis], list[LabelledPair]]:
-    """Fit a simulated shot as it is and with false premises, and compare with the truth.
+    """Fit a simulated shot as it is, with a covered ball, and with false premises, and compare with the truth.
 
     Args:
         number: Number of the shot.
@@ -145,7 +145,9 @@ def label_premises(number: int, seed: int, work: Path) -> tuple[list[LabelledHyp
         detections=recording.detections.select_rows(recording.detections.frame <= recording.frame[begins][-1]),
     )  # fmt: skip
     fitted = fit_recording(recording)
-    labelled = label_hypotheses(fitted, truth, match_balls(truth, fitted), None, number)
+    labelled = []
+    for true in (fitted, fit_recording(cover_ball(fitted, rng))):
+        labelled += label_hypotheses(true, truth, match_balls(truth, true), None, number)
     for name in rng.choice(list(FALSE_PREMISES), FALSIFIED_FITS, replace=False):
         try:
             falsified, changed = FALSE_PREMISES[name](fitted, truth, rng)
@@ -158,6 +160,18 @@ def label_premises(number: int, seed: int, work: Path) -> tuple[list[LabelledHyp
         labelled += [replace(row, damage=str(name)) for row in rows]
     print(shot.name, file=sys.stderr)
     return labelled, []
+
+
+def cover_ball(fitted: FittedShot, rng: np.random.Generator) -> Recording:
+    """Remove all detections of one ball before, or after, a random frame: a person stands before it, as balls are."""
+    tracks, recording = fitted.tracks, fitted.recording
+    ball, frame = int(rng.integers(len(tracks.ids))), rng.choice(recording.frame)
+    side = 1 if rng.random() < 0.5 else -1
+    gap = np.linalg.norm(
+        recording.detections.centre - tracks.px[np.searchsorted(tracks.frame, recording.detections.frame), ball], axis=1
+    )
+    is_covered = (gap < 1e-6) & (side * (recording.detections.frame - frame) > 0)  # NaN compares false
+    return replace(recording, detections=recording.detections.select_rows(~is_covered))
 
 
 def label_pairs(fitted: FittedShot, truth: ShotTruth, match: BallMatch, kept: IntArray | None) -> list[LabelledPair]:

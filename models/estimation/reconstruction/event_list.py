@@ -184,12 +184,21 @@ def _list_contact_events(
 
 
 def _is_cue_ball(solution: JointSolution, ball: int, kinds: tuple[str, ...]) -> bool:
-    """Return whether a ball is a cue ball: by class, and in a clip without such a ball the one that moves first."""
-    if any(kind in CUE_KINDS for kind in kinds):
-        return kinds[ball] in CUE_KINDS
+    """Return whether a ball is a cue ball: by class, or as the one that moves first.
+
+    Where another ball looks like the cue ball, it has to set one in motion too: what does so is a ball of any class.
+    """
     graph = solution.graph
+    if kinds[ball] in CUE_KINDS:
+        return True
     starts = [(graph.start_time(k), segment.ball) for k, segment in enumerate(graph.segments) if not segment.static]
-    return min(starts)[1] == ball
+    if min(starts)[1] != ball:
+        return False
+    return not any(kind in CUE_KINDS for kind in kinds) or any(
+        contact.kind == "ball" and graph.segments[one].ball == ball and graph.segments[other].static
+        for contact in graph.contacts if len(contact.before) == 2
+        for one, other in (contact.before, contact.before[::-1])
+    )  # fmt: skip
 
 
 def _find_unmodelled_contact(

@@ -117,12 +117,13 @@ def _view_solution(shot: Shot, solution: JointSolution) -> Fit:
     breaks, first_contacts = find_rack_breaks(shot, solution)
     hidden = {row.contact for row in first_contacts} | _find_hidden_contacts(solution, breaks, tracks.ids)
     changes = _sum_causeless_changes(solution, hidden, table.ball_radius, tracks.ids)
-    premises = assess_premises(seconds, explained_seconds, changes)
     first_contacts += _list_break_contacts(shot.breaks, tracks.ids)
     rows = [
         row for row in list_events(solution, tracks, table, pocketed, first_contacts, hidden)
         if row.kind != "rest" or not ShotExplanation(breaks=breaks).is_within_rack(row.t, row.a)
     ]  # fmt: skip
+    starts = np.array([sum(row.category == "object_strike" and row.a == ball for row in rows) for ball in tracks.ids])
+    premises = assess_premises(seconds, explained_seconds, changes, starts, _measure_absence(original, set(ends)))
     weighed, explanation = weigh_events(
         rows, solution, observations, tracks, table, chi2, shot.hypotheses, breaks, hidden,
         dict(zip(tracks.ids, premises, strict=True)),
@@ -238,6 +239,17 @@ def _sum_moving_time(
     """Return the moving time (N,) of each ball, and the part that accepted fits explain, s."""
     step = np.gradient(t) if len(t) > 1 else np.ones(len(t))
     return step @ moving, step @ (moving & accepted)
+
+
+def _measure_absence(tracks: Tracks, pocketed: set[int]) -> FloatArray:
+    """Measure the share (N,) of the clip before the first and after the last detection of each ball."""
+    absence = np.ones(len(tracks.ids))
+    for ball in range(len(tracks.ids)):
+        rows = np.flatnonzero(tracks.is_observed[:, ball])
+        if len(rows):
+            last = tracks.t[-1] if ball in pocketed else tracks.t[rows[-1]]
+            absence[ball] = 1 - (last - tracks.t[rows[0]]) / max(float(np.ptp(tracks.t)), 1e-9)
+    return absence
 
 
 def _sum_causeless_changes(

@@ -208,6 +208,11 @@ class PremiseEvidence:
     """The same share of all other balls together."""
     changes: float = 0.0
     """Logarithm of the sum of the sizes of velocity changes and jumps of the ball without a known cause, plus 1."""
+    starts: float = 0.0
+    """Logarithm of the number of times that the ball leaves a rest although neither a cue nor a ball touches it, plus
+    1."""
+    absence: float = 0.0
+    """Share of the clip before the first and after the last detection of the ball, unless it was potted."""
 
     @property
     def vector(self) -> FloatArray:
@@ -232,13 +237,17 @@ def estimate_premise_probability(evidence: PremiseEvidence) -> float:
     return float(expit(model.premise_bias - weight @ evidence.vector))
 
 
-def assess_premises(seconds: FloatArray, explained_seconds: FloatArray, changes: FloatArray) -> list[BallPremise]:
+def assess_premises(
+    seconds: FloatArray, explained_seconds: FloatArray, changes: FloatArray, starts: FloatArray, absence: FloatArray
+) -> list[BallPremise]:
     """Assess the premises of the events of each ball.
 
     Args:
         seconds: (N,) moving time of each ball, s.
         explained_seconds: (N,) the part of it that accepted fits explain, s.
         changes: (N,) sum of the sizes of its velocity changes and jumps without a known cause.
+        starts: (N,) number of times that it leaves a rest without a known cause.
+        absence: (N,) share of the clip before its first and after its last detection.
 
     Returns:
         N premises.
@@ -251,6 +260,8 @@ def assess_premises(seconds: FloatArray, explained_seconds: FloatArray, changes:
             float(unexplained[ball] / seconds[ball]) if seconds[ball] > 0 else 0.0,
             float((unexplained.sum() - unexplained[ball]) / others) if others > 0 else 0.0,
             float(np.log1p(changes[ball])),
+            float(np.log1p(starts[ball])),
+            float(absence[ball]),
         )
         premises.append(BallPremise(estimate_premise_probability(evidence), tuple(evidence.vector.tolist())))
     return premises

@@ -135,6 +135,16 @@ def test_the_first_ball_that_moves_was_struck_where_no_cue_ball_is(kinds: tuple[
     assert (max(strikes, default=0.0) > 0.8) == is_sure
 
 
+def test_the_first_ball_that_moves_was_struck_where_it_drives_what_looks_like_the_cue_ball() -> None:
+    """A stripe that shows its white side is taken for the cue ball."""
+    x, v = np.array([[0.5, 0.6], [1.2, 0.61]]), np.array([[1.5, 0.0], [0, 0]])
+    shot = film(x, v, np.zeros((2, 3)), np.random.default_rng(0), seconds=1.6)
+    fit = view_shot(explain(replace(shot.tracks, kinds=("solid", "cue")), shot.scene))
+    strike = fit.events.kind.index("strike")
+    assert fit.events.a[strike] == shot.tracks.ids[0]
+    assert fit.events.probability[strike] > 0.8
+
+
 def test_a_ball_into_a_corner_is_potted_there_and_ends() -> None:
     x = np.array([[0.5, 0.5], [0.3, 0.3]])
     direction = -np.array([1.0, 1.0]) / np.sqrt(2)
