@@ -102,6 +102,8 @@ class Camera:
     """(T, 3, 3) homographies from pixels of the reference image to pixels of each frame; None for a static camera."""
     first_frame: int = 0
     """Index in the file of the first of these frames."""
+    scale_sigma: float = 0.0
+    """Relative standard deviation of all lengths where the size of the table is a guess; 0 where it is known."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 4):

@@ -199,6 +199,7 @@ def parse_camera(scene: dict[str, Any]) -> Camera | None:
             np.array(entry["matrix"], float), int(image["width_px"]), int(image["height_px"]),
             np.array(entry["corners_px"], float), np.array(entry["corner_covariance_px2"], float),
             entry["plane"], float(entry["camera_height"]), float(entry["camera_height_sigma"]),
+            scale_sigma=float(entry.get("scale_sigma", 0.0)),
         )  # fmt: skip
         return camera if np.linalg.matrix_rank(camera.matrix[:, :3]) == 3 else None
     except (KeyError, TypeError, ValueError) as error:

@@ -144,6 +144,7 @@ def _describe_calibration(scene: Scene) -> dict[str, Any]:
         "corner_covariance_px2": camera.corner_covariance.tolist(),
         "camera_height": camera.height,
         "camera_height_sigma": camera.height_sigma,
+        "scale_sigma": camera.scale_sigma,
         "camera_moves": camera.motion is not None,
     }
 

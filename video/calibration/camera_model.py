@@ -234,8 +234,9 @@ STEP_PX = 0.5
 def estimate_place_sigma(camera: Camera, table: Table, xy: FloatArray) -> FloatArray:
     """Estimate the standard deviation of places relative to the noses.
 
-    It has two parts: the corners, through the homography of their plane, and the height of the camera, which shifts the
-    centres of the balls against the plane of the corners.
+    It has three parts: the corners, through the homography of their plane, the height of the camera, which shifts the
+    centres of the balls against the plane of the corners, and the size of the table, which scales the distances to the
+    nearer noses.
 
     Args:
         camera: Camera that was calibrated by the corners of the table.
@@ -257,7 +258,8 @@ def estimate_place_sigma(camera: Camera, table: Table, xy: FloatArray) -> FloatA
     plane = NOSE_HEIGHT_RADII * table.ball_radius if camera.plane == "noses" else 0.0
     eye = camera.position
     parallax = abs(plane - z) * np.abs(xy - eye[:2]) / max(abs(float(eye[2])), z) ** 2
-    return np.asarray(np.sqrt(variance + (parallax * camera.height_sigma) ** 2))
+    distance = np.minimum(xy, [table.length, table.width] - xy)
+    return np.asarray(np.sqrt(variance + (parallax * camera.height_sigma) ** 2 + (camera.scale_sigma * distance) ** 2))
 
 
 def _map_by_corners(corners: FloatArray, table: Table, px: FloatArray) -> FloatArray:

@@ -69,6 +69,14 @@ class TableClassification:
     warnings: tuple[str, ...]
     """Sentences on what else the table could be; empty where the preset is sure."""
 
+    @property
+    def scale_sigma(self) -> float:
+        """Relative standard deviation of all lengths by the alternatives; 0 where there are none."""
+        if not self.warnings:
+            return 0.0
+        shares = ((p, TABLE_PRESETS[name].length / self.table.length) for name, p in self.probabilities.items())
+        return math.sqrt(sum(p * math.log(share) ** 2 for p, share in shares))
+
     def estimate_ball_size(self) -> BallSize:
         """Estimate the nominal size of the balls relative to the table, in units of the most probable preset.
 

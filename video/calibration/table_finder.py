@@ -518,6 +518,7 @@ def _build_scene(
     trial = TABLE_PRESETS["pool-9ft"] if requested is None else requested
     sizes = measure_ball_sizes(images, background, build(trial), trial)
     warnings: tuple[str, ...] = ()
+    scale_sigma = 0.0
     if requested is not None:
         table, notes = requested, ("table size was given by the user",)
         nominal = estimate_preset_ball_size(table)
@@ -529,7 +530,7 @@ def _build_scene(
             share = measure_pocket_share(background, own.outer_corners, own.corners, own.cloth_colour)
             pockets = share > MIN_POCKET_SHARE
         classification = classify_table(sizes, pockets, has_snooker_d(background, own.corners))
-        table, warnings = classification.table, classification.warnings
+        table, warnings, scale_sigma = classification.table, classification.warnings, classification.scale_sigma
         notes, nominal = (classification.note,), classification.estimate_ball_size()
         aspect = perspective.aspect
         if abs(aspect / (table.length / table.width) - 1) > UNUSUAL_ASPECT_SHARE:
@@ -548,7 +549,7 @@ def _build_scene(
     radius = combine_ball_sizes(estimates).radius
     if radius != table.ball_radius:
         table = replace_ball_radius(table, radius)
-    camera = build(table)
+    camera = replace(build(table), scale_sigma=scale_sigma)
     notes_of_all = (*location.notes, *notes, *warnings, _height_note(camera, perspective))
     return Scene(table, camera, _convert_rgb_to_lab(location.cloth_colour), notes_of_all, warnings, estimates)
 

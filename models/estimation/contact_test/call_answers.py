@@ -352,7 +352,8 @@ def answer_line(record: ShotRecord, a: str, axis: str, at: float, edge: bool) ->
     side = 1.0 if along[observed[0]] > 0 else -1.0
     remaining = side * along - (record.table.ball_radius if edge else 0.0)  # > 0 while short of the line
     k = int(observed[np.argmin(remaining[observed])])
-    margin, sigma = float(remaining[k]), record.place_sigma(one, k)
+    scale_sigma = 0.0 if record.camera is None else record.camera.scale_sigma * at
+    margin, sigma = float(remaining[k]), math.hypot(record.place_sigma(one, k), scale_sigma)
     unlisted = probability_of_unlisted_event(record, a)
     probability = float(np.clip(ndtr(-margin / sigma), unlisted, 1 - unlisted))
     beyond = observed[remaining[observed] <= 0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.core.scene import NOSE_HEIGHT_RADII
@@ -28,6 +30,14 @@ def test_the_sigma_is_the_scatter_of_places_over_erroneous_calibrations() -> Non
         found.append(camera.to_table(px, TABLE.ball_radius))
     exact = build_camera(corners, covariance, TABLE, PerspectiveFit(1500.0, focal_sigma, 2.0, 0.0), 1280, 720)
     np.testing.assert_allclose(estimate_place_sigma(exact, TABLE, PLACES), np.std(found, axis=0), rtol=0.2)
+
+
+def test_places_on_a_guessed_table_are_uncertain_by_their_distances_from_the_noses() -> None:
+    middle = np.array([TABLE.length / 2, TABLE.width / 2, 0.0])
+    known = look_at(TABLE, middle + np.array([0.4, 3.0, 3.5]), middle, 1500.0, 1280, 720)
+    guessed = estimate_place_sigma(replace(known, scale_sigma=0.1), TABLE, PLACES)
+    added = np.sqrt(guessed**2 - estimate_place_sigma(known, TABLE, PLACES) ** 2)
+    np.testing.assert_allclose(added, 0.1 * np.minimum(PLACES, [TABLE.length, TABLE.width] - PLACES))
 
 
 def test_the_shape_of_a_table_is_measured_from_above_and_hardly_from_the_side() -> None:

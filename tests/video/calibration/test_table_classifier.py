@@ -24,6 +24,13 @@ def test_a_nine_foot_table_with_clear_balls_gives_no_warning() -> None:
     guess = classify_table(_make_sizes("pool-9ft"), pockets=True, has_d=False)
     assert guess.probabilities["pool-9ft"] > SURE_PROBABILITY
     assert guess.warnings == ()
+    assert guess.scale_sigma == 0
+
+
+def test_a_guessed_table_is_as_uncertain_in_all_lengths_as_its_alternatives_differ() -> None:
+    guess = classify_table(_make_sizes("pool-8ft", sigma=0.08), pockets=True, has_d=False)
+    assert guess.warnings
+    assert 0.05 < guess.scale_sigma < 0.2, "the next sizes are 12 % smaller and 16 % larger"
 
 
 def test_probabilities_of_all_presets_add_up_to_one() -> None:

@@ -98,6 +98,17 @@ def test_the_distance_from_a_line_has_the_error_of_the_calibration(tmp_path: Pat
     assert answer.verdict == "inconclusive"
 
 
+def test_no_line_in_metres_is_decided_on_a_table_of_unknown_size(tmp_path: Path) -> None:
+    record = make_record(tmp_path, ShotExplanation())
+    at = float(np.nanmax(record.path[:, 0, 0])) + 0.05
+    assert call_answers.answer_line(record, "white", "x", at, edge=False).verdict == "no"
+    assert record.camera is not None
+    guessed = replace(record, camera=replace(record.camera, scale_sigma=0.1))
+    answer = call_answers.answer_line(guessed, "white", "x", at, edge=False)
+    assert answer.verdict == "inconclusive"
+    assert answer.margin_sigma > 0.09 * at
+
+
 def test_an_unknown_cause_beside_a_probable_cushion_was_no_ball(tmp_path: Path) -> None:
     causes = CauseHypothesis("cushion", "top", 0.9), CauseHypothesis("unexplained", "", 0.1)
     record = make_record(tmp_path, ShotExplanation((Moment("white", 0.3, 1e-3, np.array([0.9, 0.5]), causes),)))
