@@ -50,9 +50,11 @@ def overlap_share(rect: Rect, obstacles: Obstacles) -> float:
 
 def _measure_overlaps(corners: FloatArray, size: tuple[float, float], obstacles: Obstacles) -> FloatArray:
     """Measure the areas (n, m), px^2, that boxes of a size (w, h) at corners (n, 2) share with m obstacles."""
-    others = np.asarray(obstacles, dtype=np.float64).reshape(-1, 4)
-    ends = np.minimum((corners + size)[:, None], others[:, :2] + others[:, 2:])
-    return np.asarray(np.maximum(ends - np.maximum(corners[:, None], others[:, :2]), 0.0).prod(axis=-1))
+    left, top, width, height = np.asarray(obstacles, dtype=np.float64).reshape(-1, 4).T
+    x, y = corners.T[:, :, None]
+    across = np.minimum(x + size[0], left + width) - np.maximum(x, left)
+    down = np.minimum(y + size[1], top + height) - np.maximum(y, top)
+    return np.asarray(np.maximum(across, 0.0) * np.maximum(down, 0.0))
 
 
 def make_squares(centres: FloatArray, half: FloatArray | float) -> FloatArray:

@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from models.core.typing import ByteArray, FloatArray, ImageArray
 from models.numerics.jit import compile_kernel
 from video.drawing.palette import INK, Colour
+from video.io.yuv_frame import Canvas, YuvFrame, convert_colours
 
 # Distance of two lines over the font size.
 LINE_SPACING = 1.4
@@ -96,18 +97,31 @@ def round_corner_mask(width: int, height: int, radius: int) -> ByteArray:
     return mask
 
 
-@compile_kernel
-def blend_colours(image: ImageArray, colours: ImageArray, cover: ByteArray, x: int, y: int, opacity: float) -> None:
+def blend_colours(image: Canvas, colours: ImageArray, cover: ByteArray, x: int, y: int, opacity: float = 1.0) -> None:
     """Blend colours into an image through a mask, in place; parts outside the image are cut off.
 
     Args:
-        image: Image (H, W, 3).
+        image: Image (H, W, 3), or frame for the encoder.
         colours: Colours (h, w, 3), or (1, 1, 3) for one colour everywhere.
         cover: Coverage (h, w), 0 to 255.
         x: Left pixel of the mask.
         y: Top pixel of the mask.
         opacity: Factor of the coverage, 0 to 1.
     """
+    blend_levels(image, convert_colours(colours) if isinstance(image, YuvFrame) else colours, cover, x, y, opacity)
+
+
+def blend_levels(image: Canvas, levels: ImageArray, cover: ByteArray, x: int, y: int, opacity: float = 1.0) -> None:
+    """Blend as `blend_colours` does, but with colours in the colour space of the image."""
+    if isinstance(image, YuvFrame):
+        _blend_yuv(*image.planes, levels, cover, x, y, float(opacity))
+    else:
+        _blend_rgb(image, levels, cover, x, y, float(opacity))
+
+
+@compile_kernel
+def _blend_rgb(image: ImageArray, colours: ImageArray, cover: ByteArray, x: int, y: int, opacity: float) -> None:
+    """Blend colours into an RGB image; the arguments are those of `blend_colours`."""
     rows, columns = image.shape[:2]
     step, half, most = np.intp(colours.shape[0] > 1), np.float32(0.5), np.float32(opacity / 255)
     for j in range(max(0, -y), min(cover.shape[0], rows - y)):
@@ -120,7 +134,49 @@ def blend_colours(image: ImageArray, colours: ImageArray, cover: ByteArray, x: i
                     image[y + j, x + i, k] = np.uint8(np.int32(level + half))
 
 
-def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
+@compile_kernel
+def _blend_yuv(
+    bright: ByteArray, blue: ByteArray, red: ByteArray, colours: ImageArray, cover: ByteArray, x: int, y: int,
+    opacity: float,
+) -> None:  # fmt: skip
+    """Blend Y', Cb, Cr into the planes of a frame; chroma by the mean colour and the mean coverage of 2 x 2 pixels."""
+    (rows, columns), (height, width), step = bright.shape, cover.shape, np.intp(colours.shape[0] > 1)
+    half, quarter = np.float32(0.5), np.float32(0.25)
+    most, fourth = np.float32(opacity / 255), np.float32(opacity / 1020)
+    left, right = max(x, 0), min(x + width, columns)
+    for v in range(max(y, 0), min(y + height, rows)):  # without branches, so that several pixels are computed at once
+        line, mask, paint = bright[v, left:right], cover[v - y, left - x : right - x], colours[step * (v - y)]
+        if step == 0:
+            for n in range(len(line)):
+                level = np.float32(line[n])
+                level += (np.float32(paint[0, 0]) - level) * (most * np.float32(mask[n]))
+                line[n] = np.uint8(np.int32(level + half))
+        else:
+            for n in range(len(line)):
+                level = np.float32(line[n])
+                level += (np.float32(paint[left - x + n, 0]) - level) * (most * np.float32(mask[n]))
+                line[n] = np.uint8(np.int32(level + half))
+    for j in range(max(y, 0) // 2, min((y + height + 1) // 2, rows // 2)):
+        v, w = max(2 * j - y, 0), min(2 * j + 1 - y, height - 1)
+        has_upper, has_lower = np.int32(2 * j >= y), np.int32(2 * j + 1 < y + height)
+        upper, lower = cover[v], cover[w]
+        for i in range(left // 2, min((x + width + 1) // 2, columns // 2)):
+            u, t = max(2 * i - x, 0), min(2 * i + 1 - x, width - 1)
+            whole = np.int32(2 * i >= x) * (has_upper * np.int32(upper[u]) + has_lower * np.int32(lower[u]))
+            whole += np.int32(2 * i + 1 < x + width) * (has_upper * np.int32(upper[t]) + has_lower * np.int32(lower[t]))
+            if whole > 0:
+                share, a, b, c, d = fourth * np.float32(whole), step * v, step * w, step * u, step * t
+                bluish = np.float32(colours[a, c, 1]) + np.float32(colours[a, d, 1])
+                bluish += np.float32(colours[b, c, 1]) + np.float32(colours[b, d, 1])
+                level = np.float32(blue[j, i])
+                blue[j, i] = np.uint8(np.int32(level + (quarter * bluish - level) * share + half))
+                reddish = np.float32(colours[a, c, 2]) + np.float32(colours[a, d, 2])
+                reddish += np.float32(colours[b, c, 2]) + np.float32(colours[b, d, 2])
+                level = np.float32(red[j, i])
+                red[j, i] = np.uint8(np.int32(level + (quarter * reddish - level) * share + half))
+
+
+def blend_mask(image: Canvas, mask: ByteArray, x: int, y: int, colour: Colour, opacity: float = 1.0) -> None:
     """Paint a colour through a mask onto an image, in place.
 
     Args:
@@ -131,11 +187,18 @@ def blend_mask(image: ImageArray, mask: ByteArray, x: int, y: int, colour: Colou
         colour: Colour to paint.
         opacity: Factor of the coverage, 0 to 1.
     """
-    blend_colours(image, np.array([[colour]], np.uint8), mask, x, y, float(opacity))
+    blend_levels(image, _convert_colour(colour, isinstance(image, YuvFrame)), mask, x, y, opacity)
+
+
+@lru_cache(maxsize=256)
+def _convert_colour(colour: Colour, is_yuv: bool) -> ImageArray:
+    """Return a colour as levels (1, 1, 3) of an RGB image or of a frame for the encoder."""
+    levels: ImageArray = np.array([[colour]], np.uint8)
+    return convert_colours(levels) if is_yuv else levels
 
 
 def draw_text(
-    image: ImageArray,
+    image: Canvas,
     text: str,
     x: float,
     y: float,
@@ -231,7 +294,7 @@ def to_fixed_point(px: FloatArray) -> NDArray[np.int32]:
 
 
 def draw_ring(
-    image: ImageArray,
+    image: Canvas,
     centre: FloatArray,
     radius: float,
     thickness: float,
@@ -258,7 +321,7 @@ def draw_ring(
     blend_mask(image, mask, x0, y0, colour, opacity)
 
 
-def draw_disc(image: ImageArray, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
+def draw_disc(image: Canvas, centre: FloatArray, radius: float, colour: Colour, opacity: float = 1.0) -> None:
     """Draw a filled circle, in place."""
     mask, x, y = disc_mask(centre, radius)
     blend_mask(image, mask, x, y, colour, opacity)

@@ -26,6 +26,7 @@ from video.drawing.masks import (
     wrap_text,
 )
 from video.drawing.palette import INK, MUTED_GREY, ensure_contrast, lab_to_rgb, mix_colours
+from video.io.yuv_frame import Canvas
 
 # Cloth of a table without footage.
 CLOTH_COLOUR: Colour = (34, 104, 96)
@@ -214,10 +215,10 @@ class TableInset:
         return np.asarray(cv2.resize(canvas, self.size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def draw_with_balls(
-        self, image: ImageArray, x: int, y: int, plan: ImageArray, xy: FloatArray, colours: Sequence[Colour]
+        self, image: Canvas, x: int, y: int, plan: ImageArray, xy: FloatArray, colours: Sequence[Colour]
     ) -> None:
         """Draw a result of `reduce_canvas` onto `image` at (x, y), with balls at `xy` (N, 2) m, NaN if absent."""
-        blend_colours(image, plan, round_corner_mask(*self.size, max(3, self.size[1] // 24)), x, y, 1.0)
+        blend_colours(image, plan, round_corner_mask(*self.size, max(3, self.size[1] // 24)), x, y)
         radius = round(self.ball_radius * (1 << SHIFT))
         is_present = np.atleast_1d(np.isfinite(xy).all(axis=1))
         centres = self.to_fixed_point(np.where(is_present[:, None], xy, 0)).tolist()

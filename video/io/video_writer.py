@@ -9,13 +9,12 @@ from types import TracebackType
 from typing import Self
 
 import av
-import cv2
 import numpy as np
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 
 from models.core.errors import ClipError
-from models.core.typing import ImageArray
 from video.io.clip import Clip, read_frames
+from video.io.yuv_frame import Canvas, YuvFrame
 
 # x264 parameters of all videos. `force-cfr`: without it the rerun 0.41 viewer hangs. `mbtree=0`: macroblock-tree rate
 # control of x264 0.165 reads uninitialised memory (seen at 64 x 48 and 854 x 480 px), so that two runs may differ.
@@ -86,16 +85,16 @@ class VideoWriter:
         context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
 
-    def write(self, image: ImageArray, time: float | None = None) -> None:
+    def write(self, image: Canvas, time: float | None = None) -> None:
         """Append one frame.
 
         Args:
-            image: (H, W, 3) uint8 RGB.
+            image: (H, W, 3) uint8 RGB, or a frame in the planes of the encoder.
             time: s, presentation time, after the previous frame; only for videos with a `time_base`.
         """
         if (time is None) != self._is_constant_rate:
             raise ValueError("frames have times of their own if and only if the video has a time base")
-        if image.dtype != np.uint8 or image.shape[2:] != (3,):
+        if not isinstance(image, YuvFrame) and (image.dtype != np.uint8 or image.shape[2:] != (3,)):
             raise ValueError(f"RGB images of uint8 are needed; got {image.shape} {image.dtype}")
         if image.shape[:2] != self._shape:
             raise ValueError(f"frames of {self._shape} are needed; got {image.shape}")
@@ -136,33 +135,15 @@ def _open_output(part_path: Path) -> av.container.OutputContainer:
 
 
 PIXEL_FORMAT = "yuv420p"
-# (3, 4) red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (ITU-R BT.709-6, items 3.2 to 3.4).
-# OpenCV rounds shares to 1 / 1024, which darkens by 0.054 levels in the mean, and halves of a mean of four upwards.
-LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
-RGB_TO_YUV = np.column_stack([
-    np.stack([
-        219 * LUMA_WEIGHTS,
-        112 * (np.eye(3)[2] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[2]),
-        112 * (np.eye(3)[0] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[0]),
-    ]) / 255,
-    (16.054, 127.875, 127.875),
-]).astype(np.float32)  # fmt: skip
 
 
-def build_encoder_frame(image: ImageArray) -> av.VideoFrame:
-    """Convert an image (H, W, 3); an odd side is made even by repeating its last column or row.
-
-    Luma is right to 0.6 levels; the chroma of 2 x 2 pixels is their mean, to a level. FFmpeg's general converter is
-    slower, and blurs chroma over four rows.
-    """
-    height, width = image.shape[:2]
-    even = cv2.copyMakeBorder(image, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
-    levels = cv2.transform(even, RGB_TO_YUV)
-    halves = cv2.resize(levels, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    frame = av.VideoFrame(even.shape[1], even.shape[0], PIXEL_FORMAT)
-    for k, (plane, source) in enumerate(zip(frame.planes, (levels, halves, halves), strict=True)):
+def build_encoder_frame(image: Canvas) -> av.VideoFrame:
+    """Copy the planes of a frame, or convert an image (H, W, 3) by `YuvFrame.from_rgb`."""
+    planes = (image if isinstance(image, YuvFrame) else YuvFrame.from_rgb(image)).planes
+    frame = av.VideoFrame(planes[0].shape[1], planes[0].shape[0], PIXEL_FORMAT)
+    for plane, source in zip(frame.planes, planes, strict=True):
         rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)  # padded
-        rows[:, : plane.width] = source[..., k]
+        rows[:, : plane.width] = source
     return frame
 
 

@@ -83,6 +83,12 @@ def _mean_centre(centres: FloatArray) -> FloatArray:
     return np.asarray(centres[0] if len(centres) == 1 else centres.mean(axis=0), dtype=np.float64)
 
 
+def find_changed_boxes(shape: tuple[int, ...], balls: Sequence[Sequence[SpriteLayer]]) -> list[Box]:
+    """Return the boxes that `composite_balls` changes in a frame of a shape (H, W, ...)."""
+    boxes = [_shading_box(shape, layers) for layers in balls if layers]
+    return [box for box in boxes if box is not None]
+
+
 def _shading_box(shape: tuple[int, ...], layers: Sequence[SpriteLayer]) -> Box | None:
     """Return the box around a ball and its shadow, None outside the frame."""
     corners = [_patch_corner(layer) for layer in layers]

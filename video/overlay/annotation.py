@@ -25,6 +25,7 @@ from video.drawing.masks import drawing_scale
 from video.drawing.palette import INK, Colour, ensure_contrast, lab_to_rgb
 from video.drawing.table_plan import TableInset, build_table_inset
 from video.io.video_options import OverlayStyle, RenderOptions
+from video.io.yuv_frame import Canvas, Image, YuvFrame
 from video.matting.ball_timeline import BallTimeline
 from video.overlay.frame_overlay import (
     CONTACT_RADII,
@@ -75,19 +76,18 @@ class GlidingLabels:
     opacity: dict[int, float] = field(default_factory=dict)
 
     def draw(
-        self, image: ImageArray, label: Label, ball: int, balls: FrameBalls, scale: float, obstacles: list[Rect],
+        self, image: Canvas, label: Label, ball: int, balls: FrameBalls, scale: float, obstacles: list[Rect],
         opacity: float = 1.0,
     ) -> None:  # fmt: skip
         """Draw the label of a ball where it covers no obstacle, and append its place to the obstacles."""
         size, centre, radius = label.size(scale), balls.centre[ball], balls.radius_of(ball)
         aim, now = self.positions.get(ball, (None, None))
-        aim = place_label(size, centre, radius, balls.heading[ball], obstacles, _image_size(image), aim)
+        taken = np.array(obstacles, dtype=np.float64).reshape(-1, 4)
+        aim = place_label(size, centre, radius, balls.heading[ball], taken, _image_size(image), aim)
         now = now.move_towards(aim, GLIDE_SHARE) if now is not None and self.opacity.get(ball, 0.0) > 0 else aim
         self.positions[ball] = aim, now
         rect = _fit_inside(centre + now.top_left_corner(size, radius), size, image)
-        self.opacity[ball] = (
-            0.0 if overlap_share(rect, obstacles) else min(self.opacity.get(ball, 1.0) + FADE_IN_STEP, 1.0)
-        )
+        self.opacity[ball] = 0.0 if overlap_share(rect, taken) else min(self.opacity.get(ball, 1.0) + FADE_IN_STEP, 1.0)
         _draw_label(image, label, rect, scale, opacity * self.opacity[ball], obstacles)
 
 
@@ -129,7 +129,7 @@ class Annotation:
     last_plan_points: dict[int, int] = field(default_factory=dict)
     """Index of the last path point of each ball on the plan."""
 
-    def draw(self, image: ImageArray, t: float, balls: FrameBalls, xy: FloatArray) -> ImageArray:
+    def draw(self, image: Image, t: float, balls: FrameBalls, xy: FloatArray) -> Image:
         """Draw onto an image, in place where there is no strip below it.
 
         Args:
@@ -141,8 +141,8 @@ class Annotation:
         Returns:
             The frame with its strip of `strip_height`.
         """
-        whole = self.extend(image)
-        frame = whole[: len(image)]
+        whole, rows = self.extend(image), image.shape[0]
+        frame = whole.crop_rows(rows) if isinstance(whole, YuvFrame) else whole[:rows]
         with keep_balls_on_top(frame, balls):
             if self.style != "clean":
                 self._draw_motion(frame, t, balls)
@@ -152,13 +152,15 @@ class Annotation:
                 self.clock.draw(whole, self.clock_place, t, self.scale)
         return whole
 
-    def extend(self, image: ImageArray) -> ImageArray:
+    def extend(self, image: Image) -> Image:
         """Return an image with an empty strip below it, if there is one."""
         if not self.strip_height:
             return image
+        if isinstance(image, YuvFrame):
+            return image.extend(self.strip_height, INK)
         return np.concatenate([image, np.full((self.strip_height, *image.shape[1:]), INK, dtype=np.uint8)])
 
-    def _draw_motion(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+    def _draw_motion(self, image: Canvas, t: float, balls: FrameBalls) -> None:
         """Draw trails, rings and the flashes of contacts."""
         if self.style == "coach":
             for ball, path in enumerate(self.paths):
@@ -170,7 +172,7 @@ class Annotation:
                 radius = balls.radius_of(mark.ball)
                 draw_flash(image, centre, radius, (t - mark.t) / FLASH_S, self.scale, mark.strength, mark.opacity)
 
-    def _draw_labels(self, image: ImageArray, t: float, balls: FrameBalls) -> None:
+    def _draw_labels(self, image: Canvas, t: float, balls: FrameBalls) -> None:
         """Draw contact times and names beside everything else."""
         panels = [] if self.strip_height else [self.inset_place, self.clock_place]
         obstacles: list[Rect] = [*panels, *balls.boxes(NAME_MARGIN_RADII).tolist()]
@@ -187,7 +189,7 @@ class Annotation:
         points = self.path_points[(first <= self.path_points[:, 0]) & (self.path_points[:, 0] < last)]
         return make_squares(self.timeline.to_frame_pixels(points[:, 1:3], t), points[:, 4 if balls else 3])
 
-    def _draw_trail(self, image: ImageArray, t: float, path: MotionPath, centre: FloatArray, colour: Colour) -> None:
+    def _draw_trail(self, image: Canvas, t: float, path: MotionPath, centre: FloatArray, colour: Colour) -> None:
         """Draw the recent path of a ball."""
         if not len(path.t) or not path.t[0] < t <= path.t[-1] + TRAIL_S:
             return
@@ -199,7 +201,7 @@ class Annotation:
         fade = np.clip(1 - age, 0, 1) ** 1.3
         draw_trail(image, trail, fade, colour, _trail_width(path, self.scale))
 
-    def _draw_panels(self, image: ImageArray, t: float, xy: FloatArray) -> None:
+    def _draw_panels(self, image: Canvas, t: float, xy: FloatArray) -> None:
         """Draw the plan and the clock."""
         lines = self.last_plan_points.copy()
         for ball, path in enumerate(self.paths):
@@ -214,7 +216,7 @@ class Annotation:
         self.inset.draw_with_balls(image, left, top, self.plan, xy, self.colours)
         self.clock.draw(image, self.clock_place, t, self.scale)
 
-    def _draw_contact_times(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+    def _draw_contact_times(self, image: Canvas, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
         """Draw the times of the last contacts, sure ones first, each at its first position."""
         recent = [k for k, mark in enumerate(self.marks) if 0 <= t - mark.t < self.reading_time]
         recent.sort(key=lambda k: (self.marks[k].is_sure, k))
@@ -234,7 +236,7 @@ class Annotation:
             opacity = mark.opacity * float(np.clip(min(age * 12, (1 - age) * 5), 0, 1))
             _draw_label(image, mark.label, rect, self.scale, opacity, obstacles)
 
-    def _draw_names(self, image: ImageArray, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
+    def _draw_names(self, image: Canvas, t: float, balls: FrameBalls, obstacles: list[Rect]) -> None:
         """Draw name and speed beside balls that move or recently stopped."""
         named = [
             int(ball) for ball in balls.present if self._name_opacity(t, int(ball)) > 0 and balls.is_supported[ball]
@@ -272,20 +274,18 @@ def _collect_path_points(paths: Sequence[MotionPath], scale: float) -> FloatArra
     return np.concatenate(rows)
 
 
-def _image_size(image: ImageArray) -> tuple[int, int]:
+def _image_size(image: Canvas) -> tuple[int, int]:
     """Return width and height, px."""
     return image.shape[1], image.shape[0]
 
 
-def _fit_inside(corner: FloatArray, size: tuple[int, int], image: ImageArray) -> Rect:
+def _fit_inside(corner: FloatArray, size: tuple[int, int], image: Canvas) -> Rect:
     """Return the rectangle of a label of `size` (w, h) px, moved into the image."""
     left, top = np.maximum(np.minimum(corner, np.subtract(_image_size(image), size) - 2), 2)
     return float(left), float(top), float(size[0]), float(size[1])
 
 
-def _draw_label(
-    image: ImageArray, label: Label, rect: Rect, scale: float, opacity: float, obstacles: list[Rect]
-) -> None:
+def _draw_label(image: Canvas, label: Label, rect: Rect, scale: float, opacity: float, obstacles: list[Rect]) -> None:
     """Draw a label and append its rectangle to the obstacles."""
     if opacity > 0:
         label.draw(image, np.array(rect[:2]), scale, opacity)

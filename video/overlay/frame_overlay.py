@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.fit_result import TrustLevel
-from models.core.typing import BoolArray, FloatArray, ImageArray
+from models.core.typing import BoolArray, FloatArray
 from video.drawing.label_layout import Rect, make_squares
 from video.drawing.masks import (
     SHIFT,
-    blend_colours,
+    blend_levels,
     blend_mask,
     disc_mask,
     draw_disc,
@@ -29,6 +29,7 @@ from video.drawing.masks import (
     to_fixed_point,
 )
 from video.drawing.palette import FLASH, INK, MUTED_GREY, TRUST_COLOURS, WHITE, Colour, ensure_contrast, mix_colours
+from video.io.yuv_frame import Canvas, YuvFrame
 
 LABEL_OPACITY = 0.72
 # px around a ball on which nothing is drawn.
@@ -72,7 +73,7 @@ class FrameBalls:
 
 
 @contextmanager
-def keep_balls_on_top(image: ImageArray, balls: FrameBalls) -> Iterator[None]:
+def keep_balls_on_top(image: Canvas, balls: FrameBalls) -> Iterator[None]:
     """Draw the balls of an image once more over everything that is drawn in this context."""
     height, width = image.shape[:2]
     pieces = []
@@ -80,14 +81,20 @@ def keep_balls_on_top(image: ImageArray, balls: FrameBalls) -> Iterator[None]:
         disc, x, y = disc_mask(balls.centre[ball], float(balls.radius[ball]) + BALL_MARGIN_PX)
         left, top = min(max(x, 0), width), min(max(y, 0), height)
         right, bottom = min(max(x + disc.shape[1], left), width), min(max(y + disc.shape[0], top), height)
+        if right == left or bottom == top:
+            continue
+        if isinstance(image, YuvFrame):
+            pixels = image.copy_patch(left, top, right, bottom)
+        else:
+            pixels = image[top:bottom, left:right].copy()
         cover = np.ascontiguousarray(disc[top - y : bottom - y, left - x : right - x])
-        pieces.append((image[top:bottom, left:right].copy(), cover, left, top))
+        pieces.append((pixels, cover, left, top))
     yield
     for pixels, cover, left, top in pieces:
-        blend_colours(image, pixels, cover, left, top, 1.0)
+        blend_levels(image, pixels, cover, left, top)
 
 
-def draw_measured_rings(image: ImageArray, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
+def draw_measured_rings(image: Canvas, balls: FrameBalls, colours: Sequence[Colour], scale: float) -> None:
     """Draw dashed rings around moving balls whose position is measured, not fitted."""
     for ball in balls.present:
         if balls.measured[ball] and balls.moving[ball] and balls.is_supported[ball]:
@@ -103,7 +110,7 @@ CONTACT_RADII = 2.2
 
 
 def draw_flash(
-    image: ImageArray,
+    image: Canvas,
     centre: FloatArray,
     radius: float,
     age: float,
@@ -131,7 +138,7 @@ class Label:
         """Return width and height, px."""
         return _label_size(self.name, self.value, _font_size(scale))
 
-    def draw(self, image: ImageArray, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
+    def draw(self, image: Canvas, corner: FloatArray, scale: float, opacity: float = 1.0) -> None:
         """Draw with the top-left corner at `corner` (2,), in place."""
         width, height = self.size(scale)
         letters = _font_size(scale)
@@ -176,7 +183,7 @@ class ClockPanel:
         lower = text_mask(self.slowdown_text, small).shape[1] + text_mask(self.trust_text, small).shape[1]
         return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
 
-    def draw(self, image: ImageArray, rect: Rect, t: float, scale: float) -> None:
+    def draw(self, image: Canvas, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
         x, y, width, height = (round(v) for v in rect)
         seconds = number_mask(f"{t:06.3f}", round(27 * scale), bold=True)
@@ -198,7 +205,7 @@ TRAIL_PIECE_PX, MAX_TRAIL_PIECES = 10.0, 18
 TRAIL_OPACITY, CORE_OPACITY = 0.62, 0.85
 
 
-def draw_trail(image: ImageArray, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
+def draw_trail(image: Canvas, path: FloatArray, fade: FloatArray, colour: Colour, width: float) -> None:
     """Draw a line with a white core along `path` (n, 2) px with opacity `fade` (n,)."""
     if len(path) < 2:
         return

@@ -24,6 +24,7 @@ from video.drawing.palette import MUTED_GREY, WHITE
 from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
+from video.io.yuv_frame import Canvas, YuvFrame
 from video.matting.ball_timeline import BallTimeline, read_rows
 from video.overlay.annotation import DEFAULT_OPTIONS, prepare_annotation
 from video.overlay.close_up import magnify_image
@@ -60,10 +61,16 @@ class SynthesizedFrame:
     """A frame of the slow motion before annotation, and the balls on it."""
 
     t: float
-    image: ImageArray
+    canvas: Canvas
     balls: FrameBalls
     table_positions: FloatArray
     """(N, 2) m."""
+
+    @property
+    def image(self) -> ImageArray:
+        """The frame in RGB (H, W, 3); not for those in planes."""
+        assert not isinstance(self.canvas, YuvFrame)
+        return self.canvas
 
 
 def render_slow_motion(
@@ -103,8 +110,9 @@ def render_slow_motion(
         threads=ENCODER_THREADS,
         key_s=KEYFRAME_INTERVAL_S,
     ) as writer:
-        frames = prefetch_items(synthesize_frames(clip, appearance, times), PREFETCHED_FRAMES)
-        shot = (annotation.draw(frame.image, frame.t, frame.balls, frame.table_positions) for frame in frames)
+        in_planes = clip.width % 2 == clip.height % 2 == 0  # else the last chroma would cover half a pixel
+        frames = prefetch_items(synthesize_frames(clip, appearance, times, in_planes=in_planes), PREFETCHED_FRAMES)
+        shot = (annotation.draw(frame.canvas, frame.t, frame.balls, frame.table_positions) for frame in frames)
         closer = map(annotation.extend, render_replays(clip, appearance, marks, float(rate), options.slow))
         for done, image in enumerate(chain(shot, closer), start=1):
             writer.write(image)
@@ -140,7 +148,12 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
 
 
 def synthesize_frames(
-    clip: Clip, appearance: ClipAppearance, times: FloatArray, shutter_time: float | None = None
+    clip: Clip,
+    appearance: ClipAppearance,
+    times: FloatArray,
+    shutter_time: float | None = None,
+    *,
+    in_planes: bool = False,
 ) -> Iterator[SynthesizedFrame]:
     """Yield frames at ascending times within the clip; at most two decoded frames are held in memory.
 
@@ -148,6 +161,7 @@ def synthesize_frames(
         appearance: Its estimated appearance.
         times: Times of the frames (K,), s; at the time of a decoded frame its image is a copy of that.
         shutter_time: s for which the shutter is open; None: as filmed.
+        in_planes: Whether the frames are for the encoder, else they are images in RGB.
     """
     timeline = appearance.timeline
     rows, _ = timeline.locate_times(times)
@@ -164,11 +178,13 @@ def synthesize_frames(
                         timeline, appearance.plate, row - 1, before, after, appearance.sharp_balls,
                         force_deblur=shutter_time is not None, previous=interval,
                     )  # fmt: skip
+                canvas: Canvas
                 if t in decoded or interval is None:
-                    image = decoded[t].copy()
+                    canvas = YuvFrame.from_rgb(decoded[t]) if in_planes else decoded[t].copy()
                 else:
-                    image = interval.synthesize(t, balls.centre, streak)
-                yield SynthesizedFrame(t, image, balls, plan)
+                    synthesize = interval.synthesize_planes if in_planes else interval.synthesize
+                    canvas = synthesize(t, balls.centre, streak)
+                yield SynthesizedFrame(t, canvas, balls, plan)
         before = after
 
 

@@ -13,6 +13,7 @@ from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.moving_regions import MovingRegion, find_moving_regions
 from video.flow.optical_flow import compute_flow, pixel_grid, smooth_step
 from video.io.clip import Clip
+from video.io.yuv_frame import YuvFrame
 from video.matting.background_plate import BackgroundPlate
 from video.matting.ball_matting import (
     MIN_STREAK_RADII,
@@ -24,7 +25,7 @@ from video.matting.ball_matting import (
     sample_path,
 )
 from video.matting.ball_timeline import BallTimeline
-from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls
+from video.matting.compositing import Box, RotationWarp, SpriteLayer, composite_balls, find_changed_boxes
 from video.matting.hidden_background import HiddenBackground, find_visible_balls
 from video.matting.sharp_balls import SharpBalls, collect_sharp_balls, deblur_pair
 from video.matting.shutter_time import estimate_shutter_time
@@ -156,6 +157,8 @@ class FrameInterval:
     """Outlines of the balls at rest."""
     regions: tuple[MovingRegion, ...]
     """Regions in which something other than balls moves, in pixels of the first frame."""
+    scratch: ImageArray
+    """(H, W, 3) where boxes of the planes are drawn: new memory would cost more than what is drawn."""
     has_square_chroma: bool = False
     """Whether the frames have one colour per two by two pixels, which synthesized frames then share."""
 
@@ -170,19 +173,49 @@ class FrameInterval:
         Returns:
             Image (H, W, 3).
         """
-        share = self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
+        share = self._share_at(t)
         if share in (0.0, 1.0):
             return (self.first if share == 0 else self.second).copy()
-        image = self._blend_backgrounds(t, share)
+        image, layers = self._blend_backgrounds(t, share), self._build_layers(t, share, centres, paths)
+        boxes = self._draw_moving_parts(image, t, share, layers)
+        for box in boxes if self.has_square_chroma else ():
+            subsample_chroma(image, box)
+        return image
+
+    def synthesize_planes(self, t: float, centres: FloatArray, paths: FloatArray | None = None) -> YuvFrame:
+        """Synthesize the same frame for the encoder; both sides of it must be even.
+
+        Both backgrounds are converted once. Only boxes in which something moves are drawn in RGB and converted.
+        """
+        share, (begin, end) = self._share_at(t), self.timeline.t[self.row : self.row + 2].tolist()
+        if share in (0.0, 1.0) or self.timeline.camera_step(begin, end) is not None:
+            return YuvFrame.from_rgb(self.synthesize(t, centres, paths))
+        layers, weight = self._build_layers(t, share, centres, paths), smooth_step(share)
+        before, after = (_convert_background(side) for side in self.matted)
+        frame, image = before.mix(after, weight), self.scratch
+        boxes = [*find_changed_boxes(image.shape, layers), *(region.box for region in self.regions)]
+        places = [np.s_[y0 // 2 * 2 : y1 + y1 % 2, x0 // 2 * 2 : x1 + x1 % 2] for x0, y0, x1, y1 in boxes]
+        for here in places:
+            first, second = (side.background[here] for side in self.matted)
+            image[here] = cv2.addWeighted(first, 1 - weight, second, weight, 0)
+        self._draw_moving_parts(image, t, share, layers)
+        for here in places:
+            frame.paste(image[here], here[1].start, here[0].start)
+        return frame
+
+    def _share_at(self, t: float) -> float:
+        """Return the elapsed share of the gap, 0 to 1."""
+        return self.timeline.locate_time(t)[1] if t < self.timeline.t[self.row + 1] else 1.0
+
+    def _draw_moving_parts(
+        self, image: ImageArray, t: float, share: float, layers: list[list[SpriteLayer]]
+    ) -> list[Box]:
+        """Draw all that moves onto the backgrounds, in place; return the boxes that are not resampled."""
         camera_step = self.timeline.camera_step(float(self.timeline.t[self.row]), t) if self.regions else None
         for region in self.regions:
             region.blend_onto(image, share, camera_step)
-        changed = composite_balls(image, self._build_layers(t, share, centres, paths), self.resting)
-        if camera_step is None:  # else the whole image is resampled
-            changed += [region.box for region in self.regions]
-        for box in changed if self.has_square_chroma else ():
-            subsample_chroma(image, box)
-        return image
+        changed = composite_balls(image, layers, self.resting)
+        return changed if camera_step is not None else [*changed, *(region.box for region in self.regions)]
 
     def _build_layers(
         self, t: float, share: float, centres: FloatArray, paths: FloatArray | None
@@ -208,6 +241,12 @@ class FrameInterval:
         background = self.matted[side].background
         step = self.timeline.camera_step(float(self.timeline.t[self.row + side]), t)
         return background if step is None else _warp_image(background, step)
+
+
+@lru_cache(maxsize=2)
+def _convert_background(frame: MattedFrame) -> YuvFrame:
+    """Convert a background for the encoder. Cached: it ends one gap and begins the next."""
+    return YuvFrame.from_rgb(frame.background)
 
 
 def subsample_chroma(image: ImageArray, box: Box) -> None:
@@ -289,7 +328,10 @@ def prepare_interval(
     resting = tuple(
         timeline.outline(row, int(ball)) for ball in np.flatnonzero(timeline.observed[row]) if ball not in balls
     )
-    return FrameInterval(timeline, row, first, second, matted, tuple(moving_balls), resting, regions, has_square_chroma)
+    return FrameInterval(
+        timeline, row, first, second, matted, tuple(moving_balls), resting, regions,
+        np.empty_like(first) if previous is None else previous.scratch, has_square_chroma,
+    )  # fmt: skip
 
 
 def _prepare_moving_ball(

@@ -20,6 +20,7 @@ from video.drawing.palette import (
     lighten_for_text,
 )
 from video.drawing.table_plan import build_table_inset
+from video.io.yuv_frame import YuvFrame
 from video.overlay.frame_overlay import (
     ClockPanel,
     FrameBalls,
@@ -69,6 +70,19 @@ def test_drawings_beyond_the_border_are_cut(corner: tuple[int, int]) -> None:
     draw_ring(image, np.array(corner, dtype=float), 30, 2, (255, 0, 0), 1.0)
     draw_flash(image, np.array(corner, dtype=float), 8, 0.3, 1.0, 1.0)
     assert image.shape == black().shape
+
+
+def test_an_encoder_frame_is_drawn_upon_as_an_image() -> None:
+    image = np.full((120, 200, 3), (40, 90, 60), np.uint8)
+    frame = YuvFrame.from_rgb(image)
+    way = np.column_stack([np.linspace(20, 180, 50), np.full(50, 61.0)])
+    for canvas in (image, frame):
+        with keep_balls_on_top(canvas, balls((100.0, 60.0), (-3.0, 118.0), (-40.0, 60.0))):
+            draw_trail(canvas, way, np.linspace(0, 1, 50), (255, 0, 0), 4.0)
+            Label("cue", "1.20 m/s", (200, 180, 90)).draw(canvas, np.array([31.0, 15.0]), 1.0, 0.8)
+        draw_flash(canvas, np.array([150.0, 90.0]), 8, 0.3, 1.0, 1.0)
+    for drawn, wanted in zip(frame.planes, YuvFrame.from_rgb(image).planes, strict=True):
+        assert np.abs(drawn.astype(int) - wanted).max() <= 3  # both round after each element
 
 
 def test_a_trail_goes_under_the_balls_and_fades() -> None:

@@ -19,6 +19,7 @@ from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import ImageArray
 from video.io.clip import Clip, open_clip, read_frames
+from video.io.yuv_frame import YuvFrame
 from video.matting.background_plate import COVERED_BY_BALL, BackgroundPlate, estimate_background_plate
 from video.matting.ball_matting import BallOutline, matte_balls
 from video.matting.ball_timeline import BallTimeline, build_ball_timeline
@@ -172,6 +173,17 @@ def test_an_in_between_frame_looks_as_a_camera_would_have_filmed_it() -> None:
     assert error.max() < 40
     blend = (shot.film(float(TIMES[20])) / 2.0 + shot.film(float(TIMES[21])) / 2.0).astype(np.uint8)
     assert error.mean() < 0.1 * difference(blend, shot.film(t)).mean()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.9, 1.0])
+def test_the_planes_for_the_encoder_show_the_synthesized_image(share: float) -> None:
+    timeline = build_staged_timeline()
+    interval = prepare_interval(timeline, perfect_plate(), 20, shot.film(float(TIMES[20])), shot.film(float(TIMES[21])))
+    t = float(TIMES[20] * (1 - share) + TIMES[21] * share)
+    centres = timeline.centres_at(t, timeline.state_at(np.array([t])).xy[0])
+    wanted = YuvFrame.from_rgb(interval.synthesize(t, centres))
+    for plane, exact in zip(interval.synthesize_planes(t, centres).planes, wanted.planes, strict=True):
+        assert difference(plane, exact).max() <= 1  # the backgrounds are mixed before they are rounded, or after
 
 
 def test_decoded_frames_are_unchanged() -> None:
