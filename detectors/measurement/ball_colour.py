@@ -35,13 +35,13 @@ MAX_TINT_DIFFERENCE, MIN_SHADE_LIGHTNESS = 0.35, 0.5
 # overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
 # luma's, so that the edge of a small disc reaches its middle.
 FLAT_SHARE = 0.022
-# Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level. An eight mirrors
-# lamps and shows its number: of 60 detections in real clips none is below 22 levels.
+# Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level, and a dark ball that
+# mirrors no lamp hardly more.
 MIN_FLAT_LEVEL = 80.0
 # Weights of red, green and blue (Rec. 601).
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 # Level of two channels, the white of studio range, from which a camera no longer records shading. A sphere that is so
-# bright still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88 of the
+# bright or so dark still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88 of the
 # luma of the cloth farther out in real clips, that around discs and spots of light that are drawn at least 0.97.
 EXPOSED_LEVEL, MAX_SHADED_SHARE = 235.0, 0.93
 # Radii of these rings in ball radii, and the directions of which eight in succession are that sixth.
@@ -89,9 +89,10 @@ def find_flat_discs(rgb: ByteArray, centre: FloatArray, radius: FloatArray) -> B
         return np.zeros(0, dtype=np.bool_)
     samples = sample_discs(rgb, centre, radius)
     luma, level = samples @ LUMA, np.sort(np.median(samples, axis=1), axis=1)
-    is_flat = luma.std(axis=1) < FLAT_SHARE * np.maximum(np.median(luma, axis=1), MIN_FLAT_LEVEL)
-    exposed = np.flatnonzero(is_flat & (level[:, -2] >= EXPOSED_LEVEL))
-    is_flat[exposed] = [_measure_shade(rgb, centre[k], float(radius[k])) > MAX_SHADED_SHARE for k in exposed]
+    brightness = np.median(luma, axis=1)
+    is_flat = luma.std(axis=1) < FLAT_SHARE * np.maximum(brightness, MIN_FLAT_LEVEL)
+    unrecorded = np.flatnonzero(is_flat & ((level[:, -2] >= EXPOSED_LEVEL) | (brightness < MIN_FLAT_LEVEL)))
+    is_flat[unrecorded] = [_measure_shade(rgb, centre[k], float(radius[k])) > MAX_SHADED_SHARE for k in unrecorded]
     return np.asarray(is_flat)
 
 
