@@ -35,14 +35,14 @@ MAX_TINT_DIFFERENCE, MIN_SHADE_LIGHTNESS = 0.35, 0.5
 # overexposed ones aside. Drawn discs have 0.007 to 0.02, by coding alone; not so in colour, whose resolution is half of
 # luma's, so that the edge of a small disc reaches its middle.
 FLAT_SHARE = 0.022
-# Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level, and a dark ball that
-# mirrors no lamp hardly more.
+# Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level, and a dark ball
+# that mirrors no lamp hardly more.
 MIN_FLAT_LEVEL = 80.0
 # Weights of red, green and blue (Rec. 601).
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 # Level of two channels, the white of studio range, from which a camera no longer records shading. A sphere that is so
-# bright or so dark still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88 of the
-# luma of the cloth farther out in real clips, that around discs and spots of light that are drawn at least 0.97.
+# bright or so dark still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88
+# of the luma of the cloth farther out in real clips, that around discs and spots of light that are drawn at least 0.97.
 EXPOSED_LEVEL, MAX_SHADED_SHARE = 235.0, 0.93
 # Radii of these rings in ball radii, and the directions of which eight in succession are that sixth.
 NEAR_RADII, FAR_RADII, DIRECTIONS, SECTOR = (1.2, 1.35, 1.5), (2.2, 2.5, 2.8), 48, 8

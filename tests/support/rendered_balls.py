@@ -73,7 +73,8 @@ def _add_ball(image: FloatArray, ball: Ball, x: FloatArray, y: FloatArray) -> No
         share = np.clip(radius + 0.5 - np.hypot(dx, dy), 0, 1)
         bright = 0.75 + 0.25 * np.sqrt(np.clip(1 - (dx**2 + dy**2) / radius**2, 0, 1))
         shares += share / len(steps)
-        colours += (share * bright / len(steps))[..., None] * np.array(ball.colour)
+        mirrored = 90 * np.exp(-((dx + 2) ** 2 + (dy + 3) ** 2) / 2)  # a lamp
+        colours += (share / len(steps))[..., None] * (bright[..., None] * np.array(ball.colour) + mirrored[..., None])
         shade += 0.3 * np.exp(-((dx - 3) ** 2 + (dy - 4) ** 2) / (2 * (0.8 * radius) ** 2)) / len(steps)
     image *= (1 - shade * (1 - shares))[..., None]
     image *= (1 - shares)[..., None]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.core.errors import OptionError, TableNotFound
 from models.core.progress import Progress, ignore_progress
-from models.core.scene import Camera, Scene, combine_ball_sizes, find_contradictions
+from models.core.scene import Camera, Scene, Table, combine_ball_sizes, find_contradictions
 from models.core.typing import FloatArray, ImageArray
 from models.numerics.statistics import intersect_estimates
 from models.physics.billiards.tables import (
@@ -123,6 +123,7 @@ def calibrate_clip(
         TableNotFound: no table can be trusted; the message is one sentence for the user.
         OptionError: an option is not meaningful.
     """
+    requested = parse_table(options.table) if options.table is not None else None
     frames, swaying = _sample_frame_indices(clip), _select_swaying_frames(clip)
     shown = dict(read_frames(clip, indices=np.union1d(frames, swaying)))
     images = [shown[frame] for frame in frames.tolist()]
@@ -140,7 +141,7 @@ def calibrate_clip(
             location = locate_table(background, clip.path.name)
         else:
             location = _locate_from_option(options.corners, background, clip.stored_scale)
-    scene = _build_scene(location, background, images, options, prior)
+    scene = _build_scene(location, background, images, options, requested, prior)
     progress(1.0)
     notes = (*scene.notes, *_motion_notes(scene.camera, motion, lost))
     if prior is not None and not prior.agrees_with_cloth(scene.cloth_lab):
@@ -163,9 +164,9 @@ def calibrate_image(image: ImageArray, options: CalibrateOptions, name: str = "t
         TableNotFound: no table can be trusted; the message is one sentence for the user.
         OptionError: an option is not meaningful.
     """
-    corners = options.corners
+    requested, corners = parse_table(options.table) if options.table is not None else None, options.corners
     location = locate_table(image, name) if corners is None else _locate_from_option(corners, image, (1.0, 1.0))
-    return _build_scene(location, image, [image], options)
+    return _build_scene(location, image, [image], options, requested)
 
 
 def _locate_in_clip(
@@ -499,6 +500,7 @@ def _build_scene(
     background: ImageArray,
     images: list[ImageArray],
     options: CalibrateOptions,
+    requested: Table | None,
     prior: ViewPrior | None = None,
 ) -> Scene:
     """Identify table and ball size, and build the camera.
@@ -506,15 +508,15 @@ def _build_scene(
     Args:
         background: the image, or what stands still in the clip.
         images: images in which balls are measured.
-        options: table and ball radius if the user gave them.
+        options: ball radius if the user gave it.
+        requested: table if the user gave it.
         prior: table of earlier clips.
     """
     height, width = background.shape[:2]
     corners, covariance, perspective = location.corners, location.covariance, location.perspective
     build = partial(build_camera, corners, covariance, perspective=perspective, width_px=width, height_px=height)
-    requested = None if prior is None else prior.table
-    if options.table is not None:
-        requested = parse_table(options.table)
+    if requested is None and prior is not None:
+        requested = prior.table
     trial = TABLE_PRESETS["pool-9ft"] if requested is None else requested
     sizes = measure_ball_sizes(images, background, build(trial), trial)
     warnings: tuple[str, ...] = ()

@@ -17,7 +17,6 @@ from pipeline.io.certificate_files import (
     describe_comparison,
     read_certificate,
 )
-from pipeline.reporting.pages import certificate_page
 from pipeline.reporting.pages.certificate_page import (
     build_slope_figure,
     format_certificate,
@@ -84,8 +83,8 @@ def test_the_direction_of_a_slope_is_a_word() -> None:
 
 
 def test_a_scatter_has_no_direction() -> None:
-    row = certificate_page._format_scatter("slope_x", {"value": 0.12, "sigma": 0.05, "unit": "mm/m", "count": 1})
-    assert row == ("slope along the length", "0.12", "0.05", "mm/m", "1 shot")
+    scatter = {"value": 0.12, "sigma": 0.05, "unit": "mm/m", "count": 1}
+    assert format_number("", scatter) == ("0.12", "0.05", "mm/m")
 
 
 @pytest.mark.parametrize(("shots", "contacts", "warns"), [(1, 5, True), (6, 12, True), (6, 40, False)])

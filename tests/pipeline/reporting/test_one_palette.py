@@ -94,7 +94,7 @@ def draw_inset(scene: Scene, tracks: Tracks) -> ByteArray:
     inset = build_table_inset(scene, 640)
     image = np.zeros((*inset.size[::-1], 3), np.uint8)
     colours = [look.colour for look in tracks.looks]
-    inset.draw(image, 0, 0, tracks.xy[0], [np.empty((0, 2))] * len(colours), colours)
+    inset.draw_with_balls(image, 0, 0, inset.reduce_canvas(inset.canvas), tracks.xy[0], colours)
     return image
 
 

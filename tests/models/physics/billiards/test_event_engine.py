@@ -90,7 +90,7 @@ def test_the_code_of_a_model_selects_it_in_compiled_code() -> None:
         assert contact_resolution.rebound(code, *ball, 0.03, 0.2, p) == model.resolve(*ball, 0.03, 0.2, p), model.name
     pair = (*ball, -1.0, 0.2, 1.0, -5.0, 9.0, 0.03, 0.029, 0.2, 0.19)
     for code, model in enumerate(REGISTERED_BALL_MODELS):
-        assert contact_resolution.collide(code, *pair, p) == model.resolve(*pair, p), model.name
+        assert contact_resolution.dispatch_ball_model(code, *pair, p) == model.resolve(*pair, p), model.name
 
 
 def test_a_ball_struck_without_spin_rolls_at_five_sevenths_of_its_speed() -> None:
