@@ -189,7 +189,7 @@ class _CompilationListener(Listener):  # type: ignore[misc]
         self._notify: Callable[[], None] | None = notify
 
     def on_start(self, event: Event) -> None:
-        if self._notify is not None:
+        if self._notify is not None and isinstance(event.data["dispatcher"]._cache, _SourceCache):
             notify, self._notify = self._notify, None
             notify()
 
