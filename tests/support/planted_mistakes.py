@@ -288,7 +288,8 @@ def list_differences(run: ClipRun, truth: ClipRun) -> list[str]:
     """List how a run differs from another one by more than the noise of both; ids may differ."""
     one, two, true_ids = run.fit.events, truth.fit.events, _match_balls(run, truth)
     differences = []
-    if sorted(true_ids.values()) != sorted(truth.tracks.ids) or sorted(run.tracks.kinds) != sorted(truth.tracks.kinds):
+    kinds = {true_ids[name]: kind for name, kind in zip(run.tracks.ids, run.tracks.kinds, strict=True)}
+    if kinds != dict(zip(truth.tracks.ids, truth.tracks.kinds, strict=True)):
         differences.append(f"balls {run.tracks.ids} instead of {truth.tracks.ids}")
     lengths = [one_run.scene.table.length for one_run in (run, truth)]
     if abs(lengths[0] - lengths[1]) > 0.01:
