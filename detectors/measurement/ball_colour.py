@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.srgb import LUMA_601
 from models.core.typing import BoolArray, ByteArray, FloatArray
 
 # Samples of a ball.
@@ -38,8 +39,8 @@ FLAT_SHARE = 0.022
 # Least level for this share: coding alone gives a dark drawn disc a standard deviation of one level, and a dark ball
 # that mirrors no lamp hardly more.
 MIN_FLAT_LEVEL = 80.0
-# Weights of red, green and blue (Rec. 601).
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+# Weights of red, green and blue in the precision of samples.
+LUMA = LUMA_601.astype(np.float32)
 # Level of two channels, the white of studio range, from which a camera no longer records shading. A sphere that is so
 # bright or so dark still hides light from the cloth beside it: the darkest sixth of the ring around it has at most 0.88
 # of the luma of the cloth farther out in real clips, that around discs and spots of light that are drawn at least 0.97.

@@ -1,10 +1,15 @@
-"""The transfer curve of sRGB between coded values and linear light (IEC 61966-2-1)."""
+"""The transfer curve of sRGB between coded values and linear light (IEC 61966-2-1), and weights of brightness."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from models.core.typing import FloatArray
+
+# Weights of red, green and blue in the brightness of standard definition (ITU-R BT.601), by which images are compared,
+# and of high definition (ITU-R BT.709), by which they are encoded.
+LUMA_601 = np.array([0.299, 0.587, 0.114])
+LUMA_709 = np.array([0.2126, 0.7152, 0.0722])
 
 
 def decode_srgb(values: FloatArray) -> FloatArray:

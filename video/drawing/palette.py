@@ -9,6 +9,7 @@ import numpy as np
 
 from models.core.ball_look import WHITE as WHITE
 from models.core.ball_look import Colour as Colour
+from models.core.srgb import LUMA_601
 from models.core.typing import FloatArray
 
 # Background of panels and labels.
@@ -20,8 +21,6 @@ FLASH: Colour = (255, 214, 102)
 # Colours of the trust levels.
 TRUST_COLOURS: dict[str, Colour] = {"green": (64, 200, 110), "amber": (255, 176, 32), "red": (240, 68, 68)}
 
-# Weights of red, green and blue in brightness (ITU-R BT.601).
-LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
 # Brightness of 255 from which a background counts as bright.
 BRIGHT_LUMA = 150.0
 # Least difference in brightness, of 255, between a trail and the cloth.
@@ -56,11 +55,11 @@ def ensure_contrast(colour: Colour, background: Colour) -> Colour:
         The colour itself if it contrasts; else a darker one on a bright background, a lighter one on others.
     """
     distance = np.abs(np.array(colour, dtype=np.float64) - background)
-    if float(distance @ LUMA_WEIGHTS) >= MIN_LUMA_CONTRAST or distance.max() >= 2 * MIN_LUMA_CONTRAST:
+    if float(distance @ LUMA_601) >= MIN_LUMA_CONTRAST or distance.max() >= 2 * MIN_LUMA_CONTRAST:
         return colour
     return (
         mix_colours(colour, INK, 0.6)
-        if float(np.array(background) @ LUMA_WEIGHTS) > BRIGHT_LUMA
+        if float(np.array(background) @ LUMA_601) > BRIGHT_LUMA
         else mix_colours(colour, WHITE, 0.45)
     )
 
@@ -74,13 +73,13 @@ def lighten_for_text(colour: Colour) -> Colour:
     Returns:
         The colour itself if it is bright enough, else a lighter one of the same hue.
     """
-    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    bright = float(np.array(colour) @ LUMA_601)
     return colour if bright >= BRIGHT_LUMA else mix_colours(colour, WHITE, (BRIGHT_LUMA - bright) / (255 - bright))
 
 
 def darken_for_white(colour: Colour) -> Colour:
     """Darken a colour until a line in it is visible on `WHITE`; the hue stays."""
-    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    bright = float(np.array(colour) @ LUMA_601)
     return mix_colours(colour, (0, 0, 0), max(1 - MAX_LUMA_ON_WHITE / max(bright, 1.0), 0.0))
 
 
@@ -94,7 +93,7 @@ def adapt_to_any_background(colour: Colour) -> Colour:
         A colour of the same hue whose brightness lies between the limits for both backgrounds.
     """
     colour = darken_for_white(colour)
-    bright = float(np.array(colour) @ LUMA_WEIGHTS)
+    bright = float(np.array(colour) @ LUMA_601)
     return mix_colours(colour, WHITE, max(MIN_LUMA_ON_DARK - bright, 0.0) / (255 - bright))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from av.video.reformatter import ColorPrimaries, Colorspace, ColorTrc, Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
-from models.core.srgb import decode_srgb, encode_srgb
+from models.core.srgb import LUMA_709, decode_srgb, encode_srgb
 from models.core.typing import ByteArray, Float32Array, FloatArray, ImageArray
 from models.numerics.jit import compile_kernel
 from video.io.square_pixels import compute_square_size, stretch_to_square_pixels
@@ -335,7 +335,9 @@ def fill_light(
             for k in range(3):
                 light[j, i, k] = max(matrix[k, 0] * r + matrix[k, 1] * g + matrix[k, 2] * b, zero)
             if exponent > zero:
-                luminance = np.float32(0.2126) * light[j, i, 0] + np.float32(0.7152) * light[j, i, 1]
-                gain = (luminance + np.float32(0.0722) * light[j, i, 2]) ** exponent
+                luminance = zero
+                for k in range(3):
+                    luminance += np.float32(LUMA_709[k]) * light[j, i, k]
+                gain = luminance**exponent
                 for k in range(3):
                     light[j, i, k] *= gain

@@ -8,16 +8,16 @@ from typing import Self, TypeVar
 import cv2
 import numpy as np
 
+from models.core.srgb import LUMA_709
 from models.core.typing import ByteArray, ImageArray
 
 # (3, 4) red, green, blue and 1 to 8-bit Y', Cb and Cr in limited range (ITU-R BT.709-6, items 3.2 to 3.4).
 # OpenCV rounds shares to 1 / 1024, which darkens by 0.054 levels in the mean, and halves of a mean of four upwards.
-LUMA_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 RGB_TO_YUV = np.column_stack([
     np.stack([
-        219 * LUMA_WEIGHTS,
-        112 * (np.eye(3)[2] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[2]),
-        112 * (np.eye(3)[0] - LUMA_WEIGHTS) / (1 - LUMA_WEIGHTS[0]),
+        219 * LUMA_709,
+        112 * (np.eye(3)[2] - LUMA_709) / (1 - LUMA_709[2]),
+        112 * (np.eye(3)[0] - LUMA_709) / (1 - LUMA_709[0]),
     ]) / 255,
     (16.054, 127.875, 127.875),
 ]).astype(np.float32)  # fmt: skip

@@ -8,6 +8,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from models.core.srgb import LUMA_601
 from models.core.trajectory import State
 from models.core.typing import Float32Array, FloatArray, ImageArray
 from video.flow.moving_regions import MovingRegion, find_moving_regions
@@ -412,8 +413,8 @@ MAX_FLOW_RADII = 0.8
 VISIBLE_RADII = 0.8
 # Radii over which the flow on a ball is averaged.
 SMOOTHING_RADII = 0.12
-# Map from RGBA to brightness (ITU-R BT.601-7) times alpha, and alpha.
-TO_GREY = np.array([[0.299, 0.587, 0.114, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.float32)
+# Map from RGBA to brightness times alpha, and alpha.
+TO_GREY = np.array([[*LUMA_601, 0.0], [0.0, 0.0, 0.0, 1.0]], dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from support import staged_shot as shot
 
 from models.core.ball_look import CLASS_COLOURS
 from models.core.scene import Camera, Scene
+from models.core.srgb import LUMA_601
 from models.core.typing import FloatArray, ImageArray
 from video.drawing.label_layout import LabelPosition, overlap_share, place_label, place_panel
 from video.drawing.masks import draw_ring, draw_text, text_mask
 from video.drawing.palette import (
     BRIGHT_LUMA,
     INK,
-    LUMA_WEIGHTS,
     WHITE,
     adapt_to_any_background,
     ensure_contrast,
@@ -162,7 +162,7 @@ def test_lines_in_the_colour_of_the_cloth_are_drawn_lighter_or_darker() -> None:
 def test_letters_in_the_colour_of_a_ball_can_be_read() -> None:
     for colour in CLASS_COLOURS.values():
         light = lighten_for_text(colour)
-        assert np.array(light) @ LUMA_WEIGHTS > BRIGHT_LUMA - 2
+        assert np.array(light) @ LUMA_601 > BRIGHT_LUMA - 2
         assert int(np.argmax(light)) == int(np.argmax(colour))
     assert lighten_for_text(CLASS_COLOURS["cue"]) == CLASS_COLOURS["cue"]
 
