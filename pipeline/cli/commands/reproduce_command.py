@@ -66,7 +66,7 @@ def reproduce(
             that are not trained to the end within 120 CPU s are marked and not compared.
         whole: Run all settings with all methods, trained to the end; this takes hours.
         seeds: Number of seeds. Default: 3, or 1 with --quick.
-        first_seed: First seed.
+        first_seed: Seed of the first repetition; the others follow it.
         data: Folder that holds the recorded pendulum, at any depth.
         run: Folder of a run, for the pool scene.
         jobs: Number of processes. Default: one per core.
