@@ -25,6 +25,9 @@ _MIN_VALUES = 8
 # Change per step, in units of the last digit, from which a repeated value is no effect of rounding, which repeats
 # values where a body moves less than one unit per step.
 _MOVING_QUANTA = 2.0
+# Values before and after one between which a body moves on, and the share of its path that it then gets ahead: one that
+# moves gets nearly all of it ahead, the noise of one at rest about a quarter.
+_NEAR_VALUES, _MIN_AHEAD = 2, 0.6
 # Difference of two steps, in the largest step, that is an effect of the arithmetic.
 _ROUNDING = 1e-9
 # Largest difference of a rounded time from its even one, in units of the clock: half, and the error of the fit.
@@ -67,8 +70,8 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
         positions: (T, D) of one body, in the order of time.
 
     Returns:
-        (T,) mask of repetitions; none where the body repeats by rounding or by rest alone. At rest every sample
-        repeats, and as many are kept as while the body moves.
+        (T,) mask of repetitions; none where the body repeats by rounding or by rest alone, whose values may still be
+        noisy. At rest every sample repeats, and as many are kept as while the body moves.
     """
     is_repetition = np.zeros(len(positions), bool)
     steps = np.abs(np.diff(positions, axis=0))
@@ -78,11 +81,21 @@ def find_held_samples(positions: FloatArray) -> BoolArray:
         return is_repetition
     quantum = np.array([_measure_quantum(column) for column in steps.T])
     across = np.abs(positions[starts[2:]] - positions[starts[1:-1] - 1])
-    moving = lengths[1:-1][(across > _MOVING_QUANTA * quantum * (lengths[1:-1, None] + 1)).any(axis=1)]
+    is_moving = (across > _MOVING_QUANTA * quantum * (lengths[1:-1, None] + 1)).any(axis=1)
+    moving = lengths[1:-1][is_moving & _gets_ahead(positions[starts])[1:-1]]
     if len(moving) < _MIN_VALUES or (moving > 1).mean() < _MIN_HELD_SHARE:
         return is_repetition
     longest = int(np.quantile(moving, 0.95))
     return np.asarray((np.arange(len(positions)) - np.repeat(starts, lengths)) % longest > 0)
+
+
+def _gets_ahead(values: FloatArray) -> BoolArray:
+    """Return which values (R, D), in the order of time, are of a body that moves on, not of one that jitters."""
+    number = np.arange(len(values))
+    first, last = np.maximum(number - _NEAR_VALUES, 0), np.minimum(number + _NEAR_VALUES, len(values) - 1)
+    length = np.append(0.0, np.linalg.norm(np.diff(values, axis=0), axis=1).cumsum())
+    ahead = np.linalg.norm(values[last] - values[first], axis=1)
+    return np.asarray(ahead > _MIN_AHEAD * (length[last] - length[first]))
 
 
 def _measure_quantum(steps: FloatArray) -> float:

@@ -285,6 +285,15 @@ def test_held_samples_of_an_even_motion_are_left_out() -> None:
     assert find_held_samples(np.repeat(path, 3, axis=0)).sum() == 120
 
 
+def test_noisy_places_of_a_ball_at_rest_are_not_held_where_a_coded_image_repeats() -> None:
+    rng = np.random.default_rng(1)
+    values = 1.0 + rng.normal(0, 1e-4, (80, 2))
+    repeated = np.repeat(values, rng.integers(1, 4, len(values)), axis=0)
+    moving = 0.02 * np.arange(40)[:, None] + rng.normal(0, 1e-4, (40, 2))
+    assert not find_held_samples(repeated).any()
+    assert not find_held_samples(np.concatenate([moving, repeated])).any()
+
+
 @pytest.mark.parametrize("step", [0.001, 0.01, 0.1, 0.3])
 def test_rounded_and_resting_samples_are_not_held(step: float) -> None:
     rows = throw(120.0)
