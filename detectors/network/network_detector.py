@@ -147,8 +147,12 @@ class NetworkDetector:
         # On the grid of the whole image's cells, so that a part gives the same results as the whole.
         top, left = (max(s.start - CONTEXT_PX, 0) // COARSE_STRIDE * COARSE_STRIDE for s in part)
         bottom, right = min(part[0].stop + CONTEXT_PX, h), min(part[1].stop + CONTEXT_PX, w)
-        window = working[top:bottom, left:right]
-        return self.model.find_candidates(window, self.view.median_radius).scale(1.0, (float(left), float(top)))
+        window, times = working[top:bottom, left:right], self.view.enlargement
+        if times > 1:
+            size = (times * window.shape[1], times * window.shape[0])
+            window = np.asarray(cv2.resize(window, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+        candidates = self.model.find_candidates(window, times * self.view.median_radius)
+        return candidates.transform(lambda px: (px + 0.5) / times - 0.5 + (left, top), 1 / times)
 
     def _search_whole_table(self, rgb: ByteArray, frame: int) -> CandidateDetections:
         """Search the table's part of an image by a network for whole images, working px."""

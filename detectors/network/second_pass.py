@@ -23,7 +23,7 @@ from models.core.typing import BoolArray, ByteArray
 CROWDED_RADII = 2.4
 # Least confidence score of a candidate that counts.
 MIN_CROWDING_SCORE = 0.2
-# Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement.
+# Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement over the first pass.
 ENLARGED_RADIUS_PX, MAX_ENLARGEMENT = 10.5, 2.0
 # Least enlargement of a second pass. One at the same size is useful too: the balls are at other places of the network's
 # grid, and without the rest of the image.
@@ -72,8 +72,9 @@ def run_second_pass(
         return candidates
     parts, covered = [], np.zeros_like(again)
     for part in find_windows(again, view):
-        factor = min(ENLARGED_RADIUS_PX / float(view.radius[part][again[part]].max()), MAX_ENLARGEMENT)
-        if factor >= MIN_ENLARGEMENT:
+        most = MAX_ENLARGEMENT * view.enlargement
+        factor = min(ENLARGED_RADIUS_PX / float(view.radius[part][again[part]].max()), most)
+        if factor >= MIN_ENLARGEMENT * view.enlargement:
             parts.append(_search_enlarged(searched, view, model, part, factor))
             covered[part] |= again[part]
     enlarged_candidates = concatenate_candidates(parts)

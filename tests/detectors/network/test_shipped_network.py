@@ -69,6 +69,23 @@ def test_every_ball_is_detected_and_nothing_else() -> None:
         assert np.linalg.norm(nearest_errors(detections, balls), axis=1).max() < 0.8
 
 
+@pytest.mark.parametrize("shrink", [2, 3])
+def test_every_ball_is_detected_where_the_table_is_small_in_the_image(shrink: int) -> None:
+    """Balls of 4 and 2.7 px are below the sizes that the network knows, so it sees the image enlarged."""
+    whole, size = build_test_scene().camera, (WIDTH // shrink, HEIGHT // shrink)
+    matrix = np.array([[1 / shrink, 0, 0.5 / shrink - 0.5], [0, 1 / shrink, 0.5 / shrink - 0.5], [0, 0, 1]])
+    corners = (whole.corners_px + 0.5) / shrink - 0.5
+    camera = Camera(matrix @ whole.matrix, *size, corners, np.eye(8), "cloth", 1000.0, 1.0)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        balls = spread_balls(rng, COLOURS)
+        image = cv2.resize(render_balls(balls, rng), size, interpolation=cv2.INTER_AREA)
+        detections = detect_in_image(image, replace(build_test_scene(), camera=camera), ONNX)
+        true = (np.array([[ball.x, ball.y] for ball in balls]) + 0.5) / shrink - 0.5
+        assert len(detections) == len(balls)
+        assert np.linalg.norm(true[:, None] - detections.centre, axis=-1).min(axis=1).max() < 0.5
+
+
 def test_centres_are_good_to_a_third_of_a_pixel_and_their_sigmas_calibrated(model: BallModel) -> None:
     rng = np.random.default_rng(2)
     off, pulls = [], []
