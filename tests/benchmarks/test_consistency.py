@@ -117,7 +117,8 @@ def test_places_of_predictions_are_read_with_their_diamonds(old: str, new: str, 
 def list_of_what_if(events: list[dict[str, object]], old: str = "", new: str = "", speed: float = 1.0) -> list[str]:
     run = RunStatements(Path(), NAMING, [{**EVENTS[0]}, {**EVENTS[1]}])
     play = {"probability": 0.4, "probability_sigma": 0.02, "events": events}
-    stroke = {"speed": 2.511757, "side": 0.3, "top": -0.2, "top_sigma": 0.01, "observable": ["speed", "top"]}
+    sigmas = {"speed_sigma": 0.01, "side_sigma": 0.02, "top_sigma": 0.01}
+    stroke = {"speed": 2.511757, "side": 0.3, "top": -0.2, **sigmas, "observable": ["speed", "top"]}
     added = 0.1 if speed != 1 else 0.0
     document = {
         "cue": "cue", "draws": 400, "model": "whole_shot", "clip_end": 3.0, "play_end": 6.3,

@@ -369,7 +369,11 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
         share = changed["speed"] / real["speed"] - 1
         words = f"{100 * abs(share):.0f} % {'more' if share > 0 else 'less'} speed"
         doubt = "" if "speed" in real["observable"] else ", where it is not measurable"
-        parts.append(f"{words}: {format_speed(changed['speed'])} instead of {format_speed(real['speed'])}{doubt}")
+        new, old = (
+            format_number(ShotNumber("cue_speed", one["speed"], one["speed_sigma"], "m/s", True, ""), has_sigma=False)
+            for one in (changed, real)
+        )
+        parts.append(f"{words}: {new} instead of {old}{doubt}")
     if abs(change["angle"]) > MIN_CHANGE:
         side = "right" if change["angle"] > 0 else "left"
         parts.append(f"the direction turned by {abs(change['angle']):g} degrees to the {side}")
@@ -377,7 +381,10 @@ def _list_changes(document: dict[str, Any]) -> list[str]:
         if abs(changed[name] - real[name]) <= MIN_CHANGE:
             continue
         if name in real["observable"]:
-            new, old = (f"{abs(one[name]):.2f} {sides[one[name] < 0]}" for one in (changed, real))
+            new, old = (
+                f"{format_measured(abs(one[name]), one[f'{name}_sigma'], DECIMALS[''])[0]} {sides[one[name] < 0]}"
+                for one in (changed, real)
+            )
             is_sure = abs(real[name]) >= SURE_SIGMAS * real[f"{name}_sigma"]
             parts.append(f"{new} spin instead of {f'{old} spin' if is_sure else 'one that may be zero'}")
         else:

@@ -31,8 +31,9 @@ def make_document(
         "cue": "white", "draws": 400, "model": "whole_shot", "clip_end": 4.94, "play_end": 6.45,
         "change": {**same, **change},
         "stroke": {
-            "real": {"speed": 2.88, "side": -0.5, "top": 0.2, "side_sigma": 0.2, "observable": observable},
-            "changed": changed,
+            "real": {"speed": 2.88, "side": -0.5, "top": 0.2, "observable": observable,
+                     "speed_sigma": 0.01, "side_sigma": 0.02, "top_sigma": 0.02},
+            "changed": {"speed_sigma": 0.0, "side_sigma": 0.0, "top_sigma": 0.0, **changed},
         },
         "spread": {"speed": 0.0, "angle_deg": 0.0, "source": "none"}, "goal": {"game": "carom"},
         "real": {**play, "scored": False, "events": [filmed]}, "changed": {**play, "events": [event, unsure]},
@@ -49,7 +50,7 @@ def test_what_was_played_stands_beside_the_real_stroke() -> None:
     assert format_what_if(fast, NAMING)[0] == (
         "Played with 74 % more speed: 5.00 m/s (18.0 km/h) instead of 2.88 m/s (10.4 km/h);"
         " the direction turned by 0.5 degrees to the left;"
-        " 0.10 right side spin instead of 0.50 left side spin."
+        " 0.1 right side spin instead of 0.50 left side spin."
     )
 
 
@@ -99,9 +100,16 @@ def test_events_have_times_and_the_ends_of_the_paths_are_stated() -> None:
 
 def test_a_spin_whose_side_is_not_known_may_be_zero() -> None:
     more = make_document(0.5, 0.02, {}, {"speed": 2.88, "side": 0.1, "top": 0.2})
-    assert "0.10 right side spin instead of 0.50 left side spin" in format_what_if(more, NAMING)[0]
-    more["stroke"]["real"]["side"] = -0.3
-    assert "0.10 right side spin instead of one that may be zero" in format_what_if(more, NAMING)[0]
+    assert "0.1 right side spin instead of 0.50 left side spin" in format_what_if(more, NAMING)[0]
+    more["stroke"]["real"] |= {"side": -0.3, "side_sigma": 0.2}
+    assert "0.1 right side spin instead of one that may be zero" in format_what_if(more, NAMING)[0]
+
+
+def test_numbers_of_the_stroke_are_as_exact_as_other_outputs_state_them() -> None:
+    """The page rounds 0.94 ± 0.36 to 0.9."""
+    more = make_document(0.5, 0.02, {"side": 1.0}, {"speed": 2.88, "side": 1.0, "top": 0.2})
+    more["stroke"]["real"] |= {"side": 0.94, "side_sigma": 0.36}
+    assert "1 right side spin instead of 0.9 right side spin" in format_what_if(more, NAMING)[0]
 
 
 def test_a_shot_in_which_the_cue_ball_falls_does_not_score() -> None:
