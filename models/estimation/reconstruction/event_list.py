@@ -41,8 +41,6 @@ REST_DISTANCE_RADII = 0.025
 _MIN_CLOSING_SPEED = 0.02
 # s: a less certain rest is no event.
 _MAX_TIME_SIGMA = 0.5
-# m: a ball that rested and moved less by itself has not come to rest: it jittered.
-_MIN_ROLL_DISTANCE = 0.01
 # m/s: at this closing speed a ball that turns beside another one has met it.
 _CLEAR_CONTACT_SPEED = 0.3
 # m: uncertainty of the place of such a contact.
@@ -283,7 +281,7 @@ def _find_rests(solution: JointSolution, layout: ParameterLayout, tracks: Tracks
         place = evaluate_kinematics(segment.state[None], np.array([length]), solution.friction)[0, :2]
         sigma = float(np.hypot(_rest_time_sigma(solution, layout, k), (stop - looks_still) / 2))
         if sigma > _MAX_TIME_SIGMA or (
-            _starts_at_rest(solution, k) and np.linalg.norm(place - segment.state[:2]) < _MIN_ROLL_DISTANCE
+            _starts_at_rest(solution, k) and np.linalg.norm(place - segment.state[:2]) < NUDGE_RADII * radius
         ):
             continue
         events.append(EventRow("rest", t, sigma, tracks.ids[segment.ball], "", place, "rest"))

@@ -114,6 +114,18 @@ def test_a_miss_by_a_millimetre_is_no_contact() -> None:
     assert "ball" not in fit.events.kind
 
 
+@pytest.mark.parametrize(("speed", "rests"), [(0.07, 0), (0.09, 1)])
+def test_a_ball_that_creeps_less_than_half_its_radius_by_itself_has_no_rest(speed: float, rests: int) -> None:
+    """A swaying net that was taken for a ball moved by 13 mm: no event says that it came to rest."""
+    x, v = np.array([[0.5, 0.6], [2.2, 0.2]]), np.array([[1.0, 0.1], [speed, 0.0]])
+    shot = film(x, v, np.zeros((2, 3)), np.random.default_rng(1), seconds=2.4)
+    fit = view_shot(explain(shot.tracks, shot.scene))
+    way = np.linalg.norm(np.ptp(shot.xy[:, 1], axis=0)) / RADIUS
+    assert (way > 0.5) == bool(rests)
+    listed = list(zip(fit.events.kind, fit.events.a, strict=True))
+    assert listed.count(("rest", shot.tracks.ids[1])) == rests
+
+
 def test_a_strike_is_the_cue_ball_leaving_its_place() -> None:
     shot = random_shot(3)
     fit = view_shot(explain(shot.tracks, shot.scene))
