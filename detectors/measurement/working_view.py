@@ -18,8 +18,8 @@ from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray
 
 # Approximate radius of a ball in the working image, which is the reference image divided by a whole number.
 WORKING_RADIUS_PX = 7.5
-# Least radius of a ball in what a network sees. In 15 rendered clips with smaller balls it misses 56 of 594, in the
-# same clips at twice the size 6, and in 25 with larger ones 2 of 864.
+# Least radius of a ball in the image that a network searches. In 15 rendered clips with smaller balls it misses 56 of
+# 594, in the same clips at twice the size 6, and in 25 with larger ones 2 of 864.
 MIN_SEEN_RADIUS_PX = 5.5
 # Distance, ball radii, by which a centre may appear beyond that of a ball at the cushion: calibration errors.
 CUSHION_SLACK_RADII = 0.55
@@ -60,7 +60,7 @@ class WorkingView:
 
     @property
     def enlargement(self) -> int:
-        """How many times larger a network sees the working image, in which the balls of small images are too small."""
+        """Factor by which the working image is enlarged for a network, which would miss smaller balls."""
         return max(1, int(np.ceil(MIN_SEEN_RADIUS_PX / self.median_radius)))
 
     def to_reference(self, working: FloatArray) -> FloatArray:

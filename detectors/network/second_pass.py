@@ -25,8 +25,8 @@ CROWDED_RADII = 2.4
 MIN_CROWDING_SCORE = 0.2
 # Radius of a ball in an enlarged crop, within the range of the network, and largest enlargement over the first pass.
 ENLARGED_RADIUS_PX, MAX_ENLARGEMENT = 10.5, 2.0
-# Least enlargement of a second pass. One at the same size is useful too: the balls are at other places of the network's
-# grid, and without the rest of the image.
+# Least enlargement of a second pass over the first. One at the same size is useful too: the balls are at other places
+# of the network's grid, and without the rest of the image.
 MIN_ENLARGEMENT = 0.9
 # Distance from crowded balls, ball radii, within which the second pass replaces the first.
 REPLACED_RADII = 1.3
@@ -72,8 +72,8 @@ def run_second_pass(
         return candidates
     parts, covered = [], np.zeros_like(again)
     for part in find_windows(again, view):
-        most = MAX_ENLARGEMENT * view.enlargement
-        factor = min(ENLARGED_RADIUS_PX / float(view.radius[part][again[part]].max()), most)
+        largest = MAX_ENLARGEMENT * view.enlargement
+        factor = min(ENLARGED_RADIUS_PX / float(view.radius[part][again[part]].max()), largest)
         if factor >= MIN_ENLARGEMENT * view.enlargement:
             parts.append(_search_enlarged(searched, view, model, part, factor))
             covered[part] |= again[part]

@@ -90,5 +90,5 @@ def test_a_net_over_a_hole_is_no_ball_and_a_ball_beside_the_hole_is_one() -> Non
     centre = view.to_working(camera.to_pixels(np.array([inside, outside]), ball))
     assert cloth.is_lining(view.working_image(image), centre, np.full(2, view.median_radius)).tolist() == [True, False]
     for detector in ("onnx", "hough"):
-        found = build_detector(scene, [(0, image)], DetectOptions(detector=detector)).detect(image)
+        found = build_detector(scene, [(0, image)], DetectOptions(detector=detector), is_still=True).detect(image)
         np.testing.assert_allclose(camera.to_table(found.centre, ball), outside[None], atol=0.2 * ball)

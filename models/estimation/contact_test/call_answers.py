@@ -451,7 +451,7 @@ def classify_pair(record: ShotRecord, one: int, two: int) -> PairClass:
         was not, else `unclear_far`. A ball that lies still before and after a moment was not touched then.
     """
     unclear = list_unclear_times(record, one) + list_unclear_times(record, two)
-    ends = {one.end for one in record.explanation.breaks}  # a break moves balls of the rack by less than is seen
+    ends = {rack.end for rack in record.explanation.breaks}  # a break moves balls of the rack by less than is seen
     times = [t for t in unclear if t in ends or not any(_lies_still(record, ball, t) for ball in (one, two))]
     if not times:
         return "clear"
