@@ -22,6 +22,7 @@ from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot_
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
+from pipeline.simulator_diagnosis import diagnose_mechanism
 from pipeline.stages.read_stage import ReadOptions
 from video.io.square_pixels import stretch_to_square_pixels
 from video.io.video_options import CalibrateOptions
@@ -47,11 +48,13 @@ def simulate(shot: Mapping[str, Any] | str | Path, profile: str | Path | None = 
     return parsed.simulate()
 
 
-def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:
-    """Diagnose the sim-to-real gap of shots of one table or scene.
+def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -> DiagnosisReport:
+    """Diagnose the sim-to-real gap of shots of one table or scene, or of recordings of a mechanism.
 
     Args:
-        inputs: Run folders or track folders; all of one scene.
+        inputs: Run folders or track folders, all of one scene; with a simulator, tables with a column per joint.
+        simulator: Your own simulator: `FILE.xml` of MuJoCo, `MODULE:FUNCTION` of Python, (state, inputs, dt) -> state,
+            or a table of its predictions.
         seed: Random seed of the bootstraps.
 
     Returns:
@@ -60,7 +63,11 @@ def diagnose(*inputs: str | Path, seed: int = 0) -> DiagnosisReport:
     Raises:
         TruerollError: A folder cannot be used; the message states what was expected.
     """
-    folder = read_track_folders([Path(one) for one in inputs])
+    paths = [Path(one) for one in inputs]
+    if simulator is not None:
+        with open_executor() as executor:
+            return diagnose_mechanism(paths, simulator, seed, executor=executor)[0]
+    folder = read_track_folders(paths)
     with open_executor() as executor:
         report = diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
     return replace(report, notes=(*report.notes, *folder.notes))

@@ -24,6 +24,8 @@ from models.physics.billiards.contact_models import (
 from models.physics.billiards.tables import TABLE_PRESETS
 from models.physics.effect import Effect
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from models.physics.mechanisms.mechanism_effect import MechanismEffect
 from pipeline.cli.commands import COMMAND_NAMES, load_command
 from pipeline.terminal.command_line import app
 
@@ -155,6 +157,16 @@ def test_the_table_of_effects_states_prior_and_neutral_value(effect: Effect) -> 
 
 def test_no_row_of_the_table_of_effects_is_without_an_effect() -> None:
     assert effect_rows().keys() - {(scene, effect.name) for scene, effect in all_effects()} == set()
+
+
+@pytest.mark.parametrize(
+    "effect", [one for one in MECHANISM_EFFECTS.values() if one.kind != "probe"], ids=lambda e: e.name
+)
+def test_the_table_of_mechanisms_states_site_and_parameters(effect: MechanismEffect) -> None:
+    section = read(DOCS / "reference" / "effects.md").partition("## Any mechanism")[2].partition("\n## ")[0]
+    row = next(line for line in section.splitlines() if f"| `{effect.name}` |" in line)
+    assert row.startswith(f"| {effect.site} |")
+    assert [one.name for one in effect.strengths if f"`{one.name}`" not in row] == []
 
 
 def test_every_contact_model_is_documented() -> None:

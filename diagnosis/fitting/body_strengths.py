@@ -226,7 +226,7 @@ def _fit_bodies(
         (*shared_priors, *own_priors * len(bodies)),
     )
     first = np.concatenate([like.shared[common], np.tile(like.shared[own], len(bodies))])
-    options = replace(FULL_FIT, is_smooth=problem.is_smooth)
+    options = problem.fit_options(FULL_FIT)
     shooting = fit_windows(model, first, options, starts, executor=problem.executor)
     values = np.stack([model.fill_values(k, shooting.shared) for k in range(len(bodies))])
     sigma = np.full(values.shape, np.nan)

@@ -138,7 +138,7 @@ def _fit_long_segments(
     Short parts hold too few contacts to be fitted in a wrong order; smooth paths need none.
     """
     long_fit = fit(segments)
-    if problem.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
+    if problem.scene.is_smooth or long_fit.lack_of_fit < _GOOD_LACK_OF_FIT:
         return long_fit
     short = tuple(part for segment in segments for part in _split_segment(segment, SHORT_SEGMENT_S))
     if len(short) == len(segments):

@@ -61,6 +61,14 @@ FORMULAS: Mapping[str, Mapping[str, str]] = {
         "air_drag": "ω̇ = −k |ω| ω",
         "gravity_tilt": "θ is measured from a tilted vertical",
     },
+    "mechanism": {
+        "joint_friction": "F = −viscous × v − dry × sign(v)",
+        "stribeck": "F = −rise × exp(−(v / speed)²) × sign(v)",
+        "air_drag": "F = −k |v| v",
+        "spring": "F = rest force − stiffness × q",
+        "delay": "u(t) = asked(t − time)",
+        "actuator_lag": "time × u̇ = asked − u",
+    },
 }
 # Phases of motion, with a preposition.
 PHASES: Mapping[str, str] = {
@@ -75,6 +83,8 @@ PHASES: Mapping[str, str] = {
     "flight": "in flight",
     "swing": "in the swing",
     "slide": "while sliding",
+    "motion": "while joints go one way",
+    "reversal": "where joints turn back",
 }
 # Variables with which a gap grows, where the identifier is not a readable name.
 GROWTH_VARIABLES: Mapping[str, str] = {

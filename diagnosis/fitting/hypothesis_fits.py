@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from diagnosis.fitting.shot_preparation import WhitenedModel, build_noise_chain
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene
 from models.estimation.gap_scenes.gap_scene import GapScene, effect_parameter_mask, neutral_values
 from models.estimation.multiple_shooting.shooting_fit import ShootingFit, ShootingOptions, fit_windows
 from models.estimation.multiple_shooting.shooting_problem import (
@@ -65,10 +64,9 @@ class DiagnosisProblem:
         """Generic force fields; no cause is named after them."""
         return tuple(e.name for e in self.scene.effects if e.kind == "probe")
 
-    @property
-    def is_smooth(self) -> bool:
-        """Whether paths are smooth functions of their starts, so that fits need no measures against jumps."""
-        return isinstance(self.scene, ContactFreeScene) and self.scene.is_smooth
+    def fit_options(self, options: ShootingOptions) -> ShootingOptions:
+        """Return iteration limits with what the scene says of its paths and of the precision that a fit needs."""
+        return replace(options, is_smooth=self.scene.is_smooth, least_gain=self.scene.least_gain)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -214,7 +212,7 @@ def fit_effects(
     values = np.array([prior.value for prior in problem.priors]) if guess is None else guess
     values = np.where(free, problem.clip_to_bounds(values), problem.neutral(forms))
     model = fix_parameters(build_window_model(problem, segments, forms, free), values, free, problem.priors)
-    options = replace(options, is_smooth=problem.is_smooth)
+    options = problem.fit_options(options)
     shooting = fit_windows(model, values[free], options, starts, executor=problem.executor)
     return EffectFit(segments, names, forms, free, model.fill_values(0, shooting.shared), shooting)
 
@@ -283,7 +281,7 @@ def refit_effects(
     model = fix_parameters(
         build_window_model(problem, segments, like.forms, like.free), like.shared, like.free, problem.priors
     )
-    options = replace(options, is_smooth=problem.is_smooth)
+    options = problem.fit_options(options)
     shooting = fit_windows(model, like.shared[like.free], options, starts, retry_guesses, problem.executor)
     return EffectFit(segments, like.names, like.forms, like.free, model.fill_values(0, shooting.shared), shooting)
 

@@ -34,6 +34,7 @@ from pipeline.io.view_profile import collect_views
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error
+from pipeline.simulator_diagnosis import diagnose_mechanism
 from pipeline.terminal.progress_display import show_activity
 
 # CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
@@ -112,17 +113,19 @@ def diagnose_into(
     workers: Executor,
     shown_title: str = "",
     options: ConvertOptions = NOTHING_STATED,
+    simulator: str | None = None,
 ) -> tuple[DiagnosisReport, Mapping[int, str]]:
     """Diagnose the shots of one scene, and write the report's files and its page.
 
     Args:
-        inputs: Run folders, track folders, or files of tracks.
+        inputs: Run folders, track folders, or files of tracks; with a simulator, recordings of its joints.
         folder: Folder of the results.
         title: Heading of the page.
         console: Shows the progress.
         workers: Distributes the fits over processes.
         shown_title: Words before the progress.
         options: What files of tracks may lack.
+        simulator: Name of a simulator from outside, see `read_mechanism_shots`; None for our own.
 
     Returns:
         The report, and the origin of each shot.
@@ -131,6 +134,12 @@ def diagnose_into(
         OptionError: The inputs cannot be read, or are no shots of one scene.
     """
     require_writable_folder(folder)
+    if simulator is not None:
+        with show_search_progress(console, shown_title) as watch:
+            report, origins = diagnose_mechanism(inputs, simulator, 0, watch, workers)
+        write_gap_files(report, folder)
+        write_gap_page(report, title, folder / "gap.html", origins=origins)
+        return report, origins
     folders, sources = import_tracks(inputs, folder / "tracks", options)
     read = read_track_folders(folders)
     scene = build_gap_scene(read)

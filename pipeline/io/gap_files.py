@@ -75,7 +75,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         "verdict": report.verdict,
         "effects": report.effects,
         "candidates": [_format_candidate(one) for one in report.candidates],
-        "where": [_format_location(one) for one in report.where],
+        "where": [_format_location(one, report.scene) for one in report.where],
         "gap": {
             "metric": report.gap.metric,
             "horizon_s": report.gap.horizon,
@@ -89,7 +89,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
             "resolved": closing.resolved,
         },
         "per_effect": [asdict(one) for one in report.per_effect],
-        "unexplained": _format_unexplained(report.unexplained),
+        "unexplained": _format_unexplained(report.unexplained, report.scene),
         "fitted": {one.name: _format_strength(one) for one in report.fitted},
         "forms": report.forms,
         "unidentifiable": report.unidentifiable,
@@ -103,15 +103,16 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
     return strict
 
 
-def _format_location(one: GapLocation) -> dict[str, Any]:
-    return asdict(one) | {"phase": _PHASES.get(one.phase, one.phase)}
+def _format_location(one: GapLocation, scene: str) -> dict[str, Any]:
+    joint = {"joint": one.ball} if scene == "mechanism" else {}
+    return asdict(one) | {"phase": _PHASES.get(one.phase, one.phase)} | joint
 
 
-def _format_unexplained(one: Unexplained) -> dict[str, Any]:
+def _format_unexplained(one: Unexplained, scene: str) -> dict[str, Any]:
     law = None if one.law is None else asdict(one.law) | {"formula": one.law.formula or None}
     if law is not None:
         del law["curve"]  # a line for the page, which the formula or the values beside it give
-    where = [_format_location(place) for place in one.where]
+    where = [_format_location(place, scene) for place in one.where]
     return asdict(one) | {"where": where, "shape": one.shape or None, "law": law}
 
 

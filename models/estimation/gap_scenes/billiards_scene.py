@@ -18,6 +18,7 @@ from models.core.recording import Recording
 from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
+from models.estimation.multiple_shooting.shooting_problem import LEAST_GAIN
 from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_windows import ShotWindows
 from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
@@ -73,6 +74,8 @@ class BilliardsScene:
     name: str = "billiards"
     gauges: tuple[str, ...] = ("frame_rate", "time_offset", "parallax_shift")
     not_tested: tuple[str, ...] = ()
+    is_smooth: bool = False
+    least_gain: float = LEAST_GAIN
     _segment_cache: dict[tuple[int, bool], tuple[Recording, ShotSegment]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

@@ -15,6 +15,7 @@ from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.gap_scenes.motion_integrator import MAX_STEP, Integrator, RealOrComplexArray
+from models.estimation.multiple_shooting.shooting_problem import LEAST_GAIN
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
 from models.physics.effect import Effect, Prior
 
@@ -58,6 +59,7 @@ class ContactFreeScene:
     """Lower and upper limit of each coordinate; empty where there are no walls."""
     is_smooth: bool = False
     """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
+    least_gain: float = LEAST_GAIN
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the whole recording, or nothing where a body was never observed."""
@@ -188,14 +190,22 @@ class ContactFreeModel:
 def _build_window(segment: Recording, has_walls: bool) -> Window:
     """Build the window of a segment; a wall that is met within the first rows spoils the usual guess."""
     rows, who = np.nonzero(segment.is_observed)
-    start = _estimate_initial_states(segment, _GUESS_ROWS)
-    others = (_estimate_initial_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
+    start = estimate_initial_states(segment, _GUESS_ROWS)
+    others = (estimate_initial_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
     window = Window(segment.shot, segment.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
     return replace(window, alternative_starts=others)
 
 
-def _estimate_initial_states(segment: Recording, count: int) -> FloatArray:
-    """Estimate positions and velocities (2D N,) at the first row from `count` rows."""
+def estimate_initial_states(segment: Recording, count: int) -> FloatArray:
+    """Estimate the positions and velocities of all bodies at the first row of a segment.
+
+    Args:
+        segment: Segment of a recording.
+        count: Number of observed rows that are used.
+
+    Returns:
+        (2D N,) body by body, its position before its velocity.
+    """
     return np.concatenate([_estimate_initial_state(segment, body, count) for body in range(len(segment.bodies))])
 
 

@@ -82,6 +82,14 @@ class GapScene(Protocol):
     def not_tested(self) -> tuple[str, ...]:
         """Effects of the library that these recordings cannot test, such as lens distortion without an image."""
 
+    @property
+    def is_smooth(self) -> bool:
+        """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
+
+    @property
+    def least_gain(self) -> float:
+        """Relative gain of a step below which a fit ends."""
+
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Split a recording at external interventions (a strike, a hand), between which the motion is autonomous."""
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from models.core.fit_result import Parameter
 from models.core.typing import FloatArray
 from models.estimation.multiple_shooting.shooting_problem import (
+    LEAST_GAIN,
     Iterate,
     ShootingProblem,
     assemble_normal_equations,
@@ -64,7 +65,7 @@ _FOLLOWED_GUESSES = 2
 _MAX_PARAMETER_STEP = 1.0
 # Of the states of a chain.
 _SEARCH = SearchOptions(
-    iterations=40, attempts=10, min_gain=0.02, min_relative_gain=1e-6, least_damping=1e-9, raising_offset=1e-4,
+    iterations=40, attempts=10, min_gain=0.02, least_damping=1e-9, raising_offset=1e-4,
     largest_damping=1e8,
 )  # fmt: skip
 # Predicted decrease of the cost up to which a stopped search counts as converged.
@@ -85,6 +86,8 @@ class ShootingOptions:
     tries_all_guesses: bool = False
     """Whether a chain is fitted from all of its initial guesses, also where the first one explains it: noise may hide
     another one that explains it better."""
+    least_gain: float = LEAST_GAIN
+    """Relative gain of a step below which a search ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +218,7 @@ def fit_windows(
     Returns:
         The fit; `converged` is False where the iterations ended first.
     """
-    problem = build_problem(model, executor)
+    problem = build_problem(model, executor, options.least_gain)
     first = np.array([prior.value for prior in model.unknowns]) if shared is None else np.array(shared, float)
     guesses = tuple(w.start.copy() for w in problem.windows)
     point = simulate_chains(problem, guesses if starts is None else starts, first)
@@ -280,7 +283,7 @@ def _minimize_cost(problem: ShootingProblem, now: Iterate, options: ShootingOpti
         lambda now: (now, assemble_normal_equations(problem, now)),
         lambda linear, damping: _solve_step(problem, *linear, damping),
         move,
-        replace(_SEARCH, iterations=options.iterations, quiet_steps=2),
+        replace(_SEARCH, iterations=options.iterations, quiet_steps=2, min_relative_gain=problem.least_gain),
     )
     if best.outcome == "stalled" and best.linear is not None:
         return best.point, _predict_decrease(problem, *best.linear) < _REMAINING_DECREASE
@@ -340,7 +343,12 @@ def _search_chain_states(
         lambda now: assemble_state_block(problem, now, chain, share),
         lambda block, damping: -solve_damped(block.states, block.gradient, damping),
         move,
-        replace(_SEARCH, iterations=iterations if np.isfinite(cost) else 0, quiet_steps=quiet_steps),
+        replace(
+            _SEARCH,
+            iterations=iterations if np.isfinite(cost) else 0,
+            quiet_steps=quiet_steps,
+            min_relative_gain=problem.least_gain,
+        ),
     )
 
 

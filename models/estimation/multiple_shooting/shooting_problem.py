@@ -31,6 +31,8 @@ from models.numerics.executor import SERIAL, Executor
 from models.numerics.statistics import evaluate_huber_loss
 from models.physics.effect import Prior
 
+# Relative gain of a step below which a search ends.
+LEAST_GAIN = 1e-6
 # Stands for a window that was not simulated.
 NOT_SIMULATED = SimulatedWindow(np.empty((0, 1)), np.empty(0))
 
@@ -64,23 +66,26 @@ class ShootingProblem:
     """Indices of the windows of each chain, in the order of time."""
     executor: Executor = field(default=SERIAL, repr=False, compare=False)
     """Distributes the chains over processes."""
+    least_gain: float = LEAST_GAIN
+    """Relative gain of a step below which a search ends."""
     state_model: ShootingModel = field(init=False, repr=False)
     """Model for steps of the start states alone; it may leave out Jacobians by the shared parameters."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "state_model", drop_shared_jacobian(self.model))
 
-    def __reduce__(self) -> tuple[Callable[[ShootingModel], ShootingProblem], tuple[ShootingModel]]:
+    def __reduce__(self) -> tuple[Callable[..., ShootingProblem], tuple[ShootingModel, Executor, float]]:
         """Pickle without the executor: a worker process works alone."""
-        return build_problem, (self.model,)
+        return build_problem, (self.model, SERIAL, self.least_gain)
 
 
-def build_problem(model: ShootingModel, executor: Executor = SERIAL) -> ShootingProblem:
+def build_problem(model: ShootingModel, executor: Executor = SERIAL, least_gain: float = LEAST_GAIN) -> ShootingProblem:
     """Group the windows of a model into chains.
 
     Args:
         model: Model to fit.
         executor: Distributes the chains over processes.
+        least_gain: Relative gain of a step below which a search ends.
 
     Returns:
         The problem that a fit works on.
@@ -88,7 +93,7 @@ def build_problem(model: ShootingModel, executor: Executor = SERIAL) -> Shooting
     windows = model.windows
     firsts = [k for k, window in enumerate(windows) if window.link_sigma is None]
     chains = tuple(tuple(range(first, end)) for first, end in pairwise([*firsts, len(windows)]))
-    return ShootingProblem(model, windows, chains, executor)
+    return ShootingProblem(model, windows, chains, executor, least_gain)
 
 
 @dataclass(frozen=True, slots=True)

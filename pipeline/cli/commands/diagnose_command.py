@@ -34,6 +34,7 @@ def diagnose_folders(
     scene: str | None = None,
     fps: Annotated[float | None, typer.Option(min=1e-9)] = None,
     px_per_m: Annotated[float | None, typer.Option(min=1e-9)] = None,
+    simulator: str | None = None,
     as_json: cli.JsonOption = False,
 ) -> None:
     """Find where a simulator differs from recorded motion, which effect it lacks, and how far that closes the gap.
@@ -44,12 +45,16 @@ def diagnose_folders(
         scene: Scene of files: billiards, flight, pendulum or slide.
         fps: Frame rate of files without times, in frames per second.
         px_per_m: Scale of files with positions in px, in px per m.
+        simulator: Your own simulator: FILE.xml of MuJoCo, MODULE:FUNCTION of Python, (state, inputs, dt) -> state, or
+            a table of its predictions. INPUT are then tables with a column per joint (rad or m) and t (s).
     """
     first = inputs[0]
     beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"
     folder, options = out or beside, ConvertOptions(fps, px_per_m, None, scene)
     with open_executor() as executor:
-        report, origins = diagnose_into(inputs, folder, _format_title(inputs), cli.console, executor, options=options)
+        report, origins = diagnose_into(
+            inputs, folder, _format_title(inputs), cli.console, executor, options=options, simulator=simulator
+        )
     notes = [f"Note: {note}." for note in report.notes] if report.candidates else []
     notes += [report.film_next, format_shot_folders(origins) if origins and report.candidates else ""]
     if (folder / PROFILE_FILE).is_file():

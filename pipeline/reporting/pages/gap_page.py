@@ -101,7 +101,7 @@ def write_gap_page(
 
 def _list_places(report: DiagnosisReport, origins: Mapping[int, str]) -> list[dict[str, str]]:
     """List where the gap appears, as table rows, with the body and the shot that contribute most."""
-    word, rows = "ball" if report.scene == "billiards" else "body", []
+    word, rows = {"billiards": "ball", "mechanism": "joint"}.get(report.scene, "body"), []
     for one in report.where:
         body = "" if one.ball is None else f"{word} {one.ball}"
         shot = "" if one.shot is None else gap_sentences.format_shot_name(one.shot, origins)
@@ -216,7 +216,11 @@ def _build_path_figures(gap: Gap, table: Table | None, origins: Mapping[int, str
         _format_plan(whole, table)
     shot = gap_sentences.format_shot_name(gap.windows[number].segment.shot, origins)
     unequal = _note_scales(whole) if _is_plan(gap) else ""
-    drawn = [(f"Observed, and predicted{both}, on hold-out {shot}{unequal}", whole)]
+    segment = gap.windows[number].segment
+    joint = (
+        f", {segment.bodies[moment[1]]}" if moment is not None and not _is_plan(gap) and len(segment.bodies) > 1 else ""
+    )
+    drawn = [(f"Observed, and predicted{both}, on hold-out {shot}{joint}{unequal}", whole)]
     if part is not None:
         (left, right), (low, high) = part
         whole.add_shape(type="rect", x0=left, x1=right, y0=low, y1=high, line={"color": FRAME, "width": 1.5})
@@ -232,7 +236,9 @@ def _draw_window_path(gap: Gap, number: int, moment: Moment | None) -> go.Figure
     """Draw observations and predictions of a window, and the error at one moment; a single coordinate over time."""
     piece = gap.windows[number].segment
     figure = go.Figure()
-    for body in range(len(piece.bodies)):
+    # over time, paths of several joints would hide each other
+    bodies = range(len(piece.bodies)) if _is_plan(gap) or moment is None else moment[1:]
+    for body in bodies:
         drawn = [("observed", piece.positions, {"mode": "markers", "marker": {"color": OBSERVED, "size": 6}})]
         predicted = [
             (label, paths[number], {"mode": "lines", "line": line}) for label, paths, line in _list_predictions(gap)
@@ -241,7 +247,9 @@ def _draw_window_path(gap: Gap, number: int, moment: Moment | None) -> go.Figure
         for label, places, look in drawn:
             one = places[:, body]
             x = one[:, 0] if _is_plan(gap) else piece.t
-            figure.add_scatter(x=x, y=one[:, -1], name=label, legendgroup=label, showlegend=body == 0, **look)
+            figure.add_scatter(
+                x=x, y=one[:, -1], name=label, legendgroup=label, showlegend=body == bodies[0], **look
+            )  # fmt: skip
     if moment is not None:
         row, body = moment
         ends = np.stack([gap.before[number][row, body], piece.positions[row, body]])

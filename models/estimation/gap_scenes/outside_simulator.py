@@ -1,0 +1,304 @@
+"""A simulator from outside, and its motion under effects that it does not have.
+
+Several runs are simulated side by side, such as those that differences need. Effects act between the steps of a
+simulator: as forces, as changed inputs, or in the simulator itself, where it has the quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.signal import lfilter
+
+from models.core.typing import BoolArray, FloatArray
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from models.physics.mechanisms.mechanism_effect import Scale
+
+# Values (n,) of each parameter of the effects that act, by effect.
+EffectValues = Mapping[str, tuple[FloatArray, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A degree of freedom of a mechanism."""
+
+    name: str
+    unit: str
+    """rad or m."""
+    inertia: float = 1.0
+    """kg m2 or kg about the joint alone; 1 where the simulator takes accelerations instead of forces."""
+    limit: float = float("inf")
+    """Largest position that it can have, in size."""
+
+
+class OutsideSimulator(Protocol):
+    """A simulator of N joints with I inputs; its state is N positions, then N velocities."""
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """N joints."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the I inputs."""
+
+    @property
+    def servo_joints(self) -> tuple[int, ...]:
+        """(I,) index of the joint whose position an input asks for; -1 for other inputs."""
+
+    @property
+    def time_step(self) -> float:
+        """Length of a step, s."""
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether `apply` takes forces and torques; accelerations otherwise."""
+
+    @property
+    def moving_mass(self) -> float:
+        """Kg."""
+
+    @property
+    def own_effects(self) -> Mapping[str, tuple[float, ...]]:
+        """Effects that it has itself, with the values of all their parameters; absent ones have neutral values."""
+
+    def begin(
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+    ) -> SimulatorRuns:
+        """Begin runs side by side.
+
+        Args:
+            starts: (C, 2N) states.
+            values: C values of its own effects; the others are as its file states.
+            powered: (I,) whether an actuator has power.
+            shot: Index of the shot.
+            t: s, time in it.
+
+        Returns:
+            The runs.
+        """
+
+
+class SimulatorRuns(Protocol):
+    """C runs of a simulator, side by side."""
+
+    def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
+        """Let the runs go on by M steps.
+
+        Args:
+            inputs: (C, M, I)
+            force: (C, N) forces or accelerations on the joints during all steps.
+
+        Returns:
+            (C, M, 2N) states after each step; NaN from where a run fails.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class InputHistory:
+    """Inputs of a shot, which hold from row to row; K rows, I inputs."""
+
+    t: FloatArray
+    """(K,) s."""
+    values: FloatArray
+    """(K, I); NaN where an actuator has no power."""
+
+    def average(self, edges: FloatArray, delay: FloatArray) -> FloatArray:
+        """Average the inputs over steps.
+
+        Args:
+            edges: (M + 1,) s, ends of the steps.
+            delay: (I,) s by which each input acts later.
+
+        Returns:
+            (M, I) means, continuous in the delays; NaN in steps that begin without power.
+        """
+        averages = np.empty((len(edges) - 1, self.values.shape[1]))
+        for k, column in enumerate(self.values.T):
+            at = edges - delay[k]
+            here = np.clip(np.searchsorted(self.t, at[:-1] + 1e-9, "right") - 1, 0, len(self.t) - 1)
+            level = np.nan_to_num(column)
+            integral = np.concatenate([[0.0], np.cumsum(level[:-1] * np.diff(self.t))])
+            whole = np.interp(at, self.t, integral)
+            whole += level[0] * np.minimum(at - self.t[0], 0.0) + level[-1] * np.maximum(at - self.t[-1], 0.0)
+            averages[:, k] = np.where(np.isnan(column[here]), np.nan, np.diff(whole) / np.diff(edges))
+        return averages
+
+
+@dataclass(frozen=True, slots=True)
+class Motions:
+    """Simulated motions of one window: C columns, M steps, N joints."""
+
+    edges: FloatArray
+    """(M + 1,) s, ends of the steps."""
+    states: FloatArray
+    """(C, M + 1, 2N); NaN from where a simulation failed."""
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """Interpolate states (C, T, 2N) at times (T,) s by positions and velocities (cubic Hermite)."""
+        count = self.states.shape[2] // 2
+        k = np.clip(np.searchsorted(self.edges, t, "right") - 1, 0, len(self.edges) - 2)
+        h = (self.edges[k + 1] - self.edges[k])[:, None]
+        s = ((t - self.edges[k]) / h[:, 0])[:, None]
+        (q0, v0), (q1, v1) = (np.split(self.states[:, one], [count], axis=2) for one in (k, k + 1))
+        slope = (q1 - q0) / h
+        a, b = 3 * slope - 2 * v0 - v1, v0 + v1 - 2 * slope
+        q = q0 + h * s * (v0 + s * (a + s * b))
+        return np.concatenate([q, v0 + s * (2 * a + 3 * s * b)], axis=2)
+
+
+# s for which a force that depends on the motion is held; a brake is exact for constant friction and inertia.
+_FORCE_INTERVAL = 5e-3
+
+
+def simulate_motions(
+    simulator: OutsideSimulator,
+    starts: FloatArray,
+    values: Sequence[EffectValues],
+    shot: int,
+    span: tuple[float, float],
+    history: InputHistory,
+    scales: tuple[Scale, ...],
+) -> Motions:
+    """Simulate a mechanism from several starts, or under several strengths of effects.
+
+    Args:
+        simulator: The simulator.
+        starts: (C, 2N) states at the first time.
+        values: C values of the effects that act.
+        shot: Index of the shot.
+        span: First and last time, s.
+        history: Inputs of the shot.
+        scales: N typical sizes of the joints.
+
+    Returns:
+        The motions.
+    """
+    h = simulator.time_step
+    count = max(int(np.ceil((span[1] - span[0]) / h - 1e-6)), 1)
+    edges: FloatArray = np.asarray(span[0] + h * np.arange(count + 1), np.float64)
+    own = [{name: one for name, one in acting.items() if name in simulator.own_effects} for acting in values]
+    foreign = [{name: one for name, one in acting.items() if name not in simulator.own_effects} for acting in values]
+    inputs = _transform_all_inputs(history, edges, foreign)
+    laws = _JointLaws(simulator, foreign, scales)
+    hold = max(int(_FORCE_INTERVAL / h), 1) if laws.depend_on_motion else count
+    states = np.full((len(starts), len(edges), starts.shape[1]), np.nan)
+    states[:, 0] = starts
+    runs = simulator.begin(starts, own, ~np.isnan(inputs[0, 0]), shot, span[0])
+    inputs = np.nan_to_num(inputs)
+    for k in range(0, count, hold):
+        q, v = np.split(states[:, k], 2, axis=1)
+        given = laws.apply_dead_band(inputs[:, k : k + hold], q)
+        force = laws.evaluate(q, v, h * given.shape[1])
+        states[:, k + 1 : k + 1 + hold] = runs.advance(given, force)
+    return Motions(edges, states)
+
+
+class _JointLaws:
+    """Effects that depend on the motion, where the simulator does not have them itself, for C runs."""
+
+    def __init__(self, simulator: OutsideSimulator, values: Sequence[EffectValues], scales: tuple[Scale, ...]) -> None:
+        names = sorted({name for acting in values for name in acting})
+        self.laws = [
+            (MECHANISM_EFFECTS[name], _stack_values(name, values))
+            for name in names
+            if MECHANISM_EFFECTS[name].brake is not None or MECHANISM_EFFECTS[name].force is not None
+        ]
+        self.inertia = np.array([joint.inertia for joint in simulator.joints])
+        self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
+        self.band = _stack_values("dead_band", values)[0] if "dead_band" in names else None
+        self.servo = np.array(simulator.servo_joints, np.int64)
+        self.depend_on_motion = bool(self.laws) or self.band is not None
+
+    def evaluate(self, q: FloatArray, v: FloatArray, dt: float) -> FloatArray:
+        """Evaluate the forces (C, N) of the next dt (s); a brake stops a joint at most."""
+        total, rate = np.zeros_like(q), np.zeros_like(q)
+        for effect, own in self.laws:
+            if effect.force is not None:
+                total += effect.force(q, v, own)
+            elif effect.brake is not None and effect.site == "mechanism":
+                # a generic brake is a law of the speed in multiples of the typical one
+                rate += effect.brake(q, v / self.speed, own) * self.strength / self.speed
+            elif effect.brake is not None:
+                rate += effect.brake(q, v, own)
+        return np.asarray(total + v * self.inertia / dt * np.expm1(-rate * dt / self.inertia))
+
+    def apply_dead_band(self, inputs: FloatArray, q: FloatArray) -> FloatArray:
+        """Reduce inputs (C, M, I), or errors of asked places, by the width of a band in which nothing happens."""
+        if self.band is None:
+            return inputs
+        place = np.where(self.servo >= 0, q[:, self.servo], 0.0)[:, None]
+        off = inputs - place
+        return np.asarray(place + np.sign(off) * np.maximum(np.abs(off) - self.band[:, None], 0.0))
+
+
+def _stack_values(name: str, values: Sequence[EffectValues]) -> tuple[FloatArray, ...]:
+    """Stack the values (C, n) of each parameter of an effect; where it is absent, its strength is 0."""
+    present = next(acting[name] for acting in values if name in acting)
+    # all but the first parameter of a law may stay as they are: they mean nothing without a strength
+    absent = (np.zeros_like(present[0]), *(one if name == "stribeck" else np.zeros_like(one) for one in present[1:]))
+    return tuple(
+        np.array([acting.get(name, absent)[k] for acting in values]) for k in range(len(present))
+    )  # fmt: skip
+
+
+def _transform_all_inputs(history: InputHistory, edges: FloatArray, values: Sequence[EffectValues]) -> FloatArray:
+    """Return the inputs (C, M, I) of all runs."""
+    done: dict[tuple[bytes, ...], FloatArray] = {}
+    columns = []
+    for acting in values:
+        key = tuple(acting[name][0].tobytes() if name in acting else b"" for name in _INPUT_EFFECTS)
+        if key not in done:
+            done[key] = _transform_inputs(history, edges, acting)
+        columns.append(done[key])
+    return np.array(columns)
+
+
+# Effects that change inputs, whatever the motion is.
+_INPUT_EFFECTS = ("delay", "backlash", "actuator_lag", "saturation", "actuator_gain")
+
+
+def _transform_inputs(history: InputHistory, edges: FloatArray, values: EffectValues) -> FloatArray:
+    """Return the inputs (M, I) of all steps, delayed, with lag, play, gain and limit."""
+    none = np.zeros(history.values.shape[1])
+    inputs = history.average(edges, values["delay"][0] if "delay" in values else none)
+    if "backlash" in values:
+        inputs = _apply_play(inputs, values["backlash"][0])
+    if "actuator_lag" in values:
+        # the state of the lag at the first step follows from what was asked before
+        dt = edges[1] - edges[0]
+        before = edges[0] - np.arange(_SETTLING_STEPS, -1, -1) * dt
+        earlier = history.average(before, values["delay"][0] if "delay" in values else none)
+        inputs = _apply_lag(np.concatenate([earlier, inputs]), float(dt), values["actuator_lag"][0])
+        inputs = inputs[len(earlier) :]
+    if "saturation" in values:
+        inputs = np.clip(inputs, -values["saturation"][0], values["saturation"][0])
+    if "actuator_gain" in values:
+        inputs = inputs * values["actuator_gain"][0]
+    return inputs
+
+
+# Steps before a window from which the state of a lag follows.
+_SETTLING_STEPS = 500
+
+
+def _apply_lag(inputs: FloatArray, dt: float, time: FloatArray) -> FloatArray:
+    """Filter inputs (M, I) with a first-order low pass of time constants (I,) s."""
+    lagged = np.empty_like(inputs)
+    for k, column in enumerate(inputs.T):
+        keep = float(np.exp(-dt / time[k])) if time[k] > 0 else 0.0
+        settled = np.where(np.isnan(column), 0.0, column)
+        lagged[:, k] = lfilter([1 - keep], [1.0, -keep], settled, zi=[keep * settled[0]])[0]
+    return np.where(np.isnan(inputs), np.nan, lagged)
+
+
+def _apply_play(inputs: FloatArray, width: FloatArray) -> FloatArray:
+    """Move inputs (M, I) through a play of widths (I,)."""
+    moved, place = np.empty_like(inputs), inputs[0].copy()
+    for k, wanted in enumerate(inputs):
+        place = np.clip(np.where(np.isnan(place), wanted, place), wanted - width / 2, wanted + width / 2)
+        moved[k] = place
+    return moved

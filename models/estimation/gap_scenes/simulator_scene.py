@@ -1,0 +1,329 @@
+"""A mechanism whose simulator comes from outside, for the diagnosis: joints are its bodies, of one coordinate each.
+
+Derivatives by start and parameters are differences of two simulations, over a small part of the typical motion and a
+tenth of the usual strength of an effect: a joint that sticks, or an input that is limited, has no useful derivative at
+a point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from models.core.recording import Recording
+from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.gap_scenes.contact_free_scene import estimate_initial_states
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
+from models.estimation.gap_scenes.outside_simulator import (
+    EffectValues,
+    InputHistory,
+    OutsideSimulator,
+    simulate_motions,
+)
+from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
+from models.physics.effect import Effect, Prior
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from models.physics.mechanisms.mechanism_effect import Scale
+
+# Rows from which the first state is estimated.
+_GUESS_ROWS = 12
+# Parts of typical positions and speeds, and of the usual strength of an effect, over which differences are taken.
+_STATE_PART, _STRENGTH_PART = 1e-4, 0.1
+# Least number of rows of a window, and of observations of a joint in it.
+_MIN_WINDOW_ROWS, _MIN_OBSERVATIONS = 40, 2
+# Relative standard deviation of a coefficient that a file of a simulator states.
+_STATED_SIGMA = 0.3
+# Least typical position and speed of a joint, rad or m, per s: of one that hardly moves.
+_LEAST_POSITION, _LEAST_SPEED = 1e-3, 1e-3
+# Standard deviation of the unobserved position of a joint: it begins as the file of the simulator states.
+_HIDDEN_SIGMA = 1e-6
+# s before and after a change of direction that belong to it.
+_REVERSAL_S = 0.1
+
+
+@dataclass(frozen=True)
+class SimulatorScene:
+    """A mechanism with a simulator from outside."""
+
+    simulator: OutsideSimulator
+    effects: tuple[Effect, ...]
+    simulator_effects: tuple[str, ...]
+    histories: Mapping[int, InputHistory]
+    """Inputs by shot."""
+    scales: tuple[Scale, ...]
+    """Typical sizes of the joints."""
+    observed: IntArray
+    """(B,) joint of each body of the recordings."""
+    not_tested: tuple[str, ...] = ()
+    name: str = "mechanism"
+    gauges: tuple[str, ...] = ("time_offset",)
+    alternatives: tuple[Alternatives, ...] = ()
+    is_smooth: bool = True
+    # A simulator from outside is slow, and where something large is missing, robust fits creep.
+    least_gain: float = 1e-3
+
+    @cached_property
+    def parameter_sites(self) -> tuple[tuple[str, int, int], ...]:
+        """Effect, first parameter, and number of parameters of each strength, in the order of the catalogue."""
+        sites, first = [], 0
+        for effect in self.effects:
+            count = len(MECHANISM_EFFECTS[effect.name].strengths)
+            size = len(effect.parameters) // count
+            sites += [(effect.name, first + k * size, size) for k in range(count)]
+            first += len(effect.parameters)
+        return tuple(sites)
+
+    @cached_property
+    def owners(self) -> tuple[str, ...]:
+        """(P,) effect of each parameter."""
+        return tuple(effect.name for effect in self.effects for _ in effect.parameters)
+
+    @cached_property
+    def neutral(self) -> FloatArray:
+        """(P,) neutral values of all parameters."""
+        return np.array([value for effect in self.effects for value in effect.neutral])
+
+    def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
+        """Split a recording into parts of half a typical period, in which every joint is observed.
+
+        A simulator that lacks something stays near the recording for so long, whatever moves.
+        """
+        half = np.pi * min(scale.position / scale.speed for scale in self.scales)
+        interval = float(np.median(np.diff(recording.t)))
+        rows = int(np.clip(half / interval, _MIN_WINDOW_ROWS, len(recording.t)))
+        borders = np.linspace(0, len(recording.t), max(len(recording.t) // rows, 1) + 1).astype(int)
+        # an actuator has power all the time of a window, or never
+        powered = np.isnan(self.histories[recording.shot].values)
+        switched = np.flatnonzero((powered[1:] != powered[:-1]).any(axis=1)) + 1
+        borders = np.unique(
+            np.concatenate([borders, np.searchsorted(recording.t, self.histories[recording.shot].t[switched])])
+        )
+        parts = (recording.select_rows(first, end) for first, end in pairwise(borders.tolist()))
+        return tuple(part for part in parts if (part.is_observed.sum(axis=0) >= _MIN_OBSERVATIONS).all())
+
+    def build_model(
+        self, segments: tuple[Recording, ...], forms: tuple[str, ...], jacobian_mask: BoolArray | None = None
+    ) -> SimulatorModel:
+        """Build a model with one window per segment."""
+        return SimulatorModel(
+            self, segments, np.ones(len(self.neutral), bool) if jacobian_mask is None else jacobian_mask
+        )
+
+    def observation_covariates(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> Covariates:
+        """Compute the covariates of the observations of a segment, from a simulation."""
+        rows, bodies = np.nonzero(segment.is_observed)
+        states = self.simulate_states(segment, start, shared)
+        joints = self.observed[bodies]
+        velocity = states[:, len(self.scales) :]
+        turns = (np.sign(velocity[1:]) * np.sign(velocity[:-1]) < 0).astype(np.float64)
+        near = max(round(_REVERSAL_S / float(np.median(np.diff(segment.t)))), 1)
+        is_reversal = np.apply_along_axis(np.convolve, 0, np.vstack([turns, turns[-1:]]), np.ones(2 * near + 1), "same")
+        phases = tuple("reversal" if one > 0 else "motion" for one in is_reversal[rows, joints])
+        since = np.full(len(rows), np.nan)
+        return Covariates(phases, states[rows, joints][:, None], velocity[rows, joints][:, None], since, None)
+
+    def predict_positions(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, forms: tuple[str, ...]
+    ) -> FloatArray:
+        """Predict the positions (T, B, 1) of every observed joint at every row of a segment."""
+        return self._observe(self.simulate_states(segment, start, shared), shared)
+
+    def simulate_states(self, segment: Recording, start: FloatArray, shared: FloatArray) -> FloatArray:
+        """Simulate the states (T, 2N) of all joints."""
+        return np.asarray(self._simulate(segment, start[None], [shared])[0])
+
+    def linearize_positions(
+        self, segment: Recording, start: FloatArray, shared: FloatArray, needed: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions (T, B, 1) and their derivatives by the start (T, B, 1, 2N) and by needed parameters."""
+        priors = [prior for effect in self.effects for prior in effect.parameters]
+        typical = np.array([one.position for one in self.scales] + [one.speed for one in self.scales])
+        steps = np.array([_STRENGTH_PART * priors[k].sigma for k in needed])
+        high = np.array([priors[k].bounds[1] for k in needed])
+        steps = np.where(shared[needed] + steps > high, -steps, steps)
+        moved = [shared + step * (np.arange(len(shared)) == k) for k, step in zip(needed, steps, strict=True)]
+        starts = np.concatenate([[start], start + np.diag(_STATE_PART * typical), np.tile(start, (len(needed), 1))])
+        values = [shared] * (1 + len(start)) + moved
+        states = self._simulate(segment, starts, values)
+        places = np.stack([self._observe(one, value) for one, value in zip(states, values, strict=True)], axis=-1)
+        by_start = (places[..., 1 : 1 + len(start)] - places[..., :1]) / (_STATE_PART * typical)
+        return places[..., 0], by_start, (places[..., 1 + len(start) :] - places[..., :1]) / steps
+
+    def _simulate(self, segment: Recording, starts: FloatArray, shared: list[FloatArray]) -> FloatArray:
+        """Simulate states (C, T, 2N) from starts (C, 2N) with parameters (P,) each."""
+        span = float(segment.t[0]), float(segment.t[-1])
+        values = [self._select_values(one) for one in shared]
+        history = self.histories[segment.shot]
+        motions = simulate_motions(self.simulator, starts, values, segment.shot, span, history, self.scales)
+        return motions.at(segment.t)
+
+    def _select_values(self, shared: FloatArray) -> EffectValues:
+        """Select the values of the effects that act: those that differ from neutral ones, and the simulator's own."""
+        changed = {*self.simulator_effects, *(self.owners[k] for k in np.flatnonzero(shared != self.neutral))}
+        values: dict[str, tuple[FloatArray, ...]] = {}
+        for name, first, size in self.parameter_sites:
+            if name in changed:
+                values[name] = (*values.get(name, ()), shared[first : first + size])
+        return values
+
+    def _observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
+        """Return what sensors measure (T, B, 1) of states (T, 2N)."""
+        places = states[:, self.observed]
+        for name, first, size in self.parameter_sites:
+            if name == "sensor_scale":
+                places = places * shared[first : first + size]
+            elif name == "sensor_offset":
+                places = places + shared[first : first + size]
+        return np.asarray(places[:, :, None])
+
+
+@dataclass(frozen=True)
+class SimulatorModel:
+    """Multiple-shooting model of a mechanism; the state of a window is position and velocity of every joint."""
+
+    scene: SimulatorScene
+    segments: tuple[Recording, ...]
+    jacobian_mask: BoolArray
+    windows: tuple[Window, ...] = field(init=False)
+    """One window per segment."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "windows", tuple(self._build_window(segment) for segment in self.segments))
+
+    @property
+    def unknowns(self) -> tuple[Prior, ...]:
+        """Priors of the parameters of all effects."""
+        return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
+
+    def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
+        """Simulate a window with differences, which give the Jacobians."""
+        segment, needed = self.segments[window], np.flatnonzero(self.jacobian_mask)
+        places, by_start, by_needed = self.scene.linearize_positions(segment, start, shared, needed)
+        rows, who = np.nonzero(segment.is_observed)
+        sigma = segment.sigma[rows, who][:, None]
+        by_shared = np.zeros((len(rows), 1, len(shared)))
+        by_shared[:, :, needed] = by_needed[rows, who] / sigma[..., None]
+        nothing = np.zeros(0)
+        return LinearizedWindow(
+            (places[rows, who] - segment.positions[rows, who]) / sigma, by_start[rows, who] / sigma[..., None],
+            by_shared, nothing, nothing.reshape(0, len(start)), nothing.reshape(0, len(shared)),
+        )  # fmt: skip
+
+    def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
+        """Simulate a window without Jacobians."""
+        segment = self.segments[window]
+        rows, who = np.nonzero(segment.is_observed)
+        places = self.scene.predict_positions(segment, start, shared, ())
+        residual = (places[rows, who] - segment.positions[rows, who]) / segment.sigma[rows, who][:, None]
+        return SimulatedWindow(residual, np.zeros(0))
+
+    def without_shared_jacobian(self) -> SimulatorModel:
+        """Return the model for steps of the start states alone."""
+        return replace(self, jacobian_mask=np.zeros_like(self.jacobian_mask))
+
+    def _build_window(self, segment: Recording) -> Window:
+        """Build the window of a segment; joints that are not observed begin as the simulator states."""
+        rows, who = np.nonzero(segment.is_observed)
+        count, observed = len(self.scene.scales), self.scene.observed
+        start = np.zeros(2 * count)
+        sigma = np.concatenate([np.full(count, _HIDDEN_SIGMA), [scale.speed for scale in self.scene.scales]])
+        guess = estimate_initial_states(segment, _GUESS_ROWS).reshape(-1, 2)
+        start[observed], start[count + observed] = guess.T
+        sigma[observed] = sigma[count + observed] = np.inf
+        return Window(segment.shot, segment.t[rows], who.astype(np.int64), start, sigma)
+
+
+def build_simulator_scene(
+    simulator: OutsideSimulator, recordings: tuple[Recording, ...], histories: Mapping[int, InputHistory]
+) -> SimulatorScene:
+    """Build the scene of a simulator and of recordings of its joints.
+
+    Args:
+        simulator: The simulator.
+        recordings: One recording per shot; each body is named after a joint.
+        histories: Inputs by shot.
+
+    Returns:
+        The scene. Effects that the simulator has itself, and states other than neutral, are fitted first.
+    """
+    joints = [joint.name for joint in simulator.joints]
+    observed = np.array([joints.index(name) for name in recordings[0].bodies], np.int64)
+    scales = _measure_joint_scales(simulator, recordings, observed)
+    input_scales = _measure_input_scales(simulator, histories)
+    by_site = {
+        "joint": dict(zip(joints, scales, strict=True)),
+        "sensor": {joints[k]: scales[k] for k in observed},
+        "actuator": input_scales,
+        "mechanism": {"": Scale("", inertia=simulator.moving_mass)},
+    }
+    effects, present, absent = [], [], []
+    for name, one in sorted(MECHANISM_EFFECTS.items(), key=lambda entry: (entry[1].kind == "probe", entry[0])):
+        if one.needs_simulator and name not in simulator.own_effects:
+            absent.append(name)
+        elif by_site[one.site]:
+            effect = one.for_mechanism(by_site[one.site])
+            stated = simulator.own_effects.get(name, effect.neutral)
+            if tuple(stated) != effect.neutral:
+                present.append(name)
+                effect = _take_stated(effect, stated)
+            effects.append(effect)
+    return SimulatorScene(simulator, tuple(effects), tuple(present), histories, scales, observed, tuple(absent))
+
+
+def _take_stated(effect: Effect, stated: tuple[float, ...]) -> Effect:
+    """Return an effect whose usual strength is what a file of a simulator states."""
+    parameters = tuple(
+        replace(one, value=value, sigma=max(one.sigma, _STATED_SIGMA * abs(value)),
+                bounds=(min(one.bounds[0], value), max(one.bounds[1], value)))
+        for one, value in zip(effect.parameters, stated, strict=True)
+    )  # fmt: skip
+    return replace(effect, parameters=parameters)
+
+
+def _measure_joint_scales(
+    simulator: OutsideSimulator, recordings: tuple[Recording, ...], observed: IntArray
+) -> tuple[Scale, ...]:
+    """Measure the typical motion of every joint; of one that is not observed, the mean of the others of its unit."""
+    position, speed = np.full(len(simulator.joints), np.nan), np.full(len(simulator.joints), np.nan)
+    for body, joint in enumerate(observed):
+        squares, spreads = [], []
+        for one in recordings:
+            rows = np.flatnonzero(one.is_observed[:, body])
+            places, t = one.positions[rows, body, 0], one.t[rows]
+            step = max(len(rows) // _SPEED_STEPS, 1)
+            squares.append(np.square(np.diff(places[::step]) / np.diff(t[::step])))
+            spreads.append(np.square(places - places.mean()))
+        position[joint] = max(float(np.sqrt(np.concatenate(spreads).mean())), _LEAST_POSITION)
+        speed[joint] = max(float(np.sqrt(np.concatenate(squares).mean())), _LEAST_SPEED)
+    scales = []
+    for k, joint in enumerate(simulator.joints):
+        alike = [other.unit == joint.unit for other in simulator.joints]
+        typical = [
+            np.nanmean(values[alike]) if np.isfinite(values[alike]).any() else 1.0 for values in (position, speed)
+        ]
+        own = position[k] if np.isfinite(position[k]) else typical[0], speed[k] if np.isfinite(speed[k]) else typical[1]
+        scales.append(Scale(joint.unit, float(own[0]), float(own[1]), joint.inertia, simulator.takes_forces))
+    return tuple(scales)
+
+
+# Steps of a recording from which typical speeds are measured: noise from sample to sample is no speed.
+_SPEED_STEPS = 60
+
+
+def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, InputHistory]) -> dict[str, Scale]:
+    """Measure standard deviation and largest value (as speed) of every input; inputs that never change are left out."""
+    values = np.concatenate([one.values for one in histories.values()]) if histories else np.empty((0, 0))
+    scales = {}
+    for k, name in enumerate(simulator.inputs):
+        joint = simulator.servo_joints[k]
+        unit = simulator.joints[joint].unit if joint >= 0 else "1"
+        column = values[:, k][np.isfinite(values[:, k])]
+        spread, most = (float(column.std()), float(np.abs(column).max())) if len(column) else (0.0, 0.0)
+        scales[name] = Scale(unit, spread or 1.0, most or 1.0)
+    return scales

@@ -1,0 +1,1 @@
+"""Effects of any mechanism: what a simulator of joints, actuators and sensors may lack."""

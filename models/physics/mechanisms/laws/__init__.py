@@ -1,0 +1,1 @@
+"""One effect of mechanisms per file; each defines `EFFECT`."""

@@ -1,0 +1,125 @@
+"""Effects of any mechanism, and their parameters for the joints and actuators of one.
+
+An effect needs little of a simulator: a force on the joints, another input, or another observation. Strengths are in
+SI units of the simulator. Their usual size follows from the motion itself: an effect of usual strength changes the
+acceleration of a joint by a tenth of what it typically is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, final
+
+from models.core.typing import FloatArray
+from models.physics.effect import Effect, EffectKind, Prior
+
+# What an effect has one set of parameters for: each joint, each input, or the whole mechanism.
+Site = Literal["joint", "actuator", "sensor", "mechanism"]
+# Places and velocities (N,) of the joints, and one array (N,) per parameter, to a value (N,) for each joint.
+JointLaw = Callable[[FloatArray, FloatArray, tuple[FloatArray, ...]], FloatArray]
+# Share of the typical acceleration of a joint that an effect of usual strength changes.
+USUAL_SHARE = 0.1
+PHASES = ("motion", "reversal")
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Typical sizes of the motion of a joint, or of an input (only its position)."""
+
+    unit: str
+    """rad or m; of an input, that of its values."""
+    position: float = 1.0
+    """Standard deviation."""
+    speed: float = 1.0
+    """Root mean square, per s."""
+    inertia: float = 1.0
+    """kg m2 or kg; 1 where a simulator takes accelerations instead of forces."""
+    has_forces: bool = False
+    """Whether a simulator takes forces (N or N m) rather than accelerations."""
+
+    @property
+    def force(self) -> float:
+        """Force or torque of the typical acceleration."""
+        return self.inertia * self.speed**2 / self.position
+
+    @property
+    def force_unit(self) -> str:
+        """Unit of a force on the joint."""
+        if not self.has_forces:
+            return f"{self.unit}/s2"
+        return "N m" if self.unit == "rad" else "N"
+
+
+@dataclass(frozen=True, slots=True)
+class MechanismStrength:
+    """A parameter of an effect for one joint or actuator."""
+
+    name: str
+    unit: Callable[[Scale], str]
+    usual: Callable[[Scale], float]
+    """MechanismStrength at which the effect changes the typical acceleration by all of it."""
+    neutral: Callable[[Scale], float] = field(default=lambda scale: 0.0)
+    lower: float = 0.0
+    """Lower bound in multiples of `usual`."""
+    upper: float = 30.0
+    """Upper bound in multiples of `usual`."""
+
+    def build_prior(self, scale: Scale, suffix: str) -> Prior:
+        """Build the prior for a joint or actuator."""
+        usual, neutral = self.usual(scale), self.neutral(scale)
+        bounds = (neutral + self.lower * usual, neutral + self.upper * usual)
+        return Prior(self.name + suffix, self.unit(scale), neutral, USUAL_SHARE * usual, False, bounds)
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MechanismEffect:
+    """An effect of mechanisms; every file in `models.physics.mechanisms.laws` defines one as `EFFECT`."""
+
+    name: str
+    site: Site
+    strengths: tuple[MechanismStrength, ...]
+    reference: str
+    partners: tuple[str, ...] = ()
+    kind: EffectKind = "physics"
+    brake: JointLaw | None = None
+    """Force against the motion over the velocity: it may be so large that a joint stops within a step."""
+    force: JointLaw | None = None
+    """Force on each joint."""
+    needs_simulator: bool = False
+    """Whether only a simulator that has the quantity itself can apply it."""
+
+    def for_mechanism(self, scales: Mapping[str, Scale]) -> Effect:
+        """Return the effect with parameters for every joint or actuator.
+
+        Args:
+            scales: Typical sizes by name; an effect of the whole mechanism takes the first one.
+
+        Returns:
+            The effect; parameters are named `strength_joint` where there are several joints.
+        """
+        own = dict(list(scales.items())[:1]) if self.site == "mechanism" else scales
+        priors = tuple(
+            one.build_prior(scale, f"_{name}" if len(own) > 1 else "")
+            for one in self.strengths
+            for name, scale in own.items()
+        )
+        return Effect(
+            self.name, priors, tuple(one.value for one in priors), PHASES, self.reference, self.partners, self.kind
+        )
+
+
+def in_force(scale: Scale) -> str:
+    """Return the unit of a force on a joint."""
+    return scale.force_unit
+
+
+def per(power: int, quantity: Literal["speed", "position"]) -> tuple[Callable[[Scale], str], Callable[[Scale], float]]:
+    """Return unit and usual size of a force per power of a speed or a position."""
+
+    def unit(scale: Scale) -> str:
+        one = scale.unit if quantity == "position" else f"({scale.unit}/s)"
+        return f"{scale.force_unit}/{one}{power if power > 1 else ''}"
+
+    return unit, lambda scale: float(scale.force / getattr(scale, quantity) ** power)

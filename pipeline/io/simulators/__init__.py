@@ -1,0 +1,1 @@
+"""Simulators from outside: files of MuJoCo, functions of Python, and recorded simulations."""

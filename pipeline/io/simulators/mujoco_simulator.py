@@ -1,0 +1,237 @@
+"""A MuJoCo model (MJCF or URDF) as a simulator under diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from models.core.errors import OptionError
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.outside_simulator import EffectValues, Joint
+from pipeline.reporting.text.text_formatting import escape_text
+
+# Names of the degrees of freedom of joints that have several, after the name of their body.
+_FREE_NAMES, _BALL_NAMES = ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "rz")
+# Coordinates of a place before those of a turn, by kind of joint.
+_LINES = {"line": 1, "free": 3, "ball": 0}
+# Positions and speeds from here on have diverged.
+_LARGEST = 1e8
+# Models with other values that are kept: one for every parameter of two fits.
+_MAX_COPIES = 200
+
+
+def read_mujoco_file(path: Path) -> MujocoSimulator:
+    """Read a model of MuJoCo.
+
+    Args:
+        path: MJCF or URDF file.
+
+    Returns:
+        The simulator.
+
+    Raises:
+        OptionError: The package is missing, or it cannot read the file.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        remedy = 'install it: pip install "trueroll[simulators]"'
+        raise OptionError(f"A MuJoCo file needs the package mujoco; {remedy}") from error
+    if not path.is_file():
+        raise OptionError(f"A MuJoCo file was expected; there is no {escape_text(path)}")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise OptionError(f"MuJoCo cannot read {escape_text(path)}: {reason[:200]}; correct the file") from error
+    if model.nv == 0:
+        raise OptionError(f"{escape_text(path)} has no joint, so that nothing in it can move; name another file")
+    return MujocoSimulator(model)
+
+
+class MujocoSimulator:
+    """A MuJoCo model; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
+
+    takes_forces = True
+
+    def __init__(self, model: Any) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self.model, self.data = model, mujoco.MjData(model)
+        mujoco.set_mju_user_warning(lambda text: None)  # it would write a file; divergence is found by its counters
+        self._copies: dict[tuple[object, ...], Any] = {}
+        self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self.time_step = float(model.opt.timestep)
+        self.joints, self.places = self._list_joints()
+        self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))
+        self.servo_joints = tuple(self._find_servo_joint(k) for k in range(model.nu))
+        self.moving_mass = float(model.body_mass.sum())
+        self._last_body = int(np.flatnonzero(model.body_mass > 0)[-1])
+        self.own_effects = self._list_own_effects()
+
+    def __reduce__(self) -> tuple[Callable[[Any], MujocoSimulator], tuple[Any]]:
+        """Pickle the model as its file states it."""
+        return MujocoSimulator, (self.model,)
+
+    def _apply_effect(self, model: Any, name: str, parts: tuple[FloatArray, ...]) -> None:
+        """Apply one of the own effects to a model."""
+        first = parts[0]
+        if name == "joint_friction":
+            model.dof_frictionloss[:], model.dof_damping[:] = parts
+        elif name == "armature":
+            model.dof_armature[:] = first
+        elif name == "gravity":
+            model.opt.gravity[:] += np.concatenate(parts)
+        elif name == "payload":
+            mass = model.body_mass[self._last_body]
+            model.body_inertia[self._last_body] *= 1 + first[0] / mass
+            model.body_mass[self._last_body] = mass + first[0]
+        elif name == "contact_friction":
+            model.geom_friction[:, 0] *= first[0]
+        elif name == "contact_restitution":
+            model.geom_solref[:, 1] *= first[0]
+        elif name == "actuator_gain":
+            model.actuator_gainprm[:] *= first[:, None]
+            model.actuator_biasprm[:] *= first[:, None]
+        elif name == "saturation":
+            model.actuator_forcerange[:] = np.stack([-first, first], axis=1)
+
+    def begin(
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+    ) -> MujocoRuns:
+        """Begin runs side by side; see `OutsideSimulator.begin`."""
+        full, count = np.empty((len(starts), self._size)), len(self.joints)
+        for state, own in zip(starts, full, strict=True):
+            self._mujoco.mj_resetData(self.model, self.data)
+            for kind, address, first in self.places:
+                if kind == "line":
+                    self.data.qpos[address] = state[first]
+                    continue
+                turn = first + _LINES[kind]
+                self.data.qpos[address : address + turn - first] = state[first:turn]
+                angle = float(np.linalg.norm(state[turn : turn + 3]))
+                axis = state[turn : turn + 3] / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
+                place = address + turn - first
+                self._mujoco.mju_axisAngle2Quat(self.data.qpos[place : place + 4], axis, angle)
+            self.data.qvel[:] = state[count:]
+            self._mujoco.mj_getState(self.model, self.data, own, self._mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        return MujocoRuns(self, [self._find_copy(own, powered) for own in values], full)
+
+    def _find_copy(self, values: EffectValues, powered: BoolArray) -> Any:
+        """Find the model with values of effects, and without the power that it lacks, or make it."""
+        own = ((name, *(one.tobytes() for one in parts)) for name, parts in sorted(values.items()))
+        key = (powered.tobytes(), *own)
+        if key not in self._copies:
+            if len(self._copies) >= _MAX_COPIES:
+                self._copies.clear()
+            self._copies[key] = self._change_copy(values, powered)
+        return self._copies[key]
+
+    def _change_copy(self, values: EffectValues, powered: BoolArray) -> Any:
+        """Make a model with values of effects."""
+        model = copy(self.model)
+        for name, parts in values.items():
+            self._apply_effect(model, name, parts)
+        self._mujoco.mj_setConst(model, self.data)
+        model.actuator_gainprm[~powered], model.actuator_biasprm[~powered] = 0.0, 0.0
+        return model
+
+    def _name(self, kind: str, number: int) -> str:
+        """Return the name of an object, or its kind and number where it has none."""
+        objects = {"joint": self._mujoco.mjtObj.mjOBJ_JOINT, "actuator": self._mujoco.mjtObj.mjOBJ_ACTUATOR,
+                   "body": self._mujoco.mjtObj.mjOBJ_BODY}  # fmt: skip
+        return cast("str | None", self._mujoco.mj_id2name(self.model, objects[kind], number)) or f"{kind}{number}"
+
+    def _list_joints(self) -> tuple[tuple[Joint, ...], list[tuple[str, int, int]]]:
+        """List the degrees of freedom, and for each joint its kind, its address in qpos, and its first one."""
+        kinds, joints, places = self._mujoco.mjtJoint, [], []
+        for j in range(self.model.njnt):
+            kind, address = int(self.model.jnt_type[j]), int(self.model.jnt_qposadr[j])
+            first = int(self.model.jnt_dofadr[j])
+            body = self._name("body", int(self.model.jnt_bodyid[j]))
+            if kind == int(kinds.mjJNT_FREE):
+                entries = [(f"{body}.{axis}", "rad" if axis[0] == "r" else "m") for axis in _FREE_NAMES]
+                places.append(("free", address, first))
+            elif kind == int(kinds.mjJNT_BALL):
+                entries = [(f"{body}.{axis}", "rad") for axis in _BALL_NAMES]
+                places.append(("ball", address, first))
+            else:
+                entries = [(self._name("joint", j), "m" if kind == int(kinds.mjJNT_SLIDE) else "rad")]
+                places.append(("line", address, first))
+            inertia = self.model.dof_M0[first : first + len(entries)]
+            limit = float(np.abs(self.model.jnt_range[j]).max()) if self.model.jnt_limited[j] else float("inf")
+            joints += [Joint(name, unit, float(one), limit) for (name, unit), one in zip(entries, inertia, strict=True)]
+        return tuple(joints), places
+
+    def _find_servo_joint(self, actuator: int) -> int:
+        """Return the degree of freedom whose position an actuator asks for; -1 for one of force or speed."""
+        model = self.model
+        is_joint = model.actuator_trntype[actuator] == int(self._mujoco.mjtTrn.mjTRN_JOINT)
+        gain, bias = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
+        if not is_joint or gain == 0 or not np.isclose(gain, -bias):
+            return -1
+        return int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
+
+    def _list_own_effects(self) -> dict[str, tuple[float, ...]]:
+        """List the effects that the model has itself, with the values of all their parameters."""
+        model = self.model
+        own: dict[str, tuple[float, ...]] = {
+            "joint_friction": (*model.dof_frictionloss.tolist(), *model.dof_damping.tolist()),
+            "armature": tuple(model.dof_armature.tolist()),
+            "gravity": (0.0, 0.0, 0.0),
+            "payload": (0.0,),
+        }
+        if model.nu:
+            own["actuator_gain"] = (1.0,) * model.nu
+            if model.actuator_forcelimited.all():
+                own["saturation"] = tuple(model.actuator_forcerange[:, 1].tolist())
+        if (model.geom_contype * model.geom_conaffinity).any() and model.ngeom > 1:
+            own |= {"contact_friction": (1.0,)}
+            if (model.geom_solref[:, 1] > 0).all():
+                own |= {"contact_restitution": (1.0,)}
+        return own
+
+
+class MujocoRuns:
+    """Runs of a MuJoCo model; see `models.estimation.gap_scenes.outside_simulator.SimulatorRuns`."""
+
+    def __init__(self, simulator: MujocoSimulator, models: list[Any], full: FloatArray) -> None:
+        from mujoco import mjtState, rollout
+
+        self._simulator, self._models, self._full = simulator, models, full
+        self._spec = int(mjtState.mjSTATE_CTRL) | int(mjtState.mjSTATE_QFRC_APPLIED)
+        self._rollout = rollout.Rollout(nthread=0)
+
+    def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
+        """Let the runs go on by M steps, in compiled code."""
+        runs, steps, _ = inputs.shape
+        nq, count = self._simulator.model.nq, len(self._simulator.joints)
+        control = np.concatenate([inputs, np.repeat(force[:, None], steps, axis=1)], axis=2)
+        path = np.empty((runs, steps, self._full.shape[1]))
+        self._rollout.rollout(
+            self._models, [self._simulator.data], self._full, control, control_spec=self._spec, skip_checks=True,
+            nstep=steps, state=path,
+        )  # fmt: skip
+        path[~(np.abs(path) < _LARGEST).all(axis=2)] = np.nan
+        self._full = np.ascontiguousarray(path[:, -1])
+        states = np.empty((runs, steps, 2 * count))
+        states[:, :, count:] = path[:, :, 1 + nq : 1 + nq + count]
+        for kind, address, first in self._simulator.places:
+            turn, place = first + _LINES[kind], 1 + address + _LINES[kind]
+            states[:, :, first:turn] = path[:, :, 1 + address : place]
+            if kind != "line":
+                states[:, :, turn : turn + 3] = _find_rotation(path[:, :, place : place + 4])
+        return states
+
+
+def _find_rotation(quaternion: FloatArray) -> FloatArray:
+    """Return the rotation vectors (..., 3) of quaternions (..., 4)."""
+    sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, quaternion[..., :1])
+    angle = np.where(angle > np.pi, angle - 2 * np.pi, angle)
+    return np.asarray(quaternion[..., 1:] / np.maximum(sine, 1e-300) * angle)

@@ -1,0 +1,60 @@
+"""A recorded simulation, where the simulator itself cannot be run: tracks of its own predictions.
+
+What it lacks is then a small deviation from its path. The deviation is that of a free body: forces that it changes in
+the simulator itself are not known, so that only weak effects over short times are predicted well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from models.core.recording import Recording
+from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.outside_simulator import EffectValues, Joint
+
+
+class RecordedSimulator:
+    """Recorded predictions; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
+
+    takes_forces = False
+    moving_mass = 1.0
+    inputs: tuple[str, ...] = ()
+    servo_joints: tuple[int, ...] = ()
+    own_effects: Mapping[str, tuple[float, ...]] = {}
+
+    def __init__(self, joints: tuple[Joint, ...], recordings: tuple[Recording, ...]) -> None:
+        self.joints = joints
+        self.recordings = recordings
+        self._paths = {one.shot: CubicSpline(one.t, one.positions[:, :, 0], axis=0) for one in recordings}
+        self.time_step = float(np.median(np.concatenate([np.diff(one.t) for one in recordings])))
+
+    def begin(
+        self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
+    ) -> RecordedRuns:
+        """Begin runs side by side; see `OutsideSimulator.begin`."""
+        return RecordedRuns(self, starts - self.read_path(shot, np.array([t])), shot, t)
+
+    def read_path(self, shot: int, t: FloatArray) -> FloatArray:
+        """Read the recorded states (T, 2N) at times (T,)."""
+        path = self._paths[shot]
+        return np.concatenate([path(t), path(t, 1)], axis=1)
+
+
+class RecordedRuns:
+    """Deviations from a recorded path, which move freely; see `OutsideSimulator` for runs."""
+
+    def __init__(self, simulator: RecordedSimulator, deviation: FloatArray, shot: int, t: float) -> None:
+        self._simulator, self._deviation, self._shot, self._t = simulator, deviation, shot, t
+
+    def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
+        """Let the runs go on by M steps."""
+        span = self._simulator.time_step * np.arange(1, inputs.shape[1] + 1)[None, :, None]
+        off, speed = np.split(self._deviation[:, None], 2, axis=2)
+        push = force[:, None]
+        deviation = np.concatenate([off + span * speed + span**2 / 2 * push, speed + span * push], axis=2)
+        times = self._t + span[0, :, 0]
+        self._deviation, self._t = deviation[:, -1], float(times[-1])
+        return np.asarray(self._simulator.read_path(self._shot, times) + deviation)

@@ -1,0 +1,125 @@
+"""Recordings of mechanisms: columns are found by their names, and what does not fit is refused in a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.core.errors import OptionError
+from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
+
+PENDULUM = """<mujoco><option timestep="0.002"/><worldbody><body>
+<joint name="hinge" type="hinge" axis="0 1 0" range="-2 2" limited="true" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5"/></body></worldbody>
+<actuator><position name="servo" joint="hinge" kp="5"/></actuator></mujoco>"""
+FUNCTION = "import numpy as np\n\ndef swing(state, inputs, dt):\n    {}\n"
+GOOD = "q, v = state\n    v = v - dt * 9.81 * np.sin(q)\n    return np.array([q + dt * v, v])"
+
+
+@pytest.fixture
+def simulator(tmp_path: Path) -> str:
+    pytest.importorskip("mujoco", reason="mujoco is an extra")
+    (tmp_path / "arm.xml").write_text(PENDULUM)
+    return str(tmp_path / "arm.xml")
+
+
+def write(folder: Path, header: str, rows: list[list[float | str]], name: str = "real.csv") -> list[Path]:
+    lines = [header, *(",".join(map(str, row)) for row in rows)]
+    (folder / name).write_text("\n".join(lines) + "\n")
+    return [folder / name]
+
+
+def swing_rows(count: int = 20) -> list[list[float | str]]:
+    return [[0.01 * k, round(0.1 * np.cos(0.1 * k), 5), 0.0] for k in range(count)]
+
+
+@pytest.mark.parametrize("header", ["t,hinge,servo", "time (s),Hinge,Servo", "t,q,command", "t,q0,u0"])
+def test_columns_are_found_by_name_or_by_order(tmp_path: Path, simulator: str, header: str):
+    shots = read_mechanism_shots(write(tmp_path, header, swing_rows()), simulator)
+    assert shots.recordings[0].bodies == ("hinge",)
+    np.testing.assert_allclose(shots.recordings[0].positions[:, 0, 0], [row[1] for row in swing_rows()])
+    assert shots.histories[0].values.shape == (20, 1)
+    assert any("q" in note for note in shots.notes) == ("hinge" not in header.lower())
+
+
+def test_degrees_are_converted_where_the_header_states_them(tmp_path: Path, simulator: str):
+    rows = [[row[0], 90.0, 0.0] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge (deg),servo", rows), simulator)
+    np.testing.assert_allclose(shots.recordings[0].positions, np.pi / 2)
+
+
+def test_episodes_are_shots_and_empty_inputs_mean_no_power(tmp_path: Path, simulator: str):
+    rows = [[k // 10, 0.01 * (k % 10), 0.0, "" if k % 10 > 4 else 0.1] for k in range(20)]
+    shots = read_mechanism_shots(write(tmp_path, "episode,t,q,command", rows), simulator)
+    assert [one.shot for one in shots.recordings] == [0, 1]
+    assert np.isnan(shots.histories[1].values[:, 0]).tolist() == [False] * 5 + [True] * 5
+    assert shots.origins[1] == "real.csv, shot 1"
+
+
+def test_damping_that_a_file_states_is_a_coefficient(tmp_path: Path, simulator: str):
+    own = read_mechanism_shots(write(tmp_path, "t,hinge,servo", swing_rows()), simulator).simulator.own_effects
+    assert own["joint_friction"] == (0.0, 0.1)
+    assert own["armature"] == (0.0,)
+
+
+def refuse(paths: list[Path], simulator: str) -> str:
+    with pytest.raises(OptionError) as refused:
+        read_mechanism_shots(paths, simulator)
+    message = str(refused.value)
+    assert "\n" not in message
+    assert "Traceback" not in message
+    return message
+
+
+def test_a_column_without_a_joint_is_refused_with_the_joints(tmp_path: Path, simulator: str):
+    message = refuse(write(tmp_path, "t,knee,servo", swing_rows()), simulator)
+    assert "knee" in message
+    assert "hinge" in message
+
+
+def test_degrees_that_nobody_states_are_refused_where_the_joint_has_stops(tmp_path: Path, simulator: str):
+    rows = [[row[0], 90.0, 0.0] for row in swing_rows()]
+    assert "hinge (deg)" in refuse(write(tmp_path, "t,hinge,servo", rows), simulator)
+
+
+def test_time_that_goes_back_is_refused_with_its_place(tmp_path: Path, simulator: str):
+    rows = swing_rows()
+    rows[7], rows[8] = rows[8], rows[7]
+    assert "t goes back" in refuse(write(tmp_path, "t,hinge,servo", rows), simulator)
+
+
+def test_a_malformed_file_of_a_simulator_is_refused(tmp_path: Path, simulator: str):
+    (tmp_path / "bad.xml").write_text("<mujoco><worldbody><body></mujoco>")
+    (tmp_path / "still.xml").write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    paths = write(tmp_path, "t,hinge,servo", swing_rows())
+    assert "MuJoCo cannot read" in refuse(paths, str(tmp_path / "bad.xml"))
+    assert "no joint" in refuse(paths, str(tmp_path / "still.xml"))
+    assert "there is no" in refuse(paths, str(tmp_path / "none.xml"))
+    assert "--simulator takes" in refuse(paths, "pybullet")
+
+
+@pytest.mark.parametrize(
+    ("body", "part"),
+    [("return state[:1]", "2 numbers"), ("raise KeyError('k')", "failed"), (GOOD, "")],
+)
+def test_a_function_is_tried_before_it_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, part: str, request: pytest.FixtureRequest
+):
+    module = f"swing_{request.node.callspec.indices['body']}"
+    (tmp_path / f"{module}.py").write_text(FUNCTION.format(body))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    paths = write(tmp_path, "t,q,u", swing_rows())
+    if part:
+        assert part in refuse(paths, f"{module}:swing")
+    else:
+        assert read_mechanism_shots(paths, f"{module}:swing").recordings[0].bodies == ("q",)
+    assert "cannot be imported" in refuse(paths, f"{module}:nothing")
+
+
+def test_a_recorded_simulation_is_read_as_a_simulator(tmp_path: Path):
+    simulated = write(tmp_path, "t,q", [row[:2] for row in swing_rows()], "simulated.csv")
+    shots = read_mechanism_shots(write(tmp_path, "t,q", [row[:2] for row in swing_rows()]), str(simulated[0]))
+    assert shots.simulator.joints[0].name == "q"
