@@ -34,6 +34,18 @@ class Joint:
     """Largest position that it can have, in size."""
 
 
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What an input does on a joint."""
+
+    joint: int
+    """-1 where it acts on none, or on several."""
+    gain: float
+    """N, or N m, per unit of the input."""
+    limit: float = float("inf")
+    """Largest force, N or N m."""
+
+
 class OutsideSimulator(Protocol):
     """A simulator of N joints with I inputs; its state is N positions, then N velocities."""
 
@@ -48,6 +60,10 @@ class OutsideSimulator(Protocol):
     @property
     def servo_joints(self) -> tuple[int, ...]:
         """(I,) index of the joint whose position an input asks for; -1 for other inputs."""
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """What each of the I inputs does; empty where it is not known."""
 
     @property
     def time_step(self) -> float:
@@ -189,11 +205,15 @@ def simulate_motions(
     states[:, 0] = starts
     runs = simulator.begin(starts, own, ~np.isnan(inputs[0, 0]), shot, span[0])
     inputs = np.nan_to_num(inputs)
+    acceleration = np.zeros((len(starts), len(scales)))
     for k in range(0, count, hold):
         q, v = np.split(states[:, k], 2, axis=1)
         given = laws.apply_dead_band(inputs[:, k : k + hold], q)
-        force = laws.evaluate(q, v, h * given.shape[1])
-        states[:, k + 1 : k + 1 + hold] = runs.advance(given, force)
+        dt = h * given.shape[1]
+        force, brake = laws.evaluate(q, v, acceleration, dt)
+        states[:, k + 1 : k + 1 + hold] = runs.advance(given, force + brake)
+        # what acts without the brakes, for the next interval
+        acceleration = (states[:, k + given.shape[1], len(scales) :] - v) / dt - brake / laws.inertia
     return Motions(edges, states)
 
 
@@ -202,29 +222,38 @@ class _JointLaws:
 
     def __init__(self, simulator: OutsideSimulator, values: Sequence[EffectValues], scales: tuple[Scale, ...]) -> None:
         names = sorted({name for acting in values for name in acting})
-        self.laws = [
-            (MECHANISM_EFFECTS[name], _stack_values(name, values))
-            for name in names
-            if MECHANISM_EFFECTS[name].brake is not None or MECHANISM_EFFECTS[name].force is not None
-        ]
+        laws = [(MECHANISM_EFFECTS[name], _stack_values(name, values)) for name in names]
+        self.laws = [(one, own) for one, own in laws if (one.brake, one.dry, one.force) != (None, None, None)]
         self.inertia = np.array([joint.inertia for joint in simulator.joints])
         self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
         self.band = _stack_values("dead_band", values)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
         self.depend_on_motion = bool(self.laws) or self.band is not None
 
-    def evaluate(self, q: FloatArray, v: FloatArray, dt: float) -> FloatArray:
-        """Evaluate the forces (C, N) of the next dt (s); a brake stops a joint at most."""
-        total, rate = np.zeros_like(q), np.zeros_like(q)
+    def evaluate(
+        self, q: FloatArray, v: FloatArray, acceleration: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Evaluate forces and brakes (C, N) of the next dt (s), given the acceleration that acts without brakes.
+
+        A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most, and holds it.
+        """
+        force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
         for effect, own in self.laws:
+            # a generic brake is a law of the speed in multiples of the typical one
+            is_generic = effect.site == "mechanism"
+            speed, strength = (v / self.speed, self.strength) if is_generic else (v, 1.0)
             if effect.force is not None:
-                total += effect.force(q, v, own)
-            elif effect.brake is not None and effect.site == "mechanism":
-                # a generic brake is a law of the speed in multiples of the typical one
-                rate += effect.brake(q, v / self.speed, own) * self.strength / self.speed
-            elif effect.brake is not None:
-                rate += effect.brake(q, v, own)
-        return np.asarray(total + v * self.inertia / dt * np.expm1(-rate * dt / self.inertia))
+                force += effect.force(q, v, own)
+            if effect.brake is not None:
+                rate += effect.brake(q, speed, own) * (strength / self.speed if is_generic else 1.0)
+            if effect.dry is not None:
+                dry += effect.dry(q, speed, own) * strength
+        x = rate * dt / self.inertia
+        decay = np.expm1(-x)
+        lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
+        brake = self.inertia * (v * decay / dt + acceleration * lasting)
+        end = v + (acceleration + brake / self.inertia) * dt
+        return force, brake - np.sign(end) * np.minimum(dry, np.abs(end) * self.inertia / dt)
 
     def apply_dead_band(self, inputs: FloatArray, q: FloatArray) -> FloatArray:
         """Reduce inputs (C, M, I), or errors of asked places, by the width of a band in which nothing happens."""

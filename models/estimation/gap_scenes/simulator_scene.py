@@ -71,7 +71,8 @@ class SimulatorScene:
         """Effect, first parameter, and number of parameters of each strength, in the order of the catalogue."""
         sites, first = [], 0
         for effect in self.effects:
-            count = len(MECHANISM_EFFECTS[effect.name].strengths)
+            is_own = effect.name in self.simulator.own_effects
+            count = len(MECHANISM_EFFECTS[effect.name].list_strengths(is_own))
             size = len(effect.parameters) // count
             sites += [(effect.name, first + k * size, size) for k in range(count)]
             first += len(effect.parameters)
@@ -254,8 +255,8 @@ def build_simulator_scene(
     """
     joints = [joint.name for joint in simulator.joints]
     observed = np.array([joints.index(name) for name in recordings[0].bodies], np.int64)
-    scales = _measure_joint_scales(simulator, recordings, observed)
     input_scales = _measure_input_scales(simulator, histories)
+    scales = _add_drives(simulator, _measure_joint_scales(simulator, recordings, observed), input_scales)
     by_site = {
         "joint": dict(zip(joints, scales, strict=True)),
         "sensor": {joints[k]: scales[k] for k in observed},
@@ -267,7 +268,7 @@ def build_simulator_scene(
         if one.needs_simulator and name not in simulator.own_effects:
             absent.append(name)
         elif by_site[one.site]:
-            effect = one.for_mechanism(by_site[one.site])
+            effect = one.for_mechanism(by_site[one.site], name in simulator.own_effects)
             stated = simulator.own_effects.get(name, effect.neutral)
             if tuple(stated) != effect.neutral:
                 present.append(name)
@@ -310,6 +311,17 @@ def _measure_joint_scales(
         own = position[k] if np.isfinite(position[k]) else typical[0], speed[k] if np.isfinite(speed[k]) else typical[1]
         scales.append(Scale(joint.unit, float(own[0]), float(own[1]), joint.inertia, simulator.takes_forces))
     return tuple(scales)
+
+
+def _add_drives(
+    simulator: OutsideSimulator, scales: tuple[Scale, ...], input_scales: Mapping[str, Scale]
+) -> tuple[Scale, ...]:
+    """Add the typical forces of the actuators to the scales of their joints."""
+    forces = np.zeros(len(scales))
+    for name, drive in zip(simulator.inputs, simulator.drives, strict=False):
+        if drive.joint >= 0:
+            forces[drive.joint] += min(abs(drive.gain) * input_scales[name].position, drive.limit)
+    return tuple(replace(scale, drive=float(force)) for scale, force in zip(scales, forces, strict=True))
 
 
 # Steps of a recording from which typical speeds are measured: noise from sample to sample is no speed.

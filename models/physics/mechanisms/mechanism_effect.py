@@ -37,11 +37,13 @@ class Scale:
     """kg m2 or kg; 1 where a simulator takes accelerations instead of forces."""
     has_forces: bool = False
     """Whether a simulator takes forces (N or N m) rather than accelerations."""
+    drive: float = 0.0
+    """Typical force of the actuators on the joint: where a strong one moves a light joint, friction may be as large."""
 
     @property
     def force(self) -> float:
-        """Force or torque of the typical acceleration."""
-        return self.inertia * self.speed**2 / self.position
+        """Typical force or torque: that of the typical acceleration, or of the actuators where it is larger."""
+        return max(self.inertia * self.speed**2 / self.position, self.drive)
 
     @property
     def force_unit(self) -> str:
@@ -64,6 +66,8 @@ class MechanismStrength:
     """Lower bound in multiples of `usual`."""
     upper: float = 30.0
     """Upper bound in multiples of `usual`."""
+    needs_simulator: bool = False
+    """Whether only a simulator that has the effect itself has this parameter."""
 
     def build_prior(self, scale: Scale, suffix: str) -> Prior:
         """Build the prior for a joint or actuator."""
@@ -84,17 +88,24 @@ class MechanismEffect:
     partners: tuple[str, ...] = ()
     kind: EffectKind = "physics"
     brake: JointLaw | None = None
-    """Force against the motion over the velocity: it may be so large that a joint stops within a step."""
+    """Force against the motion over the velocity."""
+    dry: JointLaw | None = None
+    """Size of a force against the motion that does not vanish with the speed; it holds a joint that it stops."""
     force: JointLaw | None = None
     """Force on each joint."""
     needs_simulator: bool = False
     """Whether only a simulator that has the quantity itself can apply it."""
 
-    def for_mechanism(self, scales: Mapping[str, Scale]) -> Effect:
+    def list_strengths(self, is_own: bool) -> tuple[MechanismStrength, ...]:
+        """List the parameters, also those that only a simulator has that has the effect itself (`is_own`)."""
+        return tuple(one for one in self.strengths if is_own or not one.needs_simulator)
+
+    def for_mechanism(self, scales: Mapping[str, Scale], is_own: bool = False) -> Effect:
         """Return the effect with parameters for every joint or actuator.
 
         Args:
             scales: Typical sizes by name; an effect of the whole mechanism takes the first one.
+            is_own: Whether the simulator has the effect itself.
 
         Returns:
             The effect; parameters are named `strength_joint` where there are several joints.
@@ -102,7 +113,7 @@ class MechanismEffect:
         own = dict(list(scales.items())[:1]) if self.site == "mechanism" else scales
         priors = tuple(
             one.build_prior(scale, f"_{name}" if len(own) > 1 else "")
-            for one in self.strengths
+            for one in self.list_strengths(is_own)
             for name, scale in own.items()
         )
         return Effect(

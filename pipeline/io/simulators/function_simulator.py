@@ -17,7 +17,7 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.outside_simulator import EffectValues, Joint
+from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 
 # s
 _USUAL_TIME_STEP = 0.005
@@ -71,6 +71,7 @@ class FunctionSimulator:
 
     takes_forces = False
     moving_mass = 1.0
+    drives: tuple[Drive, ...] = ()
 
     def __init__(
         self, module: str, function: str, joints: tuple[Joint, ...], inputs: tuple[str, ...], time_step: float

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.outside_simulator import EffectValues, Joint
+from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 from pipeline.reporting.text.text_formatting import escape_text
 
 # Names of the degrees of freedom of joints that have several, after the name of their body.
@@ -70,6 +70,7 @@ class MujocoSimulator:
         self.joints, self.places = self._list_joints()
         self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))
         self.servo_joints = tuple(self._find_servo_joint(k) for k in range(model.nu))
+        self.drives = tuple(self._describe_drive(k) for k in range(model.nu))
         self.moving_mass = float(model.body_mass.sum())
         self._last_body = int(np.flatnonzero(model.body_mass > 0)[-1])
         self.own_effects = self._list_own_effects()
@@ -97,7 +98,8 @@ class MujocoSimulator:
             model.geom_solref[:, 1] *= first[0]
         elif name == "actuator_gain":
             model.actuator_gainprm[:] *= first[:, None]
-            model.actuator_biasprm[:] *= first[:, None]
+            model.actuator_biasprm[:, :2] *= first[:, None]
+            model.actuator_biasprm[:, 2] *= parts[1]
         elif name == "saturation":
             model.actuator_forcerange[:] = np.stack([-first, first], axis=1)
 
@@ -177,6 +179,15 @@ class MujocoSimulator:
             return -1
         return int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
 
+    def _describe_drive(self, actuator: int) -> Drive:
+        """Describe what an actuator does on its joint."""
+        model = self.model
+        is_joint = model.actuator_trntype[actuator] == int(self._mujoco.mjtTrn.mjTRN_JOINT)
+        joint = int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]]) if is_joint else -1
+        limited = bool(model.actuator_forcelimited[actuator])
+        limit = float(model.actuator_forcerange[actuator, 1]) if limited else float("inf")
+        return Drive(joint, float(model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0]), limit)
+
     def _list_own_effects(self) -> dict[str, tuple[float, ...]]:
         """List the effects that the model has itself, with the values of all their parameters."""
         model = self.model
@@ -187,7 +198,7 @@ class MujocoSimulator:
             "payload": (0.0,),
         }
         if model.nu:
-            own["actuator_gain"] = (1.0,) * model.nu
+            own["actuator_gain"] = (1.0,) * (2 * model.nu)
             if model.actuator_forcelimited.all():
                 own["saturation"] = tuple(model.actuator_forcerange[:, 1].tolist())
         if (model.geom_contype * model.geom_conaffinity).any() and model.ngeom > 1:

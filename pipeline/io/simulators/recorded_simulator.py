@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
-from models.estimation.gap_scenes.outside_simulator import EffectValues, Joint
+from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 
 
 class RecordedSimulator:
@@ -21,6 +21,7 @@ class RecordedSimulator:
 
     takes_forces = False
     moving_mass = 1.0
+    drives: tuple[Drive, ...] = ()
     inputs: tuple[str, ...] = ()
     servo_joints: tuple[int, ...] = ()
     own_effects: Mapping[str, tuple[float, ...]] = {}

@@ -10,7 +10,7 @@ EFFECT = MechanismEffect(
     strengths=(
         MechanismStrength(
             "inertia", lambda scale: "1" if not scale.has_forces else "kg m2" if scale.unit == "rad" else "kg",
-            lambda scale: scale.inertia,
+            lambda scale: scale.force * scale.position / scale.speed**2,
         ),
     ),
     partners=("actuator_gain",),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.physics.mechanisms.laws.joint_friction import FADE_SPEED
 from models.physics.mechanisms.mechanism_effect import MechanismEffect, MechanismStrength
 
 # All joints share the coefficients, in multiples of the force and speed that are typical of each.
@@ -14,7 +13,8 @@ EFFECT = MechanismEffect(
     name="brake_over_speed",
     site="mechanism",
     strengths=tuple(MechanismStrength(f"c{n}", lambda scale: "1", lambda scale: 1.0, lower=-30.0) for n in _POWERS),
-    brake=lambda q, v, p: p[0] / np.hypot(v, FADE_SPEED) + p[1] + p[2] * np.abs(v) + p[3] * np.square(v),
+    dry=lambda q, v, p: p[0],
+    brake=lambda q, v, p: p[1] + p[2] * np.abs(v) + p[3] * np.square(v),
     reference="a cubic in speed",
     kind="probe",
 )

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from models.physics.mechanisms.mechanism_effect import MechanismEffect, MechanismStrength, in_force, per
-
-# rad/s or m/s at which dry friction fades out: a joint that sticks creeps a milliradian per second.
-FADE_SPEED = 1e-3
 
 EFFECT = MechanismEffect(
     name="joint_friction",
@@ -16,7 +11,8 @@ EFFECT = MechanismEffect(
         MechanismStrength("dry", in_force, lambda scale: scale.force),
         MechanismStrength("viscous", *per(1, "speed")),
     ),
-    brake=lambda q, v, p: p[0] / np.hypot(v, FADE_SPEED) + p[1],
+    dry=lambda q, v, p: p[0],
+    brake=lambda q, v, p: p[1],
     partners=("stribeck", "air_drag"),
     reference="Coulomb and viscous friction; Olsson et al. 1998, doi:10.1016/S0947-3580(98)70113-X",
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.physics.mechanisms.laws.joint_friction import FADE_SPEED
 from models.physics.mechanisms.mechanism_effect import MechanismEffect, MechanismStrength, in_force
 
 # Share of the typical speed at which the rise has fallen to 1/e.
@@ -20,7 +19,7 @@ EFFECT = MechanismEffect(
             neutral=lambda scale: _USUAL_SPEED * scale.speed, lower=-0.9 * _USUAL_SPEED, upper=1.0,
         ),
     ),
-    brake=lambda q, v, p: p[0] * np.exp(-np.square(v / p[1])) / np.hypot(v, FADE_SPEED),
+    dry=lambda q, v, p: p[0] * np.exp(-np.square(v / p[1])),
     partners=("joint_friction",),
     reference="Stribeck 1902; Olsson et al. 1998, doi:10.1016/S0947-3580(98)70113-X, eq. 4",
 )  # fmt: skip

@@ -1,0 +1,95 @@
+"""Diagnosis of simulators from outside: what is withheld is named, and a wrong coefficient is no missing effect."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from support.pseudo_terminal import Terminal, make_terminal
+
+import trueroll
+from pipeline.simulator_diagnosis import diagnose_mechanism
+
+terminal = pytest.fixture(make_terminal)
+pytestmark = pytest.mark.slow
+
+SWING = """
+import numpy as np
+
+def swing(state, inputs, dt):
+    q, v = state
+    half = v - dt / 2 * 20.0 * np.sin(q)
+    q = q + dt * half
+    return np.array([q, half - dt / 2 * 20.0 * np.sin(q)])
+
+swing.coordinates = ("q",)
+"""
+ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body><joint name="hinge" type="hinge" axis="0 1 0" damping="{}"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.5"/></body></worldbody>
+<actuator><motor name="motor" joint="hinge"/></actuator></mujoco>"""
+
+
+def write_swings(path: Path, viscous: float) -> None:
+    """Write six swings of a pendulum with viscous friction, of 1.2 s at 50 Hz with noise of 1 mrad."""
+    rng, lines = np.random.default_rng(1), ["shot,t,q"]
+    t = np.arange(60) / 50
+    for shot in range(6):
+        start = [rng.uniform(0.5, 1.2), rng.uniform(-1, 1)]
+        solution = solve_ivp(
+            lambda _, y: [y[1], -20.0 * np.sin(y[0]) - viscous * y[1]], (0, 1.2), start, t_eval=t, rtol=1e-9, atol=1e-9
+        )
+        lines += [
+            f"{shot},{x:.2f},{q:.6f}"
+            for x, q in zip(t, solution.y[0] + 1e-3 * rng.standard_normal(len(t)), strict=True)
+        ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_friction_that_a_function_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, terminal: Terminal):
+    (tmp_path / "swing_model.py").write_text(SWING)
+    write_swings(tmp_path / "real.csv", 0.3)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    done = terminal("diagnose", "real.csv", "--simulator", "swing_model:swing", "-o", "gap")
+    assert done.status == 0
+    assert "Your simulator lacks joint friction." in done.out
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    viscous = gap["fitted"]["joint_friction.viscous"]
+    assert viscous["value"] == pytest.approx(0.3, abs=max(3 * viscous["sigma"], 0.01))
+    assert gap["gap"]["metric"] == "rms_rad"
+    assert gap["where"][0]["joint"] in (None, "q")
+    assert (tmp_path / "gap" / "gap.html").stat().st_size > 1000
+
+
+def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_path: Path):
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is an extra")
+    truth = mujoco.MjModel.from_xml_string(ARM.format(0.02))
+    rng, lines = np.random.default_rng(2), ["shot,t,hinge,motor"]
+    for shot in range(6):
+        data = mujoco.MjData(truth)
+        data.qpos[0], rate = rng.uniform(-1, 1), rng.uniform(2, 8)
+        for row in range(80):
+            push = 0.3 * np.sin(rate * row / 50)
+            lines.append(f"{shot},{row / 50:.2f},{data.qpos[0] + 1e-3 * rng.standard_normal():.6f},{push:.6f}")
+            data.ctrl[0] = push
+            for _ in range(10):
+                mujoco.mj_step(truth, data)
+    (tmp_path / "real.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "arm.xml").write_text(ARM.format(0.05))
+    report, _ = diagnose_mechanism([tmp_path / "real.csv"], str(tmp_path / "arm.xml"))
+    assert report.verdict == "none"
+    note = next(note for note in report.notes if "the recordings say" in note)
+    assert "viscous is 0.05" in note
+    fitted = {one.name: one for one in report.fitted}["joint_friction.viscous"]
+    assert fitted.value == pytest.approx(0.02, abs=4 * fitted.sigma)
+    assert fitted.sigma < 0.001
+
+
+def test_python_takes_a_simulator_too(tmp_path: Path):
+    write_swings(tmp_path / "real.csv", 0.0)
+    with pytest.raises(trueroll.TruerollError, match="--simulator takes"):
+        trueroll.diagnose(tmp_path / "real.csv", simulator="nothing")
