@@ -57,6 +57,9 @@ REPLAY_SAMPLES = 16
 REPLAY_CANDIDATES, REPLAY_BLOCK_PX = 4, 3
 # Share of these frames that an earlier shot shows too: a fast ball of a slowed replay is between its places there.
 MIN_REPLAY_SHARE = 0.75
+# Share of a frame up to which what differs in all frames is a label of the replay, such as its word or a logo. Balls
+# that lie elsewhere differ in all frames too, but then another ball moves, or moves otherwise.
+MAX_LABEL_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,14 +219,23 @@ def is_replay(shown: list[ByteArray], earlier: list[ByteArray]) -> bool:
         return False
     samples = np.linspace(0, len(shown) - 1, REPLAY_SAMPLES).round().astype(int)
     coarse, matches = _reduce_images(earlier), list[int]()
-    for k in samples:
-        nearest = np.argsort(np.abs(coarse - _reduce_images([shown[k]])).sum(axis=1))[:REPLAY_CANDIDATES]
-        changes = [measure_nth_largest(cv2.absdiff(shown[k], earlier[one])) for one in nearest]
+    nearest = [np.argsort(np.abs(coarse - _reduce_images([shown[k]])).sum(axis=1))[:REPLAY_CANDIDATES] for k in samples]
+    plain = _mask_overlay([cv2.absdiff(shown[k], earlier[own[0]]) for k, own in zip(samples, nearest, strict=True)])
+    for k, own in zip(samples, nearest, strict=True):
+        changes = [measure_nth_largest(cv2.bitwise_and(cv2.absdiff(shown[k], earlier[one]), plain)) for one in own]
         if min(changes) < MIN_MOTION_CHANGE:
-            matches.append(int(nearest[int(np.argmin(changes))]))
+            matches.append(int(own[int(np.argmin(changes))]))
     if len(matches) < MIN_REPLAY_SHARE * REPLAY_SAMPLES:
         return False
     return bool(np.mean(np.diff(matches) >= 0) >= MIN_REPLAY_SHARE)
+
+
+def _mask_overlay(differences: list[ByteArray]) -> ByteArray:
+    """Mask (h, w) of the pixels without a label that a replay has in all of its frames: 255, and 0 in the label."""
+    label = (np.min(differences, axis=0) > MIN_MOTION_CHANGE).astype(np.uint8)
+    if label.mean() > MAX_LABEL_SHARE:
+        label[:] = 0
+    return np.asarray(255 * (1 - cv2.dilate(label, np.ones((3, 3), np.uint8))), np.uint8)
 
 
 def _reduce_images(images: list[ByteArray]) -> NDArray[np.int16]:
