@@ -17,6 +17,7 @@ from diagnosis.verdicts.verdict import DiagnosisReport, ShotUse
 from models.core.recording import Recording
 from models.core.typing import FloatArray, IntArray
 from models.estimation.gap_scenes.gap_scene import GapScene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 from models.numerics.executor import SERIAL, Executor
 
 # Probability that a body at rest appears to move.
@@ -45,7 +46,9 @@ def diagnose(
     Returns:
         The report; its verdict is `undecidable` where the recordings are too few to test.
     """
-    restored = [undo_identity_switches(one) for one in recordings]
+    # joints are told apart by their columns
+    has_names = isinstance(scene, SimulatorScene)
+    restored = [(one, ()) if has_names else undo_identity_switches(one) for one in recordings]
     split = split_shots(tuple(recording for recording, _ in restored))
     reason = _explain_insufficient_data(scene, split)
     if reason:

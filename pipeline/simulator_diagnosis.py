@@ -56,9 +56,13 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
         if effect.name in scene.simulator_effects
         for prior in effect.parameters
     }
+    wrong = (
+        one
+        for one in report.fitted
+        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma
+    )
     return tuple(
         f"your {format_parameter(one.name)} is {stated[one.name]:.4g} {format_unit(one.unit)}, the recordings say"
         f" {format_with_sigma(one.value, one.sigma)}"
-        for one in report.fitted
-        if one.name in stated and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma and not one.prior_only
+        for one in wrong
     )

@@ -278,6 +278,8 @@ def _queue_messages(connection: Connection, messages: SimpleQueue[tuple[Any, ...
             message = connection.recv()
         except (OSError, EOFError):
             os._exit(0)
+        except Exception:  # a subject that cannot be rebuilt here; the main process runs all tasks itself
+            os._exit(1)
         if message[0] == _CANCEL:
             cancelled.add(message[1])
         else:

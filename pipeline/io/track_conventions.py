@@ -40,7 +40,7 @@ LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "
 ANGLE_UNITS = {"rad": 1.0, "deg": np.pi / 180}
 UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet", "km": "kilometres",
               "rad": "radians", "deg": "degrees"}  # fmt: skip
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # s, four months: a time from here on counts from an epoch, not from the start of a recording.
 _MIN_EPOCH = 1e7
 # s between samples from which times are no seconds: nothing that is diagnosed can be followed at two samples per
@@ -189,13 +189,13 @@ class _Interpretation:
         t = np.where(np.isfinite(self.columns["t"]), self.columns["t"], np.nan)
         finite = t[np.isfinite(t)]
         stated = self.table.units.get("t")
-        unit = stated if stated in _TIME_UNITS else self._find_time_unit(t)
+        unit = stated if stated in TIME_UNITS else self._find_time_unit(t)
         if unit != "s" and not stated:
             self._note(f"t is in {unit}, as the step between samples shows")
-        t = t * _TIME_UNITS[unit]
-        if finite.size and finite.min() * _TIME_UNITS[unit] > _MIN_EPOCH:
+        t = t * TIME_UNITS[unit]
+        if finite.size and finite.min() * TIME_UNITS[unit] > _MIN_EPOCH:
             self._note("times count from an epoch; the first one is 0 here")
-            t = (self.columns["t"] - finite.min()) * _TIME_UNITS[unit]
+            t = (self.columns["t"] - finite.min()) * TIME_UNITS[unit]
         return np.asarray(t)
 
     def _find_time_unit(self, t: FloatArray) -> str:
@@ -207,8 +207,8 @@ class _Interpretation:
             return next((unit for unit, size in (("ns", 1e9), ("us", 1e6), ("ms", 1e3)) if earliest > 1e8 * size), "s")
         if self.scene.fps is not None and "frame" in self.columns:
             step *= self.scene.fps / max(_measure_step(self.shot, self.ids, self.columns["frame"]), 1.0)
-            return min(_TIME_UNITS, key=lambda unit: abs(np.log(step * _TIME_UNITS[unit])))
-        return next((unit for unit, size in _TIME_UNITS.items() if step * size < _LONGEST_STEP), "ns")
+            return min(TIME_UNITS, key=lambda unit: abs(np.log(step * TIME_UNITS[unit])))
+        return next((unit for unit, size in TIME_UNITS.items() if step * size < _LONGEST_STEP), "ns")
 
     def _number_frames(self) -> NDArray[np.int64]:
         """Return frame numbers that go forward with time: those of the file, else the rank of the time in its shot."""

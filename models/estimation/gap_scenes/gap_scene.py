@@ -60,7 +60,7 @@ class GapScene(Protocol):
 
     @property
     def name(self) -> str:
-        """One of billiards, flight, pendulum, slide."""
+        """One of billiards, flight, pendulum, slide, mechanism."""
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -84,7 +84,7 @@ class GapScene(Protocol):
 
     @property
     def is_smooth(self) -> bool:
-        """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
+        """Whether fits need no measures against jumps of the cost: no wall, no standstill and no chaos in a window."""
 
     @property
     def least_gain(self) -> float:

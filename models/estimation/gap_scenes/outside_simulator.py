@@ -71,11 +71,15 @@ class OutsideSimulator(Protocol):
 
     @property
     def takes_forces(self) -> bool:
-        """Whether `apply` takes forces and torques; accelerations otherwise."""
+        """Whether `advance` takes forces and torques; accelerations otherwise."""
 
     @property
-    def moving_mass(self) -> float:
-        """Kg."""
+    def last_mass(self) -> float:
+        """Mass of the last body that moves, kg."""
+
+    @property
+    def rest(self) -> FloatArray:
+        """(2N,) state as its file states it."""
 
     @property
     def own_effects(self) -> Mapping[str, tuple[float, ...]]:
@@ -122,26 +126,37 @@ class InputHistory:
     values: FloatArray
     """(K, I); NaN where an actuator has no power."""
 
+    def is_powered(self, t: float) -> BoolArray:
+        """Return whether each input (I,) is given at a time (s)."""
+        row = int(np.clip(np.searchsorted(self.t, t + _SAME_TIME, "right") - 1, 0, len(self.t) - 1))
+        return np.asarray(np.isfinite(self.values[row]))
+
     def average(self, edges: FloatArray, delay: FloatArray) -> FloatArray:
-        """Average the inputs over steps.
+        """Average the inputs over steps; where one is not given, the next one that is, else the last one, counts.
 
         Args:
             edges: (M + 1,) s, ends of the steps.
             delay: (I,) s by which each input acts later.
 
         Returns:
-            (M, I) means, continuous in the delays; NaN in steps that begin without power.
+            (M, I) means, continuous in the delays.
         """
-        averages = np.empty((len(edges) - 1, self.values.shape[1]))
+        averages = np.zeros((len(edges) - 1, self.values.shape[1]))
         for k, column in enumerate(self.values.T):
+            given = np.flatnonzero(np.isfinite(column))
+            if not len(given):
+                continue
+            level = column[given[np.clip(np.searchsorted(given, np.arange(len(column))), 0, len(given) - 1)]]
             at = edges - delay[k]
-            here = np.clip(np.searchsorted(self.t, at[:-1] + 1e-9, "right") - 1, 0, len(self.t) - 1)
-            level = np.nan_to_num(column)
             integral = np.concatenate([[0.0], np.cumsum(level[:-1] * np.diff(self.t))])
             whole = np.interp(at, self.t, integral)
             whole += level[0] * np.minimum(at - self.t[0], 0.0) + level[-1] * np.maximum(at - self.t[-1], 0.0)
-            averages[:, k] = np.where(np.isnan(column[here]), np.nan, np.diff(whole) / np.diff(edges))
+            averages[:, k] = np.diff(whole) / np.diff(edges)
         return averages
+
+
+# s by which a time may round below that of its row.
+_SAME_TIME = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,8 +218,7 @@ def simulate_motions(
     hold = max(int(_FORCE_INTERVAL / h), 1) if laws.depend_on_motion else count
     states = np.full((len(starts), len(edges), starts.shape[1]), np.nan)
     states[:, 0] = starts
-    runs = simulator.begin(starts, own, ~np.isnan(inputs[0, 0]), shot, span[0])
-    inputs = np.nan_to_num(inputs)
+    runs = simulator.begin(starts, own, history.is_powered(span[0]), shot, span[0])
     acceleration = np.zeros((len(starts), len(scales)))
     for k in range(0, count, hold):
         q, v = np.split(states[:, k], 2, axis=1)
@@ -291,18 +305,19 @@ _INPUT_EFFECTS = ("delay", "backlash", "actuator_lag", "saturation", "actuator_g
 
 
 def _transform_inputs(history: InputHistory, edges: FloatArray, values: EffectValues) -> FloatArray:
-    """Return the inputs (M, I) of all steps, delayed, with lag, play, gain and limit."""
-    none = np.zeros(history.values.shape[1])
-    inputs = history.average(edges, values["delay"][0] if "delay" in values else none)
+    """Return the inputs (M, I) of all steps, delayed, with play, lag, limit and gain."""
+    delay = values["delay"][0] if "delay" in values else np.zeros(history.values.shape[1])
+    h, first = edges[1] - edges[0], len(edges) - 1
+    if "backlash" in values or "actuator_lag" in values:
+        # play and lag depend on what was asked since the start of the shot
+        count = max(int(np.ceil((edges[0] - history.t[0]) / h)), 0)
+        edges = np.concatenate([edges[0] + h * np.arange(-count, 0), edges])
+    inputs = history.average(edges, delay)
     if "backlash" in values:
         inputs = _apply_play(inputs, values["backlash"][0])
     if "actuator_lag" in values:
-        # the state of the lag at the first step follows from what was asked before
-        dt = edges[1] - edges[0]
-        before = edges[0] - np.arange(_SETTLING_STEPS, -1, -1) * dt
-        earlier = history.average(before, values["delay"][0] if "delay" in values else none)
-        inputs = _apply_lag(np.concatenate([earlier, inputs]), float(dt), values["actuator_lag"][0])
-        inputs = inputs[len(earlier) :]
+        inputs = _apply_lag(inputs, float(h), values["actuator_lag"][0])
+    inputs = inputs[len(inputs) - first :]
     if "saturation" in values:
         inputs = np.clip(inputs, -values["saturation"][0], values["saturation"][0])
     if "actuator_gain" in values:
@@ -310,24 +325,18 @@ def _transform_inputs(history: InputHistory, edges: FloatArray, values: EffectVa
     return inputs
 
 
-# Steps before a window from which the state of a lag follows.
-_SETTLING_STEPS = 500
-
-
 def _apply_lag(inputs: FloatArray, dt: float, time: FloatArray) -> FloatArray:
     """Filter inputs (M, I) with a first-order low pass of time constants (I,) s."""
     lagged = np.empty_like(inputs)
     for k, column in enumerate(inputs.T):
         keep = float(np.exp(-dt / time[k])) if time[k] > 0 else 0.0
-        settled = np.where(np.isnan(column), 0.0, column)
-        lagged[:, k] = lfilter([1 - keep], [1.0, -keep], settled, zi=[keep * settled[0]])[0]
-    return np.where(np.isnan(inputs), np.nan, lagged)
+        lagged[:, k] = lfilter([1 - keep], [1.0, -keep], column, zi=[keep * column[0]])[0]
+    return lagged
 
 
 def _apply_play(inputs: FloatArray, width: FloatArray) -> FloatArray:
-    """Move inputs (M, I) through a play of widths (I,)."""
-    moved, place = np.empty_like(inputs), inputs[0].copy()
+    """Move inputs (M, I) through a play of widths (I,), from its middle."""
+    moved, place = np.empty_like(inputs), inputs[0]
     for k, wanted in enumerate(inputs):
-        place = np.clip(np.where(np.isnan(place), wanted, place), wanted - width / 2, wanted + width / 2)
-        moved[k] = place
+        moved[k] = place = np.minimum(np.maximum(place, wanted - width / 2), wanted + width / 2)
     return moved

@@ -39,8 +39,10 @@ _MIN_WINDOW_ROWS, _MIN_OBSERVATIONS = 40, 2
 _STATED_SIGMA = 0.3
 # Least typical position and speed of a joint, rad or m, per s: of one that hardly moves.
 _LEAST_POSITION, _LEAST_SPEED = 1e-3, 1e-3
-# Standard deviation of the unobserved position of a joint: it begins as the file of the simulator states.
-_HIDDEN_SIGMA = 1e-6
+# Standard deviation of the unobserved position of a joint from the rest of the simulator, rad or m: a guess.
+_HIDDEN_SIGMA = 0.1
+# Share of the speed of the fastest joint from which another one moves.
+_MOVING_SHARE = 0.1
 # s before and after a change of direction that belong to it.
 _REVERSAL_S = 0.1
 
@@ -62,6 +64,7 @@ class SimulatorScene:
     name: str = "mechanism"
     gauges: tuple[str, ...] = ("time_offset",)
     alternatives: tuple[Alternatives, ...] = ()
+    # Windows are short, so that a fit needs no measures against jumps of the cost.
     is_smooth: bool = True
     # A simulator from outside is slow, and where something large is missing, robust fits creep.
     least_gain: float = 1e-3
@@ -93,13 +96,17 @@ class SimulatorScene:
 
         A simulator that lacks something stays near the recording for so long, whatever moves.
         """
-        half = np.pi * min(scale.position / scale.speed for scale in self.scales)
+        if len(recording.t) < 2:
+            return ()
+        fastest = max(scale.speed for scale in self.scales)
+        # noise of a joint that rests has no period
+        half = np.pi * min(one.position / one.speed for one in self.scales if one.speed > _MOVING_SHARE * fastest)
         interval = float(np.median(np.diff(recording.t)))
         rows = int(np.clip(half / interval, _MIN_WINDOW_ROWS, len(recording.t)))
         borders = np.linspace(0, len(recording.t), max(len(recording.t) // rows, 1) + 1).astype(int)
         # an actuator has power all the time of a window, or never
-        powered = np.isnan(self.histories[recording.shot].values)
-        switched = np.flatnonzero((powered[1:] != powered[:-1]).any(axis=1)) + 1
+        unpowered = np.isnan(self.histories[recording.shot].values)
+        switched = np.flatnonzero((unpowered[1:] != unpowered[:-1]).any(axis=1)) + 1
         borders = np.unique(
             np.concatenate([borders, np.searchsorted(recording.t, self.histories[recording.shot].t[switched])])
         )
@@ -124,6 +131,7 @@ class SimulatorScene:
         velocity = states[:, len(self.scales) :]
         turns = (np.sign(velocity[1:]) * np.sign(velocity[:-1]) < 0).astype(np.float64)
         near = max(round(_REVERSAL_S / float(np.median(np.diff(segment.t)))), 1)
+        near = min(near, (len(turns) - 1) // 2)
         is_reversal = np.apply_along_axis(np.convolve, 0, np.vstack([turns, turns[-1:]]), np.ones(2 * near + 1), "same")
         phases = tuple("reversal" if one > 0 else "motion" for one in is_reversal[rows, joints])
         since = np.full(len(rows), np.nan)
@@ -153,8 +161,10 @@ class SimulatorScene:
         values = [shared] * (1 + len(start)) + moved
         states = self._simulate(segment, starts, values)
         places = np.stack([self._observe(one, value) for one, value in zip(states, values, strict=True)], axis=-1)
-        by_start = (places[..., 1 : 1 + len(start)] - places[..., :1]) / (_STATE_PART * typical)
-        return places[..., 0], by_start, (places[..., 1 + len(start) :] - places[..., :1]) / steps
+        # a run beside this one that fails says nothing of the derivative
+        changes = np.nan_to_num(places[..., 1:] - places[..., :1], posinf=0.0, neginf=0.0)
+        by_start = changes[..., : len(start)] / (_STATE_PART * typical)
+        return places[..., 0], by_start, changes[..., len(start) :] / steps
 
     def _simulate(self, segment: Recording, starts: FloatArray, shared: list[FloatArray]) -> FloatArray:
         """Simulate states (C, T, 2N) from starts (C, 2N) with parameters (P,) each."""
@@ -176,11 +186,8 @@ class SimulatorScene:
     def _observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
         """Return what sensors measure (T, B, 1) of states (T, 2N)."""
         places = states[:, self.observed]
-        for name, first, size in self.parameter_sites:
-            if name == "sensor_scale":
-                places = places * shared[first : first + size]
-            elif name == "sensor_offset":
-                places = places + shared[first : first + size]
+        sensor = {name: shared[first : first + size] for name, first, size in self.parameter_sites}
+        places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
 
 
@@ -229,10 +236,10 @@ class SimulatorModel:
         return replace(self, jacobian_mask=np.zeros_like(self.jacobian_mask))
 
     def _build_window(self, segment: Recording) -> Window:
-        """Build the window of a segment; joints that are not observed begin as the simulator states."""
+        """Build the window of a segment; joints that are not observed begin near the rest of the simulator."""
         rows, who = np.nonzero(segment.is_observed)
         count, observed = len(self.scene.scales), self.scene.observed
-        start = np.zeros(2 * count)
+        start = self.scene.simulator.rest.copy()
         sigma = np.concatenate([np.full(count, _HIDDEN_SIGMA), [scale.speed for scale in self.scene.scales]])
         guess = estimate_initial_states(segment, _GUESS_ROWS).reshape(-1, 2)
         start[observed], start[count + observed] = guess.T
@@ -261,13 +268,13 @@ def build_simulator_scene(
         "joint": dict(zip(joints, scales, strict=True)),
         "sensor": {joints[k]: scales[k] for k in observed},
         "actuator": input_scales,
-        "mechanism": {"": Scale("", inertia=simulator.moving_mass)},
+        "mechanism": {"": Scale("", inertia=simulator.last_mass)},
     }
     effects, present, absent = [], [], []
     for name, one in sorted(MECHANISM_EFFECTS.items(), key=lambda entry: (entry[1].kind == "probe", entry[0])):
-        if one.needs_simulator and name not in simulator.own_effects:
+        if not by_site[one.site] or (one.needs_simulator and name not in simulator.own_effects):
             absent.append(name)
-        elif by_site[one.site]:
+        else:
             effect = one.for_mechanism(by_site[one.site], name in simulator.own_effects)
             stated = simulator.own_effects.get(name, effect.neutral)
             if tuple(stated) != effect.neutral:
@@ -298,8 +305,11 @@ def _measure_joint_scales(
             rows = np.flatnonzero(one.is_observed[:, body])
             places, t = one.positions[rows, body, 0], one.t[rows]
             step = max(len(rows) // _SPEED_STEPS, 1)
-            squares.append(np.square(np.diff(places[::step]) / np.diff(t[::step])))
-            spreads.append(np.square(places - places.mean()))
+            if len(rows) > 1:
+                squares.append(np.square(np.diff(places[::step]) / np.diff(t[::step])))
+                spreads.append(np.square(places - places.mean()))
+        if not squares:
+            continue
         position[joint] = max(float(np.sqrt(np.concatenate(spreads).mean())), _LEAST_POSITION)
         speed[joint] = max(float(np.sqrt(np.concatenate(squares).mean())), _LEAST_SPEED)
     scales = []
@@ -309,7 +319,7 @@ def _measure_joint_scales(
             np.nanmean(values[alike]) if np.isfinite(values[alike]).any() else 1.0 for values in (position, speed)
         ]
         own = position[k] if np.isfinite(position[k]) else typical[0], speed[k] if np.isfinite(speed[k]) else typical[1]
-        scales.append(Scale(joint.unit, float(own[0]), float(own[1]), joint.inertia, simulator.takes_forces))
+        scales.append(Scale(joint.unit, float(own[0]), float(own[1]), 1.0, joint.inertia, simulator.takes_forces))
     return tuple(scales)
 
 
@@ -319,7 +329,7 @@ def _add_drives(
     """Add the typical forces of the actuators to the scales of their joints."""
     forces = np.zeros(len(scales))
     for name, drive in zip(simulator.inputs, simulator.drives, strict=False):
-        if drive.joint >= 0:
+        if drive.joint >= 0 and name in input_scales:
             forces[drive.joint] += min(abs(drive.gain) * input_scales[name].position, drive.limit)
     return tuple(replace(scale, drive=float(force)) for scale, force in zip(scales, forces, strict=True))
 
@@ -329,13 +339,22 @@ _SPEED_STEPS = 60
 
 
 def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, InputHistory]) -> dict[str, Scale]:
-    """Measure standard deviation and largest value (as speed) of every input; inputs that never change are left out."""
-    values = np.concatenate([one.values for one in histories.values()]) if histories else np.empty((0, 0))
+    """Measure standard deviation and largest value of every input; nothing where all of them are always 0."""
     scales = {}
     for k, name in enumerate(simulator.inputs):
         joint = simulator.servo_joints[k]
+        column = np.concatenate([one.values[:, k] for one in histories.values()])
+        column = column[np.isfinite(column)]
+        most = float(np.abs(column).max(initial=0.0))
+        spread = float(column.std()) if len(column) else 0.0
         unit = simulator.joints[joint].unit if joint >= 0 else "1"
-        column = values[:, k][np.isfinite(values[:, k])]
-        spread, most = (float(column.std()), float(np.abs(column).max())) if len(column) else (0.0, 0.0)
-        scales[name] = Scale(unit, spread or 1.0, most or 1.0)
-    return scales
+        scales[name] = Scale(unit, spread if spread > _LEAST_SPREAD * most else most or 1.0, 1.0, most)
+    return (
+        {name: replace(one, largest=one.largest or 1.0) for name, one in scales.items()}
+        if any(one.largest > 0 for one in scales.values())
+        else {}
+    )
+
+
+# Share of the largest value of an input from which it changes.
+_LEAST_SPREAD = 1e-6

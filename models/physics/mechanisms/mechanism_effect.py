@@ -1,8 +1,8 @@
 """Effects of any mechanism, and their parameters for the joints and actuators of one.
 
 An effect needs little of a simulator: a force on the joints, another input, or another observation. Strengths are in
-SI units of the simulator. Their usual size follows from the motion itself: an effect of usual strength changes the
-acceleration of a joint by a tenth of what it typically is.
+SI units of the simulator. The usual size of a force follows from the motion itself: it changes the acceleration of a
+joint by a tenth of what it typically is. Delays, gains, gravity and payload have usual sizes of their own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from models.core.typing import FloatArray
 from models.physics.effect import Effect, EffectKind, Prior
 
 # What an effect has one set of parameters for: each joint, each input, or the whole mechanism.
-Site = Literal["joint", "actuator", "sensor", "mechanism"]
+MechanismSite = Literal["joint", "actuator", "sensor", "mechanism"]
 # Places and velocities (N,) of the joints, and one array (N,) per parameter, to a value (N,) for each joint.
 JointLaw = Callable[[FloatArray, FloatArray, tuple[FloatArray, ...]], FloatArray]
 # Share of the typical acceleration of a joint that an effect of usual strength changes.
@@ -33,6 +33,8 @@ class Scale:
     """Standard deviation."""
     speed: float = 1.0
     """Root mean square, per s."""
+    largest: float = 1.0
+    """Largest size of a value, of an input."""
     inertia: float = 1.0
     """kg m2 or kg; 1 where a simulator takes accelerations instead of forces."""
     has_forces: bool = False
@@ -60,7 +62,8 @@ class MechanismStrength:
     name: str
     unit: Callable[[Scale], str]
     usual: Callable[[Scale], float]
-    """MechanismStrength at which the effect changes the typical acceleration by all of it."""
+    """Strength of a large effect, such as one that changes the typical acceleration by all of it; the usual strength is
+    `USUAL_SHARE` of it."""
     neutral: Callable[[Scale], float] = field(default=lambda scale: 0.0)
     lower: float = 0.0
     """Lower bound in multiples of `usual`."""
@@ -82,7 +85,7 @@ class MechanismEffect:
     """An effect of mechanisms; every file in `models.physics.mechanisms.laws` defines one as `EFFECT`."""
 
     name: str
-    site: Site
+    site: MechanismSite
     strengths: tuple[MechanismStrength, ...]
     reference: str
     partners: tuple[str, ...] = ()

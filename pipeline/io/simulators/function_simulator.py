@@ -9,8 +9,9 @@ from __future__ import annotations
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,14 @@ from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, 
 
 # s
 _USUAL_TIME_STEP = 0.005
-# What a function raises where it cannot simulate.
-_FAULTS = (ArithmeticError, ValueError, RuntimeError)
 
 
-def read_function(name: str, columns: Sequence[str], units: Mapping[str, str]) -> FunctionSimulator:
+def read_function(name: str, columns: Sequence[Joint]) -> FunctionSimulator:
     """Import a function as a simulator.
 
     Args:
         name: `MODULE:FUNCTION`; the module may lie in the working directory.
-        columns: Names of the columns of a recording that may be coordinates, where the function does not state them.
-        units: Units of columns, rad by default.
+        columns: Joints by the columns of a recording, where the function does not state its coordinates.
 
     Returns:
         The simulator.
@@ -40,6 +38,8 @@ def read_function(name: str, columns: Sequence[str], units: Mapping[str, str]) -
         OptionError: It cannot be imported, or states something that cannot be used.
     """
     module, _, function = name.partition(":")
+    if module == "__main__":
+        raise OptionError("A function of __main__ cannot be imported by a helper process; write it into a file")
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)
@@ -47,22 +47,30 @@ def read_function(name: str, columns: Sequence[str], units: Mapping[str, str]) -
         call = pkgutil.resolve_name(name)
     except Exception as error:  # a user's module may raise anything
         raise OptionError(f"A function MODULE:FUNCTION was expected; {name} cannot be imported: {error}") from error
-    coordinates = tuple(getattr(call, "coordinates", columns))
-    stated = dict(zip(coordinates, getattr(call, "units", ()), strict=False))
-    joints = tuple(Joint(one, stated.get(one, units.get(one, "rad"))) for one in coordinates)
-    inputs = tuple(getattr(call, "inputs", ()))
-    simulator = FunctionSimulator(module, function, joints, inputs, float(getattr(call, "time_step", _USUAL_TIME_STEP)))
-    _try_function(simulator, name)
-    return simulator
+    coordinates = tuple(getattr(call, "coordinates", ()))
+    units = tuple(getattr(call, "units", ("rad",) * len(coordinates)))
+    if not coordinates and not columns:
+        raise OptionError(
+            f'{name} has to state its coordinates: {function}.coordinates = ("elbow", ...), as the columns of the'
+            " recording are named"
+        )
+    if len(units) != len(coordinates) or not set(units) <= {"rad", "m"}:
+        raise OptionError(f"{name}.units has rad or m for each of {', '.join(coordinates)}; got {', '.join(units)}")
+    joints = tuple(Joint(one, unit) for one, unit in zip(coordinates, units, strict=True)) or tuple(columns)
+    step = getattr(call, "time_step", _USUAL_TIME_STEP)
+    if not isinstance(step, int | float) or not step > 0:
+        raise OptionError(f"{name}.time_step is a number of seconds above 0; got {step}")
+    return FunctionSimulator(module, function, joints, tuple(getattr(call, "inputs", ())), float(step))
 
 
-def _try_function(simulator: FunctionSimulator, name: str) -> None:
-    """Raise an OptionError where a function cannot go one step from rest."""
-    count = len(simulator.joints)
+def try_function(simulator: FunctionSimulator, state: FloatArray) -> None:
+    """Raise an OptionError where a function cannot go one step from a state (2N,)."""
+    inputs = len(simulator.inputs)
     try:
-        simulator.step(np.zeros(2 * count), np.zeros(len(simulator.inputs)), np.zeros(count), np.zeros(count))
+        simulator.step(state, np.zeros(inputs), np.zeros(len(state) // 2))
     except Exception as error:  # a user's function may raise anything
-        expected = f"(state of {2 * count} numbers, {len(simulator.inputs)} inputs, dt) -> state"
+        expected = f"(state of {len(state)} numbers, {inputs} inputs, dt) -> state"
+        name = f"{simulator.module}:{simulator.function}"
         raise OptionError(f"{name} was called as {expected}; it failed: {error}") from error
 
 
@@ -70,7 +78,8 @@ class FunctionSimulator:
     """A Python function; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = False
-    moving_mass = 1.0
+    last_mass = 1.0
+    own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
     drives: tuple[Drive, ...] = ()
 
     def __init__(
@@ -79,7 +88,7 @@ class FunctionSimulator:
         self.module, self.function = module, function
         self.joints, self.inputs, self.time_step = joints, inputs, time_step
         self.servo_joints = (-1,) * len(inputs)
-        self.own_effects: dict[str, tuple[float, ...]] = {"armature": (0.0,) * len(joints)}
+        self.rest = np.zeros(2 * len(joints))
         self._call = pkgutil.resolve_name(f"{module}:{function}")
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
@@ -90,35 +99,36 @@ class FunctionSimulator:
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
     ) -> FunctionRuns:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
-        none = (np.zeros(len(self.joints)),)
-        return FunctionRuns(self, starts, np.array([own.get("armature", none)[0] for own in values]))
+        return FunctionRuns(self, starts)
 
-    def step(self, state: FloatArray, inputs: FloatArray, force: FloatArray, armature: FloatArray) -> FloatArray:
+    def step(self, state: FloatArray, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Go on by a step from a state (2N,): the function, and then what changes the velocity beside it."""
         count, dt = len(self.joints), self.time_step
         after = np.asarray(self._call(state.copy(), inputs, dt), np.float64)
         if after.shape != state.shape:
             raise ValueError(f"a state of {len(state)} numbers was expected; the function returned {after.shape}")
-        change = (after[count:] - state[count:] + force * dt) / (1 + armature)
-        # positions follow the change of velocity that the function does not know
-        places = after[:count] + (state[count:] + change - after[count:]) * dt / 2
-        return np.concatenate([places, state[count:] + change])
+        after[:count] += force * dt * dt / 2
+        after[count:] += force * dt
+        return after
 
 
 class FunctionRuns:
     """Runs of a function; see `models.estimation.gap_scenes.outside_simulator.SimulatorRuns`."""
 
-    def __init__(self, simulator: FunctionSimulator, starts: FloatArray, armature: FloatArray) -> None:
-        self._simulator, self._states, self._armature = simulator, starts, armature
+    def __init__(self, simulator: FunctionSimulator, starts: FloatArray) -> None:
+        self._simulator, self._states = simulator, starts
 
     def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Let the runs go on by M steps."""
         paths = np.full((*inputs.shape[:2], self._states.shape[1]), np.nan)
-        columns = zip(self._states, inputs, force, self._armature, paths, strict=True)
-        for state, given, push, armature, path in columns:
-            with suppress(*_FAULTS):  # what a function cannot simulate is lost
-                for k, now in enumerate(given):
-                    state = path[k] = self._simulator.step(state, now, push, armature)
+        with redirect_stdout(sys.stderr):  # what a function prints is no result
+            for state, given, push, path in zip(self._states, inputs, force, paths, strict=True):
+                with suppress(Exception):  # what a function cannot simulate is lost
+                    for k, now in enumerate(given):
+                        before = path[k - 1] if k else state
+                        if not np.isfinite(before).all():
+                            break
+                        path[k] = self._simulator.step(before, now, push)
         self._states = paths[:, -1]
         return paths
 

@@ -18,11 +18,11 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.outside_simulator import InputHistory, Joint, OutsideSimulator
-from pipeline.io.simulators.function_simulator import read_function
+from pipeline.io.simulators.function_simulator import read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
-from pipeline.io.text_table import UNITS, TextTable, name_columns, read_text_table
-from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, MAX_NUMBER
+from pipeline.io.text_table import ALIASES, UNITS, TextTable, name_columns, read_text_table
+from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, MAX_NUMBER, TIME_UNITS
 from pipeline.reporting.text.text_formatting import escape_text
 
 # Standard deviation of positions without a stated one, rad or m; the diagnosis estimates it.
@@ -30,10 +30,13 @@ _USUAL_SIGMA = 1e-3
 # Names of numbered columns, where a file does not use those of the simulator.
 _NUMBERED_JOINT = re.compile(r"(q|qpos|pos|position|joint|angle|theta|measured)_?\d*")
 _NUMBERED_INPUT = re.compile(r"(u|ctrl|control|command|cmd|input|action|asked|torque|target)_?\d*")
+# Endings of the name of an actuator that is called like its joint.
+_INPUT_ENDINGS = ("command", "ctrl", "cmd", "input", "target", "torque")
 _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 # Columns that are neither joints nor inputs.
 _OTHER_COLUMNS = {"t", "time", "shot", "episode", "frame", "kind", "id", "sigma", "observed"}
-# Limits of a joint from which angles without a unit are degrees: stops give a little, and degrees are 57 times as many.
+# Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
+# are 57 times as many.
 _MOST_LIMITS = 3.0
 
 
@@ -66,62 +69,101 @@ def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> Mechanis
         OptionError: Something cannot be read, or the columns do not fit the simulator.
     """
     tables = [_read_table(path) for path in paths]
-    simulated = None
     place = Path(simulator_name)
-    if place.suffix.lower() in (".xml", ".urdf", ".mjb"):
-        simulator: OutsideSimulator = read_mujoco_file(place)
-    elif place.is_file():
-        simulated = _read_table(place)
-        joints = _name_joints(simulated)
-        parts = _split_shots(simulated, joints, [joint.name for joint in joints], ())
-        simulator = RecordedSimulator(joints, tuple(_record(part, k, joints) for k, part in enumerate(parts)))
-    elif ":" in simulator_name:
-        names = [joint.name for joint in _name_joints(tables[0])]
-        simulator = read_function(simulator_name, names, tables[0].units)
-    else:
+    if place.suffix.lower() in (".xml", ".urdf"):
+        return _match_shots(tables, read_mujoco_file(place))
+    if place.is_file():
+        return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
+    if ":" not in simulator_name:
         raise OptionError(
             "--simulator takes FILE.xml of MuJoCo, MODULE:FUNCTION of Python, or a table of simulated positions; got"
             f" {escape_text(simulator_name)}"
         )
-    return _match_shots(tables, simulator)
+    numbered = _separate_units(tables[0], frozenset())
+    named = [one for one in _name_joints(numbered) if _NUMBERED_JOINT.fullmatch(one.name)]
+    simulator = read_function(simulator_name, named)
+    shots = _match_shots(tables, simulator)
+    first = shots.recordings[0]
+    observed = [[joint.name for joint in simulator.joints].index(name) for name in first.bodies]
+    state = simulator.rest.copy()
+    state[observed] = np.nan_to_num(first.positions[0, :, 0])
+    try_function(simulator, state)
+    return shots
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:
     """Read the shots of all tables, numbered one after another."""
     recordings: list[Recording] = []
     histories, origins, notes = {}, {}, []
-    for table in tables:
+    known = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
+    for raw in tables:
+        table = _separate_units(raw, known)
         joints, columns, assumed = _find_joint_columns(table, simulator)
-        inputs, more = _find_input_columns(table, simulator)
-        notes += [*table.notes, *assumed, *more]
-        for part in _split_shots(table, joints, columns, inputs):
+        inputs, more = _find_input_columns(table, simulator, columns)
+        unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
+        left = [f"{escape_text(table.path)}: not used: {', '.join(unused)}"] if unused else []
+        notes += [*table.notes, *assumed, *more, *left]
+        for part in _split_shots(table, simulator, joints, columns, inputs):
             shot = len(recordings)
             recordings.append(_record(part, shot, joints))
             histories[shot] = InputHistory(part.t, part.inputs)
             origins[shot] = f"{table.path.name}, shot {part.number}"
-    names = {one.bodies for one in recordings}
-    if len(names) > 1:
+    if len({one.bodies for one in recordings}) > 1:
         raise OptionError("The recordings have columns for different joints; diagnose them separately")
+    hidden = [joint.name for joint in simulator.joints if joint.name not in recordings[0].bodies]
+    if hidden:
+        notes.append(f"not recorded: {', '.join(hidden)}; every window starts near the rest of the simulator")
+    if len({joint.unit for joint in simulator.joints if joint.name in recordings[0].bodies}) > 1:
+        notes.append("some joints are in rad and others in m; errors of both are counted alike")
     return MechanismShots(simulator, tuple(recordings), histories, tuple(dict.fromkeys(notes)), origins)
 
 
+def _pair_with_simulation(tables: Sequence[TextTable], simulated: TextTable) -> MechanismShots:
+    """Pair recordings with the simulated positions of the same shots."""
+    joints, place = _name_joints(simulated), escape_text(simulated.path)
+    names = [joint.name for joint in joints]
+    everything = RecordedSimulator(joints, {0: (np.arange(2.0), np.zeros((2, len(joints))))})
+    parts = {part.number: part for part in _split_shots(simulated, everything, joints, names, ())}
+    if len(tables) > 1:
+        raise OptionError("A table of simulated positions belongs to one recording; give one table of both")
+    shots = _match_shots(tables, everything)
+    numbers = [int(origin.rpartition(" ")[2]) for origin in shots.origins.values()]
+    paths = {}
+    for recording, number in zip(shots.recordings, numbers, strict=True):
+        if number not in parts:
+            raise OptionError(f"{place} lacks shot {number}; simulate every recorded shot")
+        part = parts[number]
+        sound = np.isfinite(part.positions).all(axis=1)
+        t, positions = part.t[sound], part.positions[sound]
+        if len(t) < 2 or t[0] > recording.t[0] or t[-1] < recording.t[-1]:
+            raise OptionError(f"{place}: shot {number} does not cover the times of the recording")
+        paths[recording.shot] = t, positions
+    return replace(shots, simulator=RecordedSimulator(joints, paths))
+
+
 def _read_table(path: Path) -> TextTable:
-    """Read a table of text or a Parquet file, and the units in the names of its columns."""
+    """Read a table of text or a Parquet file, with the names that its columns have there, but for time and shot."""
     if path.suffix.lower() != ".parquet":
-        return _separate_units(read_text_table(path, "A recording of a mechanism was expected"))
-    try:
-        table = parquet.read_table(path)
-    except (OSError, ArrowException) as error:
-        raise OptionError(f"{escape_text(path)} is no whole Parquet file; export it again") from error
-    columns = {name.lower(): table.column(name) for name in table.column_names}
-    return _separate_units(name_columns(path, columns, {}, []))
+        table = read_text_table(path, "A recording of a mechanism was expected")
+    else:
+        try:
+            content = parquet.read_table(path)
+        except (OSError, ArrowException) as error:
+            raise OptionError(f"{escape_text(path)} is no whole Parquet file; export it again") from error
+        table = name_columns(path, {name.lower(): content.column(name) for name in content.column_names}, {}, [])
+    columns = dict(table.columns)
+    for name, others in ALIASES.items():
+        for other in others:
+            if name in columns and other in columns:
+                columns.pop(other if name in _OTHER_COLUMNS else name)
+    return replace(table, columns=columns, notes=tuple(one for one in table.notes if " is read as " not in one))
 
 
-def _separate_units(table: TextTable) -> TextTable:
-    """Separate the units from the names of columns: `elbow (deg)` and `elbow_deg` are elbow, in degrees."""
+def _separate_units(table: TextTable, known: frozenset[str]) -> TextTable:
+    """Separate the units from the names of columns that are not `known`: `elbow (deg)` is elbow, in degrees."""
     columns, units = dict(table.columns), dict(table.units)
     for name in table.columns:
-        match = _WITH_UNIT.fullmatch(name)
+        match = None if name in known else _WITH_UNIT.fullmatch(name)
         unit = UNITS.get(match[2] or match[3]) if match else None
         if match and unit and match[1] not in columns:
             columns[match[1]], units[match[1]] = columns.pop(name), unit
@@ -153,19 +195,22 @@ def _find_joint_columns(
     )
 
 
-def _find_input_columns(table: TextTable, simulator: OutsideSimulator) -> tuple[list[str | None], list[str]]:
+def _find_input_columns(
+    table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
+) -> tuple[list[str | None], list[str]]:
     """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    named: list[str | None] = [name.lower() if name.lower() in table.columns else None for name in simulator.inputs]
-    taken = {joint.name.lower() for joint in simulator.joints}
-    named = [None if name in taken else name for name in named]
-    columns: list[str | None] = [name for name in table.columns if _NUMBERED_INPUT.fullmatch(name)]
-    if any(named) or not simulator.inputs:
-        return named, []
-    if len(columns) == len(simulator.inputs):
+    place, found = escape_text(table.path), list[str | None]()
+    for name in simulator.inputs:
+        spellings = (name.lower(), *(f"{name.lower()}_{ending}" for ending in _INPUT_ENDINGS))
+        found.append(next((one for one in spellings if one in table.columns and one not in taken), None))
+    columns: list[str | None] = [
+        name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
+    ]
+    if not any(found) and len(columns) == len(simulator.inputs):
         pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, simulator.inputs, strict=True))
-        return columns, [f"{escape_text(table.path)}: the input {pairs}"]
-    place = escape_text(table.path)
-    return [None] * len(simulator.inputs), [f"{place} has no inputs, so that all actuators are told 0"]
+        return columns, [f"{place}: the input {pairs}"] if pairs else []
+    told = [name for name, column in zip(simulator.inputs, found, strict=True) if column is None]
+    return found, [f"{place} has no column for {', '.join(told)}, told 0 all the time"] if told else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,18 +228,23 @@ class _Part:
 
 
 def _split_shots(
-    table: TextTable, joints: tuple[Joint, ...], columns: list[str], inputs: Sequence[str | None]
+    table: TextTable,
+    simulator: OutsideSimulator,
+    joints: tuple[Joint, ...],
+    columns: list[str],
+    inputs: Sequence[str | None],
 ) -> list[_Part]:
     """Split the rows of a table into shots."""
     place = escape_text(table.path)
     table.require(["t"])
-    t = table.columns["t"] * {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}.get(table.units.get("t", "s"), 1.0)
+    t = table.columns["t"] * TIME_UNITS.get(table.units.get("t", "s"), 1.0)
     count = len(t)
     shots = table.columns.get("shot", table.columns.get("episode", np.zeros(count)))
     positions = np.stack(
         [_convert(table, joint, column) for joint, column in zip(joints, columns, strict=True)], axis=1
     )
-    given = [np.zeros(count) if name is None else table.columns[name] for name in inputs]
+    positions[table.columns.get("observed", np.ones(count)) == 0] = np.nan
+    given = [_convert_input(table, simulator, k, name) for k, name in enumerate(inputs)]
     values = np.stack(given, axis=1) if given else np.zeros((count, 0))
     sigma = table.columns.get("sigma", np.full(count, np.nan))
     parts = []
@@ -228,6 +278,22 @@ def _convert(table: TextTable, joint: Joint, column: str) -> FloatArray:
             f" {joint.limit:.3g} rad; if it is in degrees, name the column {column} (deg)"
         )
     return np.asarray(values * factors[unit or joint.unit])
+
+
+def _convert_input(table: TextTable, simulator: OutsideSimulator, number: int, column: str | None) -> FloatArray:
+    """Return the values (T,) of an input; the position that a servo is asked for is in rad or m."""
+    if column is None:
+        return np.zeros(len(table.columns["t"]))
+    servo = simulator.servo_joints[number]
+    if servo >= 0:
+        return _convert(table, simulator.joints[servo], column)
+    unit = table.units.get(column)
+    if unit in ANGLE_UNITS and unit != "rad":
+        name = simulator.inputs[number]
+        raise OptionError(
+            f"{escape_text(table.path)}: {column} is in {unit}; {name} takes a force, or what its file says"
+        )
+    return np.asarray(table.columns[column], np.float64)
 
 
 def _record(part: _Part, shot: int, joints: tuple[Joint, ...]) -> Recording:

@@ -18,10 +18,8 @@ from pipeline.reporting.text.text_formatting import escape_text
 _FREE_NAMES, _BALL_NAMES = ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "rz")
 # Coordinates of a place before those of a turn, by kind of joint.
 _LINES = {"line": 1, "free": 3, "ball": 0}
-# Positions and speeds from here on have diverged.
-_LARGEST = 1e8
-# Models with other values that are kept: one for every parameter of two fits.
-_MAX_COPIES = 200
+# Models with other values that are kept, one for every parameter of two fits, and their bytes.
+_MAX_COPIES, _MAX_COPY_BYTES = 200, 2e8
 
 
 def read_mujoco_file(path: Path) -> MujocoSimulator:
@@ -48,8 +46,15 @@ def read_mujoco_file(path: Path) -> MujocoSimulator:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise OptionError(f"MuJoCo cannot read {escape_text(path)}: {reason[:200]}; correct the file") from error
-    if model.nv == 0:
-        raise OptionError(f"{escape_text(path)} has no joint, so that nothing in it can move; name another file")
+    if model.na > 0:
+        raise OptionError(
+            f"{escape_text(path)} has actuators with a state of their own (na = {model.na}), which a diagnosis cannot"
+            " start within a run; replace them by motors or position servos"
+        )
+    if not ((model.body_mass > 0) & (model.body_weldid != 0)).any():
+        raise OptionError(
+            f"{escape_text(path)} has no joint with a mass, so that nothing in it can move; name another file"
+        )
     return MujocoSimulator(model)
 
 
@@ -71,9 +76,11 @@ class MujocoSimulator:
         self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))
         self.servo_joints = tuple(self._find_servo_joint(k) for k in range(model.nu))
         self.drives = tuple(self._describe_drive(k) for k in range(model.nu))
-        self.moving_mass = float(model.body_mass.sum())
-        self._last_body = int(np.flatnonzero(model.body_mass > 0)[-1])
+        moving = np.flatnonzero((model.body_mass > 0) & (model.body_weldid != 0))
+        self._last_body = int(moving[-1])
+        self.last_mass = float(model.body_mass[self._last_body])
         self.own_effects = self._list_own_effects()
+        self.rest = self._find_rest()
 
     def __reduce__(self) -> tuple[Callable[[Any], MujocoSimulator], tuple[Any]]:
         """Pickle the model as its file states it."""
@@ -100,8 +107,6 @@ class MujocoSimulator:
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
             model.actuator_biasprm[:, 2] *= parts[1]
-        elif name == "saturation":
-            model.actuator_forcerange[:] = np.stack([-first, first], axis=1)
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
@@ -129,7 +134,7 @@ class MujocoSimulator:
         own = ((name, *(one.tobytes() for one in parts)) for name, parts in sorted(values.items()))
         key = (powered.tobytes(), *own)
         if key not in self._copies:
-            if len(self._copies) >= _MAX_COPIES:
+            if len(self._copies) >= min(_MAX_COPIES, _MAX_COPY_BYTES / self._mujoco.mj_sizeModel(self.model)):
                 self._copies.clear()
             self._copies[key] = self._change_copy(values, powered)
         return self._copies[key]
@@ -188,6 +193,17 @@ class MujocoSimulator:
         limit = float(model.actuator_forcerange[actuator, 1]) if limited else float("inf")
         return Drive(joint, float(model.actuator_gainprm[actuator, 0] * model.actuator_gear[actuator, 0]), limit)
 
+    def _find_rest(self) -> FloatArray:
+        """Find the state (2N,) that the file states."""
+        rest, place = np.zeros(2 * len(self.joints)), self.model.qpos0
+        for kind, address, first in self.places:
+            turn = first + _LINES[kind]
+            rest[first:turn] = place[address : address + _LINES[kind]]
+            if kind != "line":
+                at = address + _LINES[kind]
+                rest[turn : turn + 3] = _find_rotation(place[at : at + 4])
+        return rest
+
     def _list_own_effects(self) -> dict[str, tuple[float, ...]]:
         """List the effects that the model has itself, with the values of all their parameters."""
         model = self.model
@@ -199,8 +215,6 @@ class MujocoSimulator:
         }
         if model.nu:
             own["actuator_gain"] = (1.0,) * (2 * model.nu)
-            if model.actuator_forcelimited.all():
-                own["saturation"] = tuple(model.actuator_forcerange[:, 1].tolist())
         if (model.geom_contype * model.geom_conaffinity).any() and model.ngeom > 1:
             own |= {"contact_friction": (1.0,)}
             if (model.geom_solref[:, 1] > 0).all():
@@ -217,6 +231,7 @@ class MujocoRuns:
         self._simulator, self._models, self._full = simulator, models, full
         self._spec = int(mjtState.mjSTATE_CTRL) | int(mjtState.mjSTATE_QFRC_APPLIED)
         self._rollout = rollout.Rollout(nthread=0)
+        self._time_step = simulator.time_step
 
     def advance(self, inputs: FloatArray, force: FloatArray) -> FloatArray:
         """Let the runs go on by M steps, in compiled code."""
@@ -228,7 +243,10 @@ class MujocoRuns:
             self._models, [self._simulator.data], self._full, control, control_spec=self._spec, skip_checks=True,
             nstep=steps, state=path,
         )  # fmt: skip
-        path[~(np.abs(path) < _LARGEST).all(axis=2)] = np.nan
+        # MuJoCo ends a run that diverges, and begins it anew: its time then stands still
+        expected = self._full[:, :1] + self._time_step * np.arange(1, steps + 1)
+        has_failed = ~(np.abs(path[:, :, 0] - expected) < self._time_step / 2) | ~np.isfinite(path).all(axis=2)
+        path[np.logical_or.accumulate(has_failed, axis=1)] = np.nan
         self._full = np.ascontiguousarray(path[:, -1])
         states = np.empty((runs, steps, 2 * count))
         states[:, :, count:] = path[:, :, 1 + nq : 1 + nq + count]

@@ -7,11 +7,11 @@ the simulator itself are not known, so that only weak effects over short times a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 
@@ -20,17 +20,17 @@ class RecordedSimulator:
     """Recorded predictions; see `models.estimation.gap_scenes.outside_simulator.OutsideSimulator`."""
 
     takes_forces = False
-    moving_mass = 1.0
+    last_mass = 1.0
     drives: tuple[Drive, ...] = ()
     inputs: tuple[str, ...] = ()
     servo_joints: tuple[int, ...] = ()
-    own_effects: Mapping[str, tuple[float, ...]] = {}
+    own_effects: Mapping[str, tuple[float, ...]] = MappingProxyType({})
 
-    def __init__(self, joints: tuple[Joint, ...], recordings: tuple[Recording, ...]) -> None:
-        self.joints = joints
-        self.recordings = recordings
-        self._paths = {one.shot: CubicSpline(one.t, one.positions[:, :, 0], axis=0) for one in recordings}
-        self.time_step = float(np.median(np.concatenate([np.diff(one.t) for one in recordings])))
+    def __init__(self, joints: tuple[Joint, ...], paths: Mapping[int, tuple[FloatArray, FloatArray]]) -> None:
+        """Take times (T,) s and positions (T, N) by shot."""
+        self.joints, self.paths, self.rest = joints, paths, np.zeros(2 * len(joints))
+        self._splines = {shot: CubicSpline(t, places, axis=0) for shot, (t, places) in paths.items()}
+        self.time_step = float(np.median(np.concatenate([np.diff(t) for t, _ in paths.values()])))
 
     def begin(
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
@@ -40,7 +40,7 @@ class RecordedSimulator:
 
     def read_path(self, shot: int, t: FloatArray) -> FloatArray:
         """Read the recorded states (T, 2N) at times (T,)."""
-        path = self._paths[shot]
+        path = self._splines[shot]
         return np.concatenate([path(t), path(t, 1)], axis=1)
 
 

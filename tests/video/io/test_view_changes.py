@@ -73,6 +73,22 @@ def test_a_slowed_repeat_is_a_replay_and_the_same_path_at_another_pace_with_anot
     assert not is_replay(SHOT[::-1], SHOT)
 
 
+@pytest.mark.parametrize("pace", [1, 2])
+def test_a_replay_may_carry_a_label_that_the_shot_does_not_have(pace: int) -> None:
+    labelled = [image.copy() for image in SHOT for _ in range(pace)]
+    for image in labelled:
+        image[4:16, 4:60] = 255
+    assert is_replay(labelled, SHOT)
+
+
+def test_a_shot_with_balls_that_lie_elsewhere_is_no_replay() -> None:
+    resting = [(60.0, 50.0), (200.0, 120.0), (250.0, 60.0)]
+    earlier = [draw_table(*resting, (20 + 3 * k, 30)) for k in range(40)]
+    moved = [(80.0, 70.0), (180.0, 120.0), (250.0, 90.0)]
+    assert not is_replay([draw_table(*moved, (20 + 3 * k, 150 - k)) for k in range(40)], earlier)
+    assert is_replay([draw_table(*resting, (20 + 3 * k, 30)) for k in range(40)], earlier)
+
+
 BALL = 6
 """px, diameter."""
 

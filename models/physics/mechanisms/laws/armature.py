@@ -9,10 +9,11 @@ EFFECT = MechanismEffect(
     site="joint",
     strengths=(
         MechanismStrength(
-            "inertia", lambda scale: "1" if not scale.has_forces else "kg m2" if scale.unit == "rad" else "kg",
+            "inertia", lambda scale: "kg m2" if scale.unit == "rad" else "kg",
             lambda scale: scale.force * scale.position / scale.speed**2,
         ),
     ),
+    needs_simulator=True,
     partners=("actuator_gain",),
-    reference="Inertia of the rotor times the squared gear ratio; over that of the joint where forces are unknown",
+    reference="Inertia of the rotor times the squared gear ratio",
 )  # fmt: skip

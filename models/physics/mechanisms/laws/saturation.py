@@ -9,7 +9,7 @@ EFFECT = MechanismEffect(
     site="actuator",
     strengths=(
         MechanismStrength(
-            "limit", lambda scale: scale.unit, lambda scale: scale.speed, lambda scale: scale.speed, -0.98, 0.0
+            "limit", lambda scale: scale.unit, lambda scale: scale.largest, lambda scale: scale.largest, -0.98, 0.0
         ),
     ),
     partners=("actuator_gain",),

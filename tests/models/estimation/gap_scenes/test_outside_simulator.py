@@ -33,7 +33,8 @@ class FreeBody:
     inputs: tuple[str, ...] = ("push",)
     takes_forces: bool = True
     drives: tuple[Drive, ...] = ()
-    moving_mass: float = 1.0
+    last_mass: float = 1.0
+    rest: FloatArray = field(default_factory=lambda: np.zeros(2))
     own_effects: dict[str, tuple[float, ...]] = field(default_factory=dict)
     given: list[float] = field(default_factory=list)
 
@@ -81,7 +82,14 @@ def test_inputs_hold_from_row_to_row_and_delays_shift_them():
 
 def test_an_empty_input_means_no_power():
     history = InputHistory(np.arange(3) * 0.1, np.array([[1.0], [np.nan], [np.nan]]))
-    assert np.isnan(history.average(np.array([0.0, 0.1, 0.2]), np.zeros(1))[:, 0]).tolist() == [False, True]
+    assert [history.is_powered(t)[0] for t in (0.0, 0.05, 0.1, 0.2)] == [True, True, False, False]
+
+
+def test_a_delay_after_power_on_reaches_back_to_no_gap():
+    history = InputHistory(np.arange(4) * 0.1, np.array([[np.nan], [1.0], [1.0], [2.0]]))
+    assert history.is_powered(0.1)[0]
+    delayed = history.average(np.array([0.1, 0.15, 0.2]), np.array([0.08]))
+    np.testing.assert_allclose(delayed[:, 0], 1.0)
 
 
 def test_states_between_steps_are_cubics():
@@ -177,7 +185,7 @@ def test_runs_side_by_side_are_the_runs_alone():
 
 @pytest.mark.parametrize("name", sorted(MECHANISM_EFFECTS))
 def test_every_effect_has_parameters_for_every_joint(name: str):
-    scales = {"shoulder": Scale("rad", 0.5, 2.0, 0.1, True), "elbow": Scale("rad", 0.5, 2.0, 0.1, True)}
+    scales = {"shoulder": Scale("rad", 0.5, 2.0, 1.0, 0.1, True), "elbow": Scale("rad", 0.5, 2.0, 1.0, 0.1, True)}
     effect = MECHANISM_EFFECTS[name].for_mechanism(scales)
     count = len(MECHANISM_EFFECTS[name].list_strengths(False))
     assert len(effect.parameters) == count * (1 if MECHANISM_EFFECTS[name].site == "mechanism" else 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -123,3 +124,59 @@ def test_a_recorded_simulation_is_read_as_a_simulator(tmp_path: Path):
     simulated = write(tmp_path, "t,q", [row[:2] for row in swing_rows()], "simulated.csv")
     shots = read_mechanism_shots(write(tmp_path, "t,q", [row[:2] for row in swing_rows()]), str(simulated[0]))
     assert shots.simulator.joints[0].name == "q"
+
+
+def test_an_actuator_that_is_called_like_its_joint_has_a_column_of_its_own(tmp_path: Path, simulator: str):
+    (tmp_path / "same.xml").write_text(
+        PENDULUM.replace('position name="servo"', 'motor name="hinge"').replace('kp="5"', "")
+    )
+    rows = [[*row[:2], 0.3] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge,hinge_command", rows), str(tmp_path / "same.xml"))
+    np.testing.assert_allclose(shots.histories[0].values, 0.3)
+
+
+def test_an_input_without_a_column_is_named_in_a_note(tmp_path: Path, simulator: str):
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge,other", swing_rows()), simulator)
+    notes = " ".join(shots.notes)
+    assert "no column for servo, told 0" in notes
+    assert "not used: other" in notes
+
+
+def test_a_servo_takes_degrees_where_the_header_states_them(tmp_path: Path, simulator: str):
+    rows = [[*row[:2], 90.0] for row in swing_rows()]
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge,servo (deg)", rows), simulator)
+    np.testing.assert_allclose(shots.histories[0].values, np.pi / 2)
+
+
+def test_a_run_of_mujoco_that_diverges_is_lost(tmp_path: Path, simulator: str):
+    shots = read_mechanism_shots(write(tmp_path, "t,hinge,servo", swing_rows()), simulator)
+    start = np.zeros((2, 2))
+    runs = shots.simulator.begin(start, [{}, {}], np.ones(1, bool), 0, 0.0)
+    path = runs.advance(np.zeros((2, 10, 1)), np.array([[1e14], [0.0]]))
+    assert np.isnan(path[0, -1]).all()
+    assert np.isfinite(path[1]).all()
+
+
+def test_a_shot_that_was_not_simulated_is_refused(tmp_path: Path):
+    real = write(tmp_path, "shot,t,q", [[shot, *row[:2]] for shot in (0, 1) for row in swing_rows()])
+    simulated = write(tmp_path, "shot,t,q", [[0, *row[:2]] for row in swing_rows()], "simulated.csv")
+    assert "lacks shot 1" in refuse(real, str(simulated[0]))
+
+
+def test_simulators_reach_another_process(tmp_path: Path, simulator: str, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "swing_again.py").write_text(FUNCTION.format(GOOD))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    simulated = write(tmp_path, "t,q", [row[:2] for row in swing_rows()], "simulated.csv")
+    for name, header in ((simulator, "t,hinge,servo"), ("swing_again:swing", "t,q,u"), (str(simulated[0]), "t,q,u")):
+        one = read_mechanism_shots(write(tmp_path, header, swing_rows()), name).simulator
+        other = pickle.loads(pickle.dumps(one))
+        assert [joint.name for joint in other.joints] == [joint.name for joint in one.joints]
+        inputs = np.zeros((1, 5, len(one.inputs)))
+        paths = [
+            each.begin(np.array([[0.1, 0.0]]), [{}], np.ones(len(one.inputs), bool), 0, 0.0).advance(
+                inputs, np.zeros((1, 1))
+            )
+            for each in (one, other)
+        ]
+        np.testing.assert_array_equal(*paths)
