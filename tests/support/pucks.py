@@ -17,6 +17,7 @@ from support.reference_frames import PLANE
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
+from models.estimation.multiple_shooting.shooting_problem import LEAST_GAIN
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, Window
 from models.physics.effect import EffectKind, Prior
 
@@ -112,6 +113,8 @@ class Pucks:
     name: str = "pucks"
     alternatives: tuple[Alternatives, ...] = ()
     gauges: tuple[str, ...] = ("frame_rate",)
+    is_smooth: bool = False
+    least_gain: float = LEAST_GAIN
     not_tested: tuple[str, ...] = ()
 
     @property

@@ -15,6 +15,8 @@ from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect
 from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from models.physics.mechanisms.mechanism_effect import Scale
 
 SCENES = (
     build_flight_scene(3, 9.81, ()),
@@ -26,6 +28,7 @@ SCENE_EFFECTS: dict[str, tuple[Effect, ...]] = {
     "billiards": BILLIARDS_EFFECTS,
     **{scene.name: scene.effects for scene in SCENES},
     "pendulum": build_pendulum_scene(1, ()).effects,
+    "mechanism": tuple(one.for_mechanism({"joint": Scale("rad")}) for one in MECHANISM_EFFECTS.values()),
 }
 GAUGES = ("frame_rate", "time_offset", "parallax_shift")
 
