@@ -95,9 +95,9 @@ def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> Me
     """Read the shots of all tables, numbered one after another."""
     recordings: list[Recording] = []
     histories, origins, notes = {}, {}, []
-    known = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
+    familiar = frozenset(name.lower() for name in (*(joint.name for joint in simulator.joints), *simulator.inputs))
     for raw in tables:
-        table = _separate_units(raw, known)
+        table = _separate_units(raw, familiar)
         joints, columns, assumed = _find_joint_columns(table, simulator)
         inputs, more = _find_input_columns(table, simulator, columns)
         unused = [name for name in table.columns if name not in {*columns, *inputs, *_OTHER_COLUMNS}]
@@ -159,11 +159,11 @@ def _read_table(path: Path) -> TextTable:
     return replace(table, columns=columns, notes=tuple(one for one in table.notes if " is read as " not in one))
 
 
-def _separate_units(table: TextTable, known: frozenset[str]) -> TextTable:
-    """Separate the units from the names of columns that are not `known`: `elbow (deg)` is elbow, in degrees."""
+def _separate_units(table: TextTable, familiar: frozenset[str]) -> TextTable:
+    """Separate the units from the names of columns that are not `familiar`: `elbow (deg)` is elbow, in degrees."""
     columns, units = dict(table.columns), dict(table.units)
     for name in table.columns:
-        match = None if name in known else _WITH_UNIT.fullmatch(name)
+        match = None if name in familiar else _WITH_UNIT.fullmatch(name)
         unit = UNITS.get(match[2] or match[3]) if match else None
         if match and unit and match[1] not in columns:
             columns[match[1]], units[match[1]] = columns.pop(name), unit
@@ -199,18 +199,18 @@ def _find_input_columns(
     table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
 ) -> tuple[list[str | None], list[str]]:
     """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    place, found = escape_text(table.path), list[str | None]()
+    place, chosen_columns = escape_text(table.path), list[str | None]()
     for name in simulator.inputs:
         spellings = (name.lower(), *(f"{name.lower()}_{ending}" for ending in _INPUT_ENDINGS))
-        found.append(next((one for one in spellings if one in table.columns and one not in taken), None))
+        chosen_columns.append(next((one for one in spellings if one in table.columns and one not in taken), None))
     columns: list[str | None] = [
         name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
     ]
-    if not any(found) and len(columns) == len(simulator.inputs):
+    if not any(chosen_columns) and len(columns) == len(simulator.inputs):
         pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, simulator.inputs, strict=True))
         return columns, [f"{place}: the input {pairs}"] if pairs else []
-    told = [name for name, column in zip(simulator.inputs, found, strict=True) if column is None]
-    return found, [f"{place} has no column for {', '.join(told)}, told 0 all the time"] if told else []
+    silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
+    return chosen_columns, [f"{place} has no column for {', '.join(silent)}, told 0 all the time"] if silent else []
 
 
 @dataclass(frozen=True, slots=True)

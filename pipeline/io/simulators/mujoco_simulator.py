@@ -99,10 +99,6 @@ class MujocoSimulator:
             mass = model.body_mass[self._last_body]
             model.body_inertia[self._last_body] *= 1 + first[0] / mass
             model.body_mass[self._last_body] = mass + first[0]
-        elif name == "contact_friction":
-            model.geom_friction[:, 0] *= first[0]
-        elif name == "contact_restitution":
-            model.geom_solref[:, 1] *= first[0]
         elif name == "actuator_gain":
             model.actuator_gainprm[:] *= first[:, None]
             model.actuator_biasprm[:, :2] *= first[:, None]
@@ -215,10 +211,6 @@ class MujocoSimulator:
         }
         if model.nu:
             own["actuator_gain"] = (1.0,) * (2 * model.nu)
-        if (model.geom_contype * model.geom_conaffinity).any() and model.ngeom > 1:
-            own |= {"contact_friction": (1.0,)}
-            if (model.geom_solref[:, 1] > 0).all():
-                own |= {"contact_restitution": (1.0,)}
         return own
 
 
