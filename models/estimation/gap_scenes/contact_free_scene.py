@@ -160,9 +160,7 @@ class ContactFreeModel:
         """Simulate a window without Jacobians."""
         segment = self.segments[window]
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging trial is rejected
-            places = self.scene.predict_positions(segment, start, shared, ())
-            rows, who = np.nonzero(segment.is_observed)
-            residual = (places[rows, who] - segment.positions[rows, who]) / segment.sigma[rows, who][:, None]
+            residual = compare_positions(segment, self.scene.predict_positions(segment, start, shared, ()))
         return SimulatedWindow(residual, np.zeros(0))
 
     def _build_linearization(
@@ -187,16 +185,22 @@ class ContactFreeModel:
         )  # fmt: skip
 
 
+def compare_positions(segment: Recording, places: FloatArray) -> FloatArray:
+    """Compare positions (T, N, D) with the observations of a segment: (K, D), in standard deviations."""
+    rows, who = np.nonzero(segment.is_observed)
+    return np.asarray((places[rows, who] - segment.positions[rows, who]) / segment.sigma[rows, who][:, None])
+
+
 def _build_window(segment: Recording, has_walls: bool) -> Window:
     """Build the window of a segment; a wall that is met within the first rows spoils the usual guess."""
     rows, who = np.nonzero(segment.is_observed)
-    start = estimate_initial_states(segment, _GUESS_ROWS)
-    others = (estimate_initial_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
+    start = estimate_first_states(segment, _GUESS_ROWS)
+    others = (estimate_first_states(segment, _SHORT_GUESS_ROWS),) if has_walls else ()
     window = Window(segment.shot, segment.t[rows], who.astype(np.int64), start, np.full(len(start), np.inf))
     return replace(window, alternative_starts=others)
 
 
-def estimate_initial_states(segment: Recording, count: int) -> FloatArray:
+def estimate_first_states(segment: Recording, count: int) -> FloatArray:
     """Estimate the positions and velocities of all bodies at the first row of a segment.
 
     Args:

@@ -236,11 +236,11 @@ class _JointLaws:
 
     def __init__(self, simulator: OutsideSimulator, values: Sequence[EffectValues], scales: tuple[Scale, ...]) -> None:
         names = sorted({name for acting in values for name in acting})
-        laws = [(MECHANISM_EFFECTS[name], _stack_values(name, values)) for name in names]
+        laws = [(MECHANISM_EFFECTS[name], _stack_values(name, values, scales)) for name in names]
         self.laws = [(one, own) for one, own in laws if (one.brake, one.dry, one.force) != (None, None, None)]
         self.inertia = np.array([joint.inertia for joint in simulator.joints])
         self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
-        self.band = _stack_values("dead_band", values)[0] if "dead_band" in names else None
+        self.band = _stack_values("dead_band", values, scales)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
         self.depend_on_motion = bool(self.laws) or self.band is not None
 
@@ -278,14 +278,15 @@ class _JointLaws:
         return np.asarray(place + np.sign(off) * np.maximum(np.abs(off) - self.band[:, None], 0.0))
 
 
-def _stack_values(name: str, values: Sequence[EffectValues]) -> tuple[FloatArray, ...]:
-    """Stack the values (C, n) of each parameter of an effect; where it is absent, its strength is 0."""
+def _stack_values(name: str, values: Sequence[EffectValues], scales: tuple[Scale, ...]) -> tuple[FloatArray, ...]:
+    """Stack the values (C, n) of each parameter of an effect, neutral ones where it is absent."""
+    effect = MECHANISM_EFFECTS[name]
     present = next(acting[name] for acting in values if name in acting)
-    # all but the first parameter of a law may stay as they are: they mean nothing without a strength
-    absent = (np.zeros_like(present[0]), *(one if name == "stribeck" else np.zeros_like(one) for one in present[1:]))
-    return tuple(
-        np.array([acting.get(name, absent)[k] for acting in values]) for k in range(len(present))
-    )  # fmt: skip
+    absent = [
+        np.array([strength.neutral(scale) for scale in scales]) if effect.site == "joint" else np.zeros_like(one)
+        for strength, one in zip(effect.list_strengths(is_own=False), present, strict=True)
+    ]
+    return tuple(np.array([acting.get(name, absent)[k] for acting in values]) for k in range(len(present)))
 
 
 def _transform_all_inputs(history: InputHistory, edges: FloatArray, values: Sequence[EffectValues]) -> FloatArray:

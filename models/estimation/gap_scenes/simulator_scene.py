@@ -16,8 +16,8 @@ import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import BoolArray, FloatArray, IntArray
-from models.estimation.gap_scenes.contact_free_scene import estimate_initial_states
-from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
+from models.estimation.gap_scenes.contact_free_scene import compare_positions, estimate_first_states
+from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates, neutral_values
 from models.estimation.gap_scenes.outside_simulator import (
     EffectValues,
     InputHistory,
@@ -89,7 +89,12 @@ class SimulatorScene:
     @cached_property
     def neutral(self) -> FloatArray:
         """(P,) neutral values of all parameters."""
-        return np.array([value for effect in self.effects for value in effect.neutral])
+        return neutral_values(self)
+
+    @cached_property
+    def priors(self) -> tuple[Prior, ...]:
+        """(P,) priors of all parameters."""
+        return tuple(prior for effect in self.effects for prior in effect.parameters)
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Split a recording into parts of half a typical period, in which every joint is observed.
@@ -151,7 +156,7 @@ class SimulatorScene:
         self, segment: Recording, start: FloatArray, shared: FloatArray, needed: IntArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions (T, B, 1) and their derivatives by the start (T, B, 1, 2N) and by needed parameters."""
-        priors = [prior for effect in self.effects for prior in effect.parameters]
+        priors = self.priors
         typical = np.array([one.position for one in self.scales] + [one.speed for one in self.scales])
         steps = np.array([_STRENGTH_PART * priors[k].sigma for k in needed])
         high = np.array([priors[k].bounds[1] for k in needed])
@@ -207,7 +212,7 @@ class SimulatorModel:
     @property
     def unknowns(self) -> tuple[Prior, ...]:
         """Priors of the parameters of all effects."""
-        return tuple(prior for effect in self.scene.effects for prior in effect.parameters)
+        return self.scene.priors
 
     def linearize(self, window: int, start: FloatArray, shared: FloatArray) -> LinearizedWindow:
         """Simulate a window with differences, which give the Jacobians."""
@@ -219,17 +224,15 @@ class SimulatorModel:
         by_shared[:, :, needed] = by_needed[rows, who] / sigma[..., None]
         nothing = np.zeros(0)
         return LinearizedWindow(
-            (places[rows, who] - segment.positions[rows, who]) / sigma, by_start[rows, who] / sigma[..., None],
+            compare_positions(segment, places), by_start[rows, who] / sigma[..., None],
             by_shared, nothing, nothing.reshape(0, len(start)), nothing.reshape(0, len(shared)),
         )  # fmt: skip
 
     def simulate(self, window: int, start: FloatArray, shared: FloatArray) -> SimulatedWindow:
         """Simulate a window without Jacobians."""
         segment = self.segments[window]
-        rows, who = np.nonzero(segment.is_observed)
         places = self.scene.predict_positions(segment, start, shared, ())
-        residual = (places[rows, who] - segment.positions[rows, who]) / segment.sigma[rows, who][:, None]
-        return SimulatedWindow(residual, np.zeros(0))
+        return SimulatedWindow(compare_positions(segment, places), np.zeros(0))
 
     def without_shared_jacobian(self) -> SimulatorModel:
         """Return the model for steps of the start states alone."""
@@ -241,7 +244,7 @@ class SimulatorModel:
         count, observed = len(self.scene.scales), self.scene.observed
         start = self.scene.simulator.rest.copy()
         sigma = np.concatenate([np.full(count, _HIDDEN_SIGMA), [scale.speed for scale in self.scene.scales]])
-        guess = estimate_initial_states(segment, _GUESS_ROWS).reshape(-1, 2)
+        guess = estimate_first_states(segment, _GUESS_ROWS).reshape(-1, 2)
         start[observed], start[count + observed] = guess.T
         sigma[observed] = sigma[count + observed] = np.inf
         return Window(segment.shot, segment.t[rows], who.astype(np.int64), start, sigma)
@@ -340,20 +343,18 @@ _SPEED_STEPS = 60
 
 def _measure_input_scales(simulator: OutsideSimulator, histories: Mapping[int, InputHistory]) -> dict[str, Scale]:
     """Measure standard deviation and largest value of every input; nothing where all of them are always 0."""
-    scales = {}
+    scales, acts = {}, False
     for k, name in enumerate(simulator.inputs):
         joint = simulator.servo_joints[k]
         column = np.concatenate([one.values[:, k] for one in histories.values()])
         column = column[np.isfinite(column)]
         most = float(np.abs(column).max(initial=0.0))
+        acts |= most > 0
         spread = float(column.std()) if len(column) else 0.0
         unit = simulator.joints[joint].unit if joint >= 0 else "1"
-        scales[name] = Scale(unit, spread if spread > _LEAST_SPREAD * most else most or 1.0, 1.0, most)
-    return (
-        {name: replace(one, largest=one.largest or 1.0) for name, one in scales.items()}
-        if any(one.largest > 0 for one in scales.values())
-        else {}
-    )
+        largest = most or 1.0
+        scales[name] = Scale(unit, spread if spread > _LEAST_SPREAD * most else largest, largest=largest)
+    return scales if acts else {}
 
 
 # Share of the largest value of an input from which it changes.

@@ -25,7 +25,7 @@ PHASES = ("motion", "reversal")
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Typical sizes of the motion of a joint, or of an input (only its position)."""
+    """Typical sizes of the motion of a joint, or of an input (its position and its largest value)."""
 
     unit: str
     """rad or m; of an input, that of its values."""

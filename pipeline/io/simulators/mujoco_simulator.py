@@ -68,14 +68,14 @@ class MujocoSimulator:
 
         self._mujoco = mujoco
         self.model, self.data = model, mujoco.MjData(model)
-        mujoco.set_mju_user_warning(lambda text: None)  # it would write a file; divergence is found by its counters
+        mujoco.set_mju_user_warning(lambda text: None)  # it would write a file; `advance` finds runs that diverge
         self._copies: dict[tuple[object, ...], Any] = {}
         self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.time_step = float(model.opt.timestep)
         self.joints, self.places = self._list_joints()
         self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))
-        self.servo_joints = tuple(self._find_servo_joint(k) for k in range(model.nu))
         self.drives = tuple(self._describe_drive(k) for k in range(model.nu))
+        self.servo_joints = tuple(one.joint if self._is_servo(k) else -1 for k, one in enumerate(self.drives))
         moving = np.flatnonzero((model.body_mass > 0) & (model.body_weldid != 0))
         self._last_body = int(moving[-1])
         self.last_mass = float(model.body_mass[self._last_body])
@@ -171,14 +171,10 @@ class MujocoSimulator:
             joints += [Joint(name, unit, float(one), limit) for (name, unit), one in zip(entries, inertia, strict=True)]
         return tuple(joints), places
 
-    def _find_servo_joint(self, actuator: int) -> int:
-        """Return the degree of freedom whose position an actuator asks for; -1 for one of force or speed."""
-        model = self.model
-        is_joint = model.actuator_trntype[actuator] == int(self._mujoco.mjtTrn.mjTRN_JOINT)
-        gain, bias = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
-        if not is_joint or gain == 0 or not np.isclose(gain, -bias):
-            return -1
-        return int(model.jnt_dofadr[model.actuator_trnid[actuator, 0]])
+    def _is_servo(self, actuator: int) -> bool:
+        """Return whether an actuator takes a position, rather than a force or speed."""
+        gain, bias = self.model.actuator_gainprm[actuator, 0], self.model.actuator_biasprm[actuator, 1]
+        return bool(gain != 0 and np.isclose(gain, -bias))
 
     def _describe_drive(self, actuator: int) -> Drive:
         """Describe what an actuator does on its joint."""
