@@ -5,6 +5,10 @@ A law of motion is written once. Evaluated with float64 it gives the outcome; ev
 doi:10.1137/S003614459631241X). Such a kernel branches on real parts only, and takes no abs, min or max of a value that
 can be complex.
 
+Numba compiles a function again for every type of its arguments, and takes each Python integer, read-only array and
+array that is not contiguous for a type of its own. So constants that are passed on are `np.int64`, and callers pass
+contiguous arrays that can be written.
+
 Compiled code is cached on disk and shared by processes. Numba's own cache key covers the file of a function only, so a
 change in another file that the function calls would go unnoticed. Here the key covers every module that the module of
 the function imports, directly or indirectly.

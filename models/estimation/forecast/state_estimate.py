@@ -31,7 +31,7 @@ from models.physics.billiards.parameter_vector import (
     neutral_parameters,
 )
 from models.physics.billiards.simulation.contact_resolution import rebound
-from models.physics.billiards.simulation.simulate_shot import BallSet, SimulatedShot, simulate
+from models.physics.billiards.simulation.simulate_shot import NO_DISTURBANCES, BallSet, SimulatedShot, simulate
 from models.physics.billiards.simulation.table_physics import Physics
 
 # Parameters of a ball: x, y (m), vx, vy, slip ux, uy, surface speed of its side spin R wz (m/s).
@@ -101,7 +101,7 @@ class StateEstimate:
         return np.concatenate([balls.ravel(), physics, size - radius - shared[5:9]])
 
     def simulate_ahead(
-        self, inputs: FloatArray, law: str, seconds: float, disturbances: FloatArray | None = None
+        self, inputs: FloatArray, law: str, seconds: float, disturbances: FloatArray = NO_DISTURBANCES
     ) -> SimulatedShot:
         """Simulate the future from given inputs; `disturbances` (D, 5) are those of `simulate`."""
         balls, physics, offsets, correction = self.convert_inputs(inputs, law)

@@ -150,7 +150,7 @@ def evaluate_prior_rows(arrays, parameters, reference, table, shared_deviation):
     )
     end, jacobian = evaluate_end_states(arrays, parameters)
     reference_end, _ = evaluate_end_states(arrays, reference)
-    count = 0
+    count = np.int64(0)
     workspace = (
         np.empty(MAX_ROWS), np.empty(MAX_ROWS), np.zeros((MAX_ROWS, 2, 6)), np.zeros((MAX_ROWS, 2, SEGMENT_STATE_SIZE)),
         np.zeros((MAX_ROWS, SHARED_COUNT)),
@@ -187,6 +187,10 @@ def evaluate_end_states(arrays, parameters):  # type: ignore[no-untyped-def]
     return end_state, jacobian
 
 
+# Places of velocity and slip in the state of a segment, and the only ball of a contact with a cushion.
+_VELOCITY, _SLIP, _FIRST_BALL = map(np.int64, (2, 4, 0))
+
+
 @compile_kernel
 def _write_contact_rows(arrays, c, parameters, end, reference, reference_end, table, workspace):  # type: ignore[no-untyped-def]
     """Write the priors of one contact as rows of `workspace` and return their number.
@@ -201,7 +205,7 @@ def _write_contact_rows(arrays, c, parameters, end, reference, reference_end, ta
     if arrays.kind[c] == JUMP or arrays.kind[c] == BREAK:  # no other row constrains the time of a jump
         value[0], sigma[0] = parameters.t[c] - reference.t[c], JUMP_SIGMA if arrays.kind[c] == JUMP else BREAK_SIGMA
         return _write_break_exit_rows(arrays, c, parameters, workspace) if arrays.kind[c] == BREAK else 1
-    rows = 0
+    rows = np.int64(0)
     for ball in range(2):
         if arrays.before[c, ball] != NONE:
             for axis in range(2):
@@ -215,7 +219,7 @@ def _write_contact_rows(arrays, c, parameters, end, reference, reference_end, ta
         rows = _write_cushion_rows(arrays, c, parameters, end, reference, reference_end, table, workspace, offset, rows)
     elif arrays.pushed[c]:
         hit = np.hypot(reference.state[arrays.after[c, 0], 2], reference.state[arrays.after[c, 0], 3])
-        rows = _write_spin_rows(workspace, rows, 0, hit)
+        rows = _write_spin_rows(workspace, rows, _FIRST_BALL, hit)
     for row in range(rows):
         value[row] = offset[row]
         for ball in range(2):
@@ -268,7 +272,7 @@ def _write_ball_contact_rows(arrays, c, parameters, reference, reference_end, ta
     sigma[row] = BALL_RESTITUTION_SIGMA * hit + 0.01
     row += 1
     for ball in range(2):
-        _add_state_change(workspace, row, ball, 2, (-n[1], n[0]))
+        _add_state_change(workspace, row, ball, _VELOCITY, (-n[1], n[0]))
         sigma[row] = 0.06 * hit + 0.01
         row = _write_spin_rows(workspace, row + 1, ball, hit)
     return row
@@ -296,13 +300,13 @@ def _write_spin_rows(workspace, row, ball, hit):  # type: ignore[no-untyped-def]
 @compile_kernel
 def _add_spin_change(workspace, row, ball, along):  # type: ignore[no-untyped-def]
     """Add the derivatives of the spin change, i.e. of the slip change minus the velocity change, along a direction."""
-    _add_state_change(workspace, row, ball, 4, along)
-    _add_state_change(workspace, row, ball, 2, (-along[0], -along[1]))
+    _add_state_change(workspace, row, ball, _SLIP, along)
+    _add_state_change(workspace, row, ball, _VELOCITY, (-along[0], -along[1]))
 
 
 @compile_kernel
 def _add_state_change(workspace, row, ball, part, along):  # type: ignore[no-untyped-def]
-    """Add the derivatives of a change of velocity (part 2) or slip (part 4) at a contact, along a direction."""
+    """Add the derivatives of a change of `_VELOCITY` or `_SLIP` at a contact, along a direction."""
     for axis in range(2):
         workspace[3][row, ball, part + axis] += along[axis]
         workspace[2][row, ball, part + axis] -= along[axis]
@@ -329,10 +333,10 @@ def _write_cushion_rows(arrays, c, parameters, end, reference, reference_end, ta
     by_shared[row, RUBBER_COLUMN], by_shared[row, RUBBER_COLUMN + 1] = approach_speed, approach_speed * hit
     sigma[row] = RESTITUTION_SCATTER * hit + 0.02
     row += 1
-    _add_state_change(workspace, row, 0, 2, tangent)
+    _add_state_change(workspace, row, _FIRST_BALL, _VELOCITY, tangent)
     sigma[row] = 0.25 * speed + 0.02
     row += 1
-    _add_spin_change(workspace, row, 0, n)
+    _add_spin_change(workspace, row, _FIRST_BALL, n)
     restitution = reference.shared[RUBBER_COLUMN]
     # the slip that a sticking nose would stop
     stopped_slip = inward * (end[before, 4 + axis] - restitution * end[before, 2 + axis])
@@ -341,7 +345,7 @@ def _write_cushion_rows(arrays, c, parameters, end, reference, reference_end, ta
     by_shared[row, RUBBER_COLUMN + 2] = stopped_slip
     sigma[row] = SPIN_SCATTER * hit + 0.05 * speed + 0.03
     row += 1
-    _add_spin_change(workspace, row, 0, tangent)
+    _add_spin_change(workspace, row, _FIRST_BALL, tangent)
     sigma[row] = 0.2 * hit + 0.05 * speed + 0.05
     return row + 1
 

@@ -115,7 +115,7 @@ def predict_rebounds(
     Returns:
         The predictions.
     """
-    count = len(contacts.t)
+    count, physics = len(contacts.t), np.require(physics, requirements="W")  # one type of argument to compile for
     grid = _build_grids(contacts)
     nodes = np.empty((count, (GRID_SIZE - 1) // NODE_STRIDE + 1, 5))
     places = np.ascontiguousarray(grid[:, ::NODE_STRIDE])
@@ -156,7 +156,7 @@ def filter_side_spin(
     _weigh_spins(predicted, contacts.after, whitening, log_root, evidence)
     before, after, likelihood = np.empty_like(evidence), np.empty_like(evidence), np.empty(len(grid))
     _filter_chains(
-        grid, evidence, predicted[..., 4], contacts.begins, contacts.elapsed, contacts.spin_sigma,
+        grid, evidence, np.ascontiguousarray(predicted[..., 4]), contacts.begins, contacts.elapsed, contacts.spin_sigma,
         scatter.side_spin * speed, decay * radius, before, after, likelihood,
     )  # fmt: skip
     expected = np.einsum("kg,kgi->ki", before, predicted[..., :4])

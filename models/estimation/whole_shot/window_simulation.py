@@ -15,9 +15,8 @@ from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.whole_shot.shot_segments import ShotSegment
 from models.numerics.jit import compile_kernel
-from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails, build_rails
-from models.physics.billiards.parameter_vector import NAP_MU, PARAMETER_NAMES, PATH_BENDING_PARAMETERS, ROLLING_MU
+from models.physics.billiards.parameter_vector import NAP_MU, PARAMETER_NAMES, ROLLING_MU
 from models.physics.billiards.simulation.event_engine import EVENT_FIRST, EVENT_KIND, EVENT_SECOND, EVENT_TIME, HOLE
 from models.physics.billiards.simulation.parametrised_shot import (
     MASS_RATIO,
@@ -58,8 +57,6 @@ class WindowRun:
     """(E, EVENT_WIDTH)"""
     segments: FloatArray
     """(L, SEGMENT_WIDTH) by ball, then by time."""
-    has_curves: bool
-    """Whether paths have no closed form."""
 
     @property
     def contact_order(self) -> bytes:
@@ -108,12 +105,12 @@ def simulate_window_run(
         return None
     physics = values[: len(PARAMETER_NAMES)]
     rails = build_rails(table, values[NOSE_OFFSETS : NOSE_OFFSETS + 4])
-    seconds, curves = max(seconds, _LEAST_SECONDS), has_curved_path(physics)
+    seconds = max(seconds, _LEAST_SECONDS)
     try:
         contacts, segments = log_events(state, radius, mass, physics, model_codes, rails, seconds)
     except ArithmeticError:
         return None
-    return WindowRun(state, radius, mass, physics, model_codes, rails, seconds, contacts, segments, curves)
+    return WindowRun(state, radius, mass, physics, model_codes, rails, seconds, contacts, segments)
 
 
 def observe_run(run: WindowRun, segment: ShotSegment, at: FloatArray, place: IntArray, end: float) -> ObservedStates:
@@ -132,8 +129,8 @@ def observe_run(run: WindowRun, segment: ShotSegment, at: FloatArray, place: Int
         The states and residuals.
     """
     xy, v, inside, residual, ends, pocket_times = _observe_segments(
-        run.segments, run.contacts, run.radius, run.physics, run.seconds, True if run.has_curves else None,
-        at, place, segment.observation_indices[1], end, segment.observations, segment.observation_whitening,
+        run.segments, run.contacts, run.radius, run.physics, run.seconds, at, place, segment.observation_indices[1],
+        end, segment.observations, segment.observation_whitening,
     )  # fmt: skip
     return ObservedStates(xy, v, inside, place, residual, ends, pocket_times)
 
@@ -160,14 +157,13 @@ def differentiate_observations(
     balls, moving = segment.observation_indices[1], segment.moving
     directions = build_directions(run.state, run.radius, moving, table, values, numbers)
     active = np.sort(numbers[numbers < len(PARAMETER_NAMES)])
-    bends = run.has_curves or any(number in PATH_BENDING_PARAMETERS for number in active.tolist())
     t, at_times, derivatives, at_end = _allocate_derivatives(
         observed.t, observed.place, balls, len(moving), directions.shape[1]
     )
     differentiate_shot(
         run.segments, run.contacts, observed.pocket_times, run.radius, run.mass, run.physics, run.model_codes,
         run.rails.lines, run.rails.arcs, CUSHION_NORMALS, t, at_times, float(end), directions, active,
-        True if bends else None, derivatives, at_end,
+        derivatives, at_end,
     )  # fmt: skip
     return derivatives, at_end
 
@@ -198,8 +194,8 @@ def is_possible(start, values):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def _observe_segments(segments, contacts, radius, p, seconds, bends, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
-    """Evaluate what `observe_run` returns; arguments as of `WindowRun` and `observe_run`, `bends` of `plan_motion`.
+def _observe_segments(segments, contacts, radius, p, seconds, at, place, balls, end, observations, whitening):  # type: ignore[no-untyped-def]
+    """Evaluate what `observe_run` returns; arguments as of `WindowRun` and `observe_run`.
 
     Returns:
         xy, v (K, 2), times (M,), residual (K, 2), ends (E, N, 7) and pocket times (N,).
@@ -217,7 +213,7 @@ def _observe_segments(segments, contacts, radius, p, seconds, bends, at, place, 
         times[m] = end
     order = _order_times(times)
     ordered = np.full((m + last, n, STATE_SIZE), np.nan)
-    fill_states(segments, pocket_times, radius, p, seconds, times[order], bends, ordered)
+    fill_states(segments, pocket_times, radius, p, seconds, times[order], ordered)
     states = np.empty((m + last, n, STATE_SIZE))
     for i in range(m + last):
         states[order[i]] = ordered[i]

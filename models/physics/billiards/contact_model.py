@@ -53,6 +53,8 @@ from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 
 # Energy after a contact over that before it that rounding explains.
 MAX_ENERGY_RATIO = 1.0 + 1e-9
+# Branches of a compiled choice between models.
+MOST_MODELS = 8
 # Rank of a model behind all that have a number.
 LAST = sys.maxsize
 
@@ -163,36 +165,42 @@ def tabulate_parameters(models: Sequence[ContactModel], generic_law: tuple[int, 
 def compose_dispatch(models: Sequence[ContactModel]) -> Any:
     """Compose one compiled function that resolves a contact by any of several models.
 
-    Numba binds calls when it compiles, so the choice is a chain of closures, each of which compares the code with its
-    own and otherwise calls the next one.
+    Numba binds calls when it compiles, so the choice is a branch per model.
 
     Args:
-        models: Models of one folder, by code.
+        models: At most `MOST_MODELS` models of one folder, by code.
 
     Returns:
         A compiled function of a model's code and the arguments of `ContactModel.resolve`. A code beyond the last model
         stands for the last one.
+
+    Raises:
+        ValueError: There are more models than branches.
     """
-    *others, last = models
-    resolve_last = last.resolve
+    if len(models) > MOST_MODELS:
+        raise ValueError(
+            f"{len(models)} contact models need as many branches in `compose_dispatch`; it has {MOST_MODELS}"
+        )
+    laws = [model.resolve for model in models]
+    law_0, law_1, law_2, law_3, law_4, law_5, law_6, law_7 = (*laws, *[laws[-1]] * (MOST_MODELS - len(laws)))
 
     @compile_kernel
     def dispatch(code, *arguments):  # type: ignore[no-untyped-def]
-        return resolve_last(*arguments)
-
-    for code, model in reversed(tuple(enumerate(others))):
-        dispatch = _prepend_model(code, model.resolve, dispatch)
-    return dispatch
-
-
-def _prepend_model(own_code: int, resolve: Callable[..., Any], others: Any) -> Any:
-    """Make a compiled function that resolves a contact by a model, or by the `others` for other codes."""
-
-    @compile_kernel
-    def dispatch(code, *arguments):  # type: ignore[no-untyped-def]
-        if code == own_code:
-            return resolve(*arguments)
-        return others(code, *arguments)
+        if code == 0:
+            return law_0(*arguments)
+        if code == 1:
+            return law_1(*arguments)
+        if code == 2:
+            return law_2(*arguments)
+        if code == 3:
+            return law_3(*arguments)
+        if code == 4:
+            return law_4(*arguments)
+        if code == 5:
+            return law_5(*arguments)
+        if code == 6:
+            return law_6(*arguments)
+        return law_7(*arguments)
 
     return dispatch
 

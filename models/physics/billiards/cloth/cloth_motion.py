@@ -13,8 +13,8 @@ an angle a to it decelerates at (mu_r - nap cos a) g. Without sliding friction s
 as one that rolls, and keeps its spin.
 
 Arguments that the functions share: s (7,) is x, y (m), vx, vy (m/s), wx, wy (rad/s) and the clock (s), changed in
-place; radius in m; p (P,) physical parameters; bends is None where no effect that bends paths is present, so that
-their integration need not be compiled; rows (K, PIECE_WIDTH) and phases (K,) receive pieces; count is their number.
+place; radius in m; p (P,) physical parameters; rows (K, PIECE_WIDTH) and phases (K,) receive pieces, K as
+`count_pieces` returns it; count is their number.
 
 Paths under slope and drag are integrated with steps of variable length. The method is 5(4) of Dormand and Prince (1980,
 doi:10.1016/0771-050X(80)90013-3).
@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers
+from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers, copy_rows
 from models.physics.billiards.cloth.forces import (
     ROLLING_SHARE,
     contact_slip,
@@ -56,6 +56,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     GLIDE,
     PIECE_END,
     PIECE_START,
+    PIECE_WIDTH,
     REST,
     REST_DURATION,
     ROLL,
@@ -98,13 +99,11 @@ def remaining_time(s, radius, p, phase):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def complete_phase(s, radius, p, phase, bends, horizon, rows, phases, count):  # type: ignore[no-untyped-def]
+def complete_phase(s, radius, p, phase, horizon, rows, phases, count):  # type: ignore[no-untyped-def]
     """Move s to the end of a phase, by integration if an effect bends the path; return the number of pieces."""
-    curves = False
-    if bends is not None:
-        curves = has_curved_path(p)
-        if curves:
-            count = integrate_path(s, radius, p, phase, horizon, rows, phases, count)
+    curves = has_curved_path(p)
+    if curves:
+        count = integrate_path(s, radius, p, phase, horizon, rows, phases, count)
     if s[CLOCK].real < horizon and not (curves and phase == SLIDE):
         rate = np.zeros(6, rows.dtype)
         evaluate_state_rate(s, radius, p, phase, rate)
@@ -128,7 +127,7 @@ def start_downhill(s, radius, p, phase, rows, phases, count):  # type: ignore[no
 
 
 @compile_kernel
-def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore[no-untyped-def]
+def plan_motion(state, radius, p, horizon, rows, phases):  # type: ignore[no-untyped-def]
     """Plan the motion of a ball from a state.
 
     All arrays and numbers have the type of `rows`, float64 or complex128.
@@ -137,7 +136,6 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
         state: (7,) x, y (m), vx, vy (m/s), wx, wy, wz (rad/s).
         radius: m.
         p: (P,) physical parameters.
-        bends: None where no effect that bends paths is present in p.
         horizon: s; the last piece ends beyond it.
         rows: (K, PIECE_WIDTH) receives the pieces.
         phases: (K,) receives their phases.
@@ -147,12 +145,12 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
     """
     s = np.zeros(7, rows.dtype)
     copy_numbers(state[:6], s)
-    count, phase = 0, ROLL
+    count, phase = np.int64(0), ROLL
     size = contact_slip(s, radius)[2]
     if size.real > SLIP_THRESHOLD:
         phase = SLIDE if p[SLIDING_MU].real > 0.0 else GLIDE
     if phase == SLIDE:
-        count = complete_phase(s, radius, p, SLIDE, bends, horizon, rows, phases, count)
+        count = complete_phase(s, radius, p, SLIDE, horizon, rows, phases, count)
         phase = ROLL
     if p[SLIDING_MU].real > 0.0 and s[CLOCK].real < horizon:
         remove_remaining_slip(s, radius)
@@ -160,13 +158,11 @@ def plan_motion(state, radius, p, bends, horizon, rows, phases):  # type: ignore
     stays_at_rest = ROLLING_SHARE * 1e-3 * np.hypot(sx.real, sy.real) <= p[ROLLING_MU].real
     while s[CLOCK].real < horizon and count < len(rows) - 2:
         if travel_direction(s[2], s[3])[2].real > 0.0:
-            count = complete_phase(s, radius, p, phase, bends, horizon, rows, phases, count)
-            s[2:4] = 0.0
+            count = complete_phase(s, radius, p, phase, horizon, rows, phases, count)
+            s[2], s[3] = 0.0, 0.0
         elif p[ROLLING_MU].real > 0.0:
-            s[2:4] = 0.0
+            s[2], s[3] = 0.0, 0.0
         if stays_at_rest or s[CLOCK].real >= horizon:
-            break
-        if bends is None:
             break
         count = start_downhill(s, radius, p, phase, rows, phases, count)
     if s[CLOCK].real < horizon:
@@ -210,23 +206,33 @@ def evaluate_rates(m, radius, p, phase, rate):  # type: ignore[no-untyped-def]
     rate[_LEFT], rate[_TIME] = -1.0, slow
 
 
+# Coefficients of the method: rows of stages, of which the last one is the result, and those of the error.
+_STAGES = np.array([
+    [1 / 5, 0, 0, 0, 0, 0],
+    [3 / 40, 9 / 40, 0, 0, 0, 0],
+    [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+    [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+    [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+    [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+])  # fmt: skip
+_ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+
+
 @compile_kernel
 def take_step(m, radius, p, phase, h, k, y):  # type: ignore[no-untyped-def]
     """Take one step from m to y (8,) with the rates k (7, 8), of which k[0] is given; return the error, m and m/s."""
-    evaluate_rates(m + h * (k[0] / 5.0), radius, p, phase, k[1])
-    evaluate_rates(m + h * (3.0 / 40.0 * k[0] + 9.0 / 40.0 * k[1]), radius, p, phase, k[2])
-    evaluate_rates(m + h * (44.0 / 45.0 * k[0] - 56.0 / 15.0 * k[1] + 32.0 / 9.0 * k[2]), radius, p, phase, k[3])
-    y[:] = 19372.0 / 6561.0 * k[0] - 25360.0 / 2187.0 * k[1] + 64448.0 / 6561.0 * k[2] - 212.0 / 729.0 * k[3]
-    evaluate_rates(m + h * y, radius, p, phase, k[4])
-    y[:] = 9017.0 / 3168.0 * k[0] - 355.0 / 33.0 * k[1] + 46732.0 / 5247.0 * k[2] + 49.0 / 176.0 * k[3]
-    evaluate_rates(m + h * (y - 5103.0 / 18656.0 * k[4]), radius, p, phase, k[5])
-    y[:] = 35.0 / 384.0 * k[0] + 500.0 / 1113.0 * k[2] + 125.0 / 192.0 * k[3] - 2187.0 / 6784.0 * k[4]
-    y[:] = m + h * (y + 11.0 / 84.0 * k[5])
-    evaluate_rates(y, radius, p, phase, k[6])
+    for stage in range(6):
+        for i in range(8):  # loops over numbers: whole rows would take several times as long to compile
+            total = 0.0 * m[i]
+            for j in range(stage + 1):
+                total += _STAGES[stage, j] * k[j, i]
+            y[i] = m[i] + h * total
+        evaluate_rates(y, radius, p, phase, k[stage + 1])
     worst = 0.0
     for i in range(8):
-        miss = 71.0 / 57600.0 * k[0, i] - 71.0 / 16695.0 * k[2, i] + 71.0 / 1920.0 * k[3, i]
-        miss = miss - 17253.0 / 339200.0 * k[4, i] + 22.0 / 525.0 * k[5, i] - k[6, i] / 40.0
+        miss = 0.0 * m[i]
+        for j in range(7):
+            miss += _ERROR[j] * k[j, i]
         scale = 1.0
         if 4 <= i < 6:
             scale = 2.0 / 7.0 * y[_LEFT].real if phase == SLIDE else radius.real
@@ -238,26 +244,32 @@ def take_step(m, radius, p, phase, h, k, y):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def _evaluate_node(m, radius, p, phase, end):  # type: ignore[no-untyped-def]
-    """Write end (6, 2): place, velocity, acceleration, r and its rate while the ball slides, spin as (wy, -wx)."""
-    end[0], end[1], end[3], end[4] = m[0:2], m[2:4], m[2:4], 0.0
+def _evaluate_node(m, radius, p, phase, rate, end):  # type: ignore[no-untyped-def]
+    """Write end (6, 2): place, velocity, acceleration, r and its rate while the ball slides, spin as (wy, -wx).
+
+    `rate` (8,) is room to work in.
+    """
+    for i in range(2):
+        end[0, i], end[1, i], end[3, i], end[4, i] = m[i], m[2 + i], m[2 + i], 0.0
     if phase != SLIDE:
-        rate = np.empty_like(m)
         evaluate_state_rate(m, radius, p, phase, rate)
-        end[2], end[5, 0], end[5, 1] = rate[2:4], m[5], -m[4]
+        end[2, 0], end[2, 1], end[5, 0], end[5, 1] = rate[2], rate[3], m[5], -m[4]
         return
     size = np.sqrt(m[4] * m[4] + m[5] * m[5])
-    end[1] = m[2:4] + 2.0 / 7.0 * m[_LEFT] * m[4:6]
+    for i in range(2):
+        end[1, i] = m[2 + i] + 2.0 / 7.0 * m[_LEFT] * m[4 + i]
     bx, by = slope_and_drag(end[1, 0], end[1, 1], p)
     end[4, 0], end[4, 1] = 5.0 / 7.0 * bx, 5.0 / 7.0 * by
-    end[2] = 1.4 * end[4] - p[SLIDING_MU] * GRAVITY / size * m[4:6]
-    end[5] = (3.5 * m[2:4] - 2.5 * end[1]) / radius
+    for i in range(2):
+        end[2, i] = 1.4 * end[4, i] - p[SLIDING_MU] * GRAVITY / size * m[4 + i]
+        end[5, i] = (3.5 * m[2 + i] - 2.5 * end[1, i]) / radius
 
 
 @compile_kernel
 def _interpolate_nodes(a, b, start, h, radius, phase, row):  # type: ignore[no-untyped-def]
     """Write to row the piece between two nodes (6, 2) of `_evaluate_node`, the second one h (s) after the first."""
-    row[:] = 0.0
+    for k in range(PIECE_WIDTH):
+        row[k] = 0.0
     row[PIECE_START], row[PIECE_END] = start, start + h
     for i in range(2):
         x = b[0, i] - a[0, i] - h * (a[1, i] + 0.5 * h * a[2, i])
@@ -310,25 +322,31 @@ def integrate_path(s, radius, p, phase, horizon, rows, phases, count):  # type: 
     """
     k, y, m = np.zeros((7, 8), rows.dtype), np.zeros(8, rows.dtype), np.zeros(8, rows.dtype)
     first, last = np.zeros((6, 2), rows.dtype), np.zeros((6, 2), rows.dtype)
-    m[:6], m[_TIME] = s[:6], s[CLOCK]
+    rate = np.zeros(8, rows.dtype)
+    copy_numbers(s[:6], m)
+    m[_TIME] = s[CLOCK]
     if phase == SLIDE:
         m[4], m[5], m[_LEFT] = s[2] - radius * s[5], s[3] + radius * s[4], 1.0
         m[2], m[3] = s[2] - 2.0 / 7.0 * m[4], s[3] - 2.0 / 7.0 * m[5]
     evaluate_rates(m, radius, p, phase, k[0])
-    _evaluate_node(m, radius, p, phase, first)
+    _evaluate_node(m, radius, p, phase, rate, first)
     tolerance = DERIVATIVE_TOLERANCE if np.iscomplexobj(rows) else TOLERANCE
     h = 0.1 if phase == SLIDE else 0.02
     while m[_TIME].real < horizon and _needs_step(m, p, phase, tolerance) and count < len(rows) - 4:
         h = _limit_step(m, p, phase, h, horizon)
         worst = take_step(m, radius, p, phase, h, k, y)
         if worst <= tolerance:
-            _evaluate_node(y, radius, p, phase, last)
+            _evaluate_node(y, radius, p, phase, rate, last)
             _interpolate_nodes(first, last, m[_TIME], y[_TIME] - m[_TIME], radius, phase, rows[count])
             phases[count] = phase
             count += 1
-            m[:], k[0], first[:] = y, k[6], last
+            copy_numbers(y, m)
+            copy_numbers(k[6], k[0])
+            copy_rows(last, first)
         h = h * min(4.0, max(0.2, 0.9 * (tolerance / max(worst, 1e-30)) ** 0.2))
-    s[0:2], s[2:4], s[4], s[5], s[CLOCK] = first[0], first[1], -first[5, 1], first[5, 0], m[_TIME]
+    for i in range(2):
+        s[i], s[2 + i] = first[0, i], first[1, i]
+    s[4], s[5], s[CLOCK] = -first[5, 1], first[5, 0], m[_TIME]
     if phase == SLIDE and m[_TIME].real < horizon:
         count = _finish_slide(s, m, radius, p, rows, phases, count)
     return count

@@ -146,4 +146,4 @@ def evaluate_state_rate(s, radius, p, phase, rate):  # type: ignore[no-untyped-d
     rate[3] = -slow * hy + tilt * sy - drag * s[3] + turn * s[2]
     rate[4], rate[5] = -rate[3] / radius, rate[2] / radius
     if phase == GLIDE:
-        rate[4:6] = 0.0
+        rate[4], rate[5] = 0.0, 0.0

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.parameter_vector import SPIN_DECAY
 
-# Phases; a ball glides where there is no sliding friction and it does not roll.
-SLIDE, ROLL, REST, GLIDE = range(4)
+# Phases; a ball glides where there is no sliding friction and it does not roll. For a Python integer as an argument,
+# numba compiles a function of its own per value.
+SLIDE, ROLL, REST, GLIDE = map(np.int64, range(4))
 # Names of the phases in `models.core.trajectory.PHASES`.
 PHASE_NAMES = ("slide", "roll", "rest", "roll")
 # Columns of a piece: start and end (s since the state), then coefficients of powers of the time since the piece began:
 # six each for x and y (m), five each for wx and wy (rad/s).
-PIECE_START, PIECE_END, X, Y, WX, WY, PIECE_WIDTH = 0, 1, 2, 8, 14, 19, 24
+PIECE_START, PIECE_END, X, Y, WX, WY, PIECE_WIDTH = map(np.int64, (0, 1, 2, 8, 14, 19, 24))
 # Number of pieces in a table, for motion in closed form and for integrated motion.
 CLOSED_FORM_PIECES, INTEGRATED_PIECES = 4, 400
 # s, duration of rest.
@@ -21,11 +24,9 @@ CLOCK = 6
 
 
 @compile_kernel
-def count_pieces(bends):  # type: ignore[no-untyped-def]
-    """Return the number of pieces of a table; `bends` as in `cloth_motion.plan_motion`."""
-    if bends is None:
-        return CLOSED_FORM_PIECES
-    return INTEGRATED_PIECES
+def count_pieces(has_curves):  # type: ignore[no-untyped-def]
+    """Return the number of pieces of a table, for paths in closed form or integrated ones."""
+    return INTEGRATED_PIECES if has_curves else CLOSED_FORM_PIECES
 
 
 @compile_kernel
@@ -42,7 +43,8 @@ def write_parabola(s, rate, length, phase, rows, phases, k):  # type: ignore[no-
         k: Row.
     """
     row = rows[k]
-    row[:] = 0.0
+    for i in range(PIECE_WIDTH):
+        row[i] = 0.0
     row[PIECE_START], row[PIECE_END] = s[CLOCK], s[CLOCK] + length
     phases[k] = phase
     for i in range(2):

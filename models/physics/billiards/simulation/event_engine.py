@@ -18,6 +18,7 @@ from models.numerics.jit import compile_kernel, copy_numbers
 from models.numerics.roots import MAX_DEGREE, NEVER, find_meeting
 from models.physics.billiards.ball_cushion.rebound_correction import correct_rebound, rebound_energy
 from models.physics.billiards.cloth.cloth_motion import plan_motion
+from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cloth.motion_pieces import (
     PIECE_END,
     PIECE_START,
@@ -41,6 +42,8 @@ EVENT_KIND, EVENT_TIME, EVENT_FIRST, EVENT_SECOND, EVENT_SPEED, EVENT_GENTLE, EV
 SEGMENT_BALL, SEGMENT_TIME, SEGMENT_STATE, SEGMENT_WIDTH = 0, 1, 2, 9
 # s; contacts that are closer in time count as simultaneous.
 SIMULTANEITY = 1e-12
+# Degree of x and y of a piece of a path, and of the squared distance between two of them.
+PATH_DEGREE, DISTANCE_DEGREE = np.int64(5), np.int64(MAX_DEGREE)
 # Crossings of the line of a nose beyond its ends that one piece of a path may have.
 _MOST_CROSSINGS = 20
 
@@ -86,7 +89,7 @@ def find_centre_meeting(x, y, reach, length, work):  # type: ignore[no-untyped-d
         return NEVER, 0.0, False
     c = work[3]
     fill_squared_gap(x, y, reach, c)
-    return find_meeting(c, MAX_DEGREE, length, reach, 0.0, False, work)
+    return find_meeting(c, DISTANCE_DEGREE, length, reach, 0.0, np.bool_(False), work)
 
 
 @compile_kernel
@@ -137,7 +140,7 @@ def find_line_meeting(x, y, line, radius, length, work):  # type: ignore[no-unty
     c[0] = gap
     begin, through = 0.0, False
     for _ in range(_MOST_CROSSINGS):
-        t, closing, soft = find_meeting(c, 5, length, 0.0, begin, through, work)
+        t, closing, soft = find_meeting(c, PATH_DEGREE, length, 0.0, begin, through, work)
         if t == NEVER:
             return t, closing, soft
         along = 0.0
@@ -287,7 +290,7 @@ def select_earliest(ball_times, table_times):  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def simulate_events(start, radius, mass, p, models, table, seconds, bends, correction, errors, events, segments):  # type: ignore[no-untyped-def]
+def simulate_events(start, radius, mass, p, models, table, seconds, correction, errors, events, segments):  # type: ignore[no-untyped-def]
     """Simulate a shot and log its events and segments.
 
     Args:
@@ -298,18 +301,17 @@ def simulate_events(start, radius, mass, p, models, table, seconds, bends, corre
         models: Codes of the cushion model and of the ball model.
         table: Lines (L, 6), arcs (A, 4) and holes (H, 3) of `cushion_geometry.Rails`.
         seconds: Duration, s.
-        bends: As in `plan_motion`.
-        correction: Weights of `rebound_correction` for contacts with cushions; None for none.
+        correction: Weights of `rebound_correction` for contacts with cushions; empty for none.
         errors: (D, 5) added after the first D contacts with cushions that are not gentle, as shares of the speed
             before: to the velocity along n and t and to the slip along n and t, and to the surface speed of side spin;
-            reduced where they would create energy. None for none.
+            reduced where they would create energy.
         events: (E, EVENT_WIDTH) receives the events by time.
         segments: (L, SEGMENT_WIDTH) receives the segments by time.
 
     Returns:
         The number of events, the number of segments, and whether there was room for all.
     """
-    n, (lines, arcs, holes), capacity = len(start), table, count_pieces(bends)
+    n, (lines, arcs, holes), capacity = len(start), table, count_pieces(has_curved_path(p))
     state, start_times, counts, on_table = start.copy(), np.zeros(n), np.zeros(n, np.int64), np.ones(n, np.bool_)
     rows, phases = np.zeros((n, capacity, PIECE_WIDTH)), np.zeros((n, capacity), np.int64)
     ball_times, table_times = np.full((n, n, 3), NEVER), np.full((n, 5), NEVER)
@@ -325,7 +327,7 @@ def simulate_events(start, radius, mass, p, models, table, seconds, bends, corre
             segment_count += 1
             start_times[a] = now
             if on_table[a]:
-                counts[a] = plan_motion(state[a], radius[a], p, bends, seconds - now, rows[a], phases[a])
+                counts[a] = plan_motion(state[a], radius[a], p, seconds - now, rows[a], phases[a])
         for a in range(n):
             if not changed[a]:
                 continue
@@ -388,11 +390,11 @@ def simulate_events(start, radius, mass, p, models, table, seconds, bends, corre
         nx, ny = cushion_normal(int(event[EVENT_KIND]), int(event[EVENT_SECOND]), state[a], lines, arcs)
         copy_numbers(to_cushion_axes(state[a], nx, ny, radius[a]), before)
         resolve_cushion_contact(state[a], nx, ny, radius[a], mass[a], p, models[0], event[EVENT_GENTLE] > 0, out[:7])
-        if correction is not None and not event[EVENT_GENTLE] > 0:
+        if len(correction) > 0 and not event[EVENT_GENTLE] > 0:
             after = to_cushion_axes(out[:7], nx, ny, radius[a])
             correct_rebound(correction, before, after)
             from_cushion_axes(after, nx, ny, radius[a], out)
-        if errors is not None and bounces < len(errors) and not event[EVENT_GENTLE] > 0:
+        if bounces < len(errors) and not event[EVENT_GENTLE] > 0:
             disturb_rebound(out, nx, ny, radius[a], before, errors[bounces])
             bounces += 1
         copy_numbers(out[:7], state[a])

@@ -20,6 +20,7 @@ import numpy as np
 
 from models.numerics.jit import COMPLEX_STEP, compile_kernel, copy_numbers, copy_rows
 from models.physics.billiards.cloth.cloth_motion import plan_motion
+from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cloth.motion_pieces import (
     PIECE_START,
     PIECE_WIDTH,
@@ -31,7 +32,12 @@ from models.physics.billiards.cloth.motion_pieces import (
     side_spin_at,
 )
 from models.physics.billiards.contact_models import BALL_MODEL_READS, CUSHION_MODEL_READS
-from models.physics.billiards.parameter_vector import IS_CLOTH_PARAMETER, PARAMETER_NAMES, SPIN_DECAY
+from models.physics.billiards.parameter_vector import (
+    IS_CLOTH_PARAMETER,
+    PARAMETER_NAMES,
+    PATH_BENDING_PARAMETERS,
+    SPIN_DECAY,
+)
 from models.physics.billiards.simulation.contact_resolution import resolve_ball_contact, resolve_cushion_contact
 from models.physics.billiards.simulation.event_engine import (
     BALL,
@@ -166,7 +172,7 @@ def propagate_through_cushion(  # type: ignore[no-untyped-def]
     side = int(lines[row, 5]) if kind == LINE else int(arcs[row, 3])
     nose = directions[BALL_INPUTS * n + _PARAMETERS + side]
     by_radius, by_ball_mass = directions[BALL_INPUTS * a + _RADIUS], directions[BALL_INPUTS * a + _MASS]
-    shift, by_mass = np.empty(len(nose)), False
+    shift, by_mass = np.empty(len(nose)), np.bool_(False)
     for column in range(len(nose)):
         gap = -nx * sensitivity[0, column] - ny * sensitivity[1, column] - by_radius[column]
         gap += nose[column] * (nx * normals[side, 0] + ny * normals[side, 1])
@@ -227,7 +233,6 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
     sensitivity,
     radius,
     p,
-    bends,
     active,
     times,
     place,
@@ -263,7 +268,6 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
         segments[k, SEGMENT_STATE:].copy(),
         radius[ball],
         p,
-        bends,
         active,
         needed,
         times[observed] - start,
@@ -284,10 +288,10 @@ def propagate_along_segment(  # type: ignore[no-untyped-def]
 
 
 @compile_kernel
-def evaluate_rate(segment, until, radius, p, bends, rows, phases, state, rate):  # type: ignore[no-untyped-def]
+def evaluate_rate(segment, until, radius, p, rows, phases, state, rate):  # type: ignore[no-untyped-def]
     """Write state (7,) and its time derivative, rate (7,), of a segment at the time `until` (s)."""
     count = plan_motion(
-        segment[SEGMENT_STATE:], radius, p, bends, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
+        segment[SEGMENT_STATE:], radius, p, until - segment[SEGMENT_TIME] + PLANNING_MARGIN, rows, phases
     )
     evaluate_pieces(rows, count, segment[SEGMENT_STATE + 6], p, until - segment[SEGMENT_TIME], state, rate)
 
@@ -309,7 +313,6 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
     end,
     directions,
     active,
-    bends,
     out,
     at_end,
 ):
@@ -331,11 +334,13 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
         end: s; infinite if no derivatives at an end are wanted.
         directions: (9 N + P + 4, C).
         active: (A,) parameters that a direction changes.
-        bends: As in `plan_motion`; a parameter of a direction counts as present.
         out: (K, R, C) receives derivatives of the first R, 2 or 7, numbers of a state.
         at_end: (N, 7, C) receives the derivatives of all balls at `end`.
     """
-    n, columns, piece_capacity = len(radius), directions.shape[1], count_pieces(bends)
+    n, columns, has_curves = len(radius), directions.shape[1], has_curved_path(p)
+    for parameter in active:  # a derivative by an effect that is absent has no closed form either
+        has_curves = has_curves or parameter in PATH_BENDING_PARAMETERS
+    piece_capacity = count_pieces(has_curves)
     rows, phases = np.zeros((piece_capacity, PIECE_WIDTH)), np.zeros(piece_capacity, np.int64)
     complex_rows = np.zeros((piece_capacity, PIECE_WIDTH), np.complex128)
     workspace = np.empty(len(times) * out.shape[1] * (8 + len(active)))
@@ -352,13 +357,13 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
             ball = a if m == 0 else b
             k = segment[ball]
             sensitivity = propagate_along_segment(
-                segments, k, t, end, sens[ball], radius, p, bends, active, times, place, directions, complex_rows,
+                segments, k, t, end, sens[ball], radius, p, active, times, place, directions, complex_rows,
                 phases, workspace, out, at_end,
             )  # fmt: skip
             copy_rows(sensitivity, sens[ball])
             segment[ball] = k + 1
-            evaluate_rate(segments[k], t, radius[ball], p, bends, rows, phases, states[m], rates[m])
-            evaluate_rate(segments[k + 1], t, radius[ball], p, bends, rows, phases, unused, rates[2 + m])
+            evaluate_rate(segments[k], t, radius[ball], p, rows, phases, states[m], rates[m])
+            evaluate_rate(segments[k + 1], t, radius[ball], p, rows, phases, unused, rates[2 + m])
         if kind == BALL:
             both = propagate_through_ball(
                 sens[a], sens[b], states[0], states[1], rates, radius[a], radius[b], mass[a], mass[b],
@@ -382,7 +387,6 @@ def differentiate_shot(  # type: ignore[no-untyped-def]
                 sens[a],
                 radius,
                 p,
-                bends,
                 active,
                 times,
                 place,
@@ -402,7 +406,7 @@ PLANNING_MARGIN = 1e-9
 
 @compile_kernel
 def _differentiate_motion(  # type: ignore[no-untyped-def]
-    state, radius, p, bends, active, needed, taus, until, stop, rows, phases, at_times, last, stopped
+    state, radius, p, active, needed, taus, until, stop, rows, phases, at_times, last, stopped
 ):
     """Differentiate one ball's motion by its state, its radius and the active parameters.
 
@@ -410,7 +414,6 @@ def _differentiate_motion(  # type: ignore[no-untyped-def]
         state: (7,) at the initial state of the segment.
         radius: m.
         p: (P,) physical parameters.
-        bends: As in `plan_motion`.
         active: (A,) indices of parameters.
         needed: (8 + A,) columns that are wanted; the others are 0.
         taus: (T,) s since the start, sorted.
@@ -448,7 +451,7 @@ def _differentiate_motion(  # type: ignore[no-untyped-def]
             if stop < np.inf:
                 stopped[_SIDE_SPIN, j] = side_spin_at(s[6], q[SPIN_DECAY], stop + 0j)[0].imag / COMPLEX_STEP
             continue
-        count = plan_motion(s, r, q, bends, horizon + PLANNING_MARGIN, rows, phases)
+        count = plan_motion(s, r, q, horizon + PLANNING_MARGIN, rows, phases)
         if at_times.shape[1] == 2:
             _fill_place_derivatives(s, rows, phases, count, taus, at_times, j)
         else:

@@ -14,7 +14,6 @@ import numpy as np
 from models.core.scene import Table
 from models.core.typing import FloatArray
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
-from models.physics.billiards.cloth.forces import has_curved_path
 from models.physics.billiards.cushion_geometry import Rails, build_rails
 from models.physics.billiards.simulation.event_engine import EVENT_WIDTH, SEGMENT_BALL, SEGMENT_WIDTH, simulate_events
 from models.physics.billiards.simulation.simulated_shot import BallSet, SimulatedShot, kinetic_energy
@@ -27,6 +26,7 @@ __all__ = ["BallSet", "Physics", "Rails", "SimulatedShot", "build_rails", "kinet
 _FIRST_CAPACITY = 512
 # What a disturbance of a cushion contact changes.
 DISTURBED = ("velocity_n", "velocity_t", "slip_n", "slip_t", "side_spin")
+NO_DISTURBANCES = np.empty((0, len(DISTURBED)))
 # A shot with more contacts is an error.
 MOST_CONTACTS = 500_000
 
@@ -37,7 +37,7 @@ def simulate(
     physics: Physics,
     seconds: float,
     offsets: FloatArray | None = None,
-    disturbances: FloatArray | None = None,
+    disturbances: FloatArray = NO_DISTURBANCES,
     correction: FloatArray = NO_CORRECTION,
 ) -> SimulatedShot:
     """Simulate a shot.
@@ -48,7 +48,7 @@ def simulate(
         physics: Strengths of the effects, and the contact models.
         seconds: Duration, s.
         offsets: (4,) m, outward offsets of the noses in the order of `CUSHIONS`; None for none.
-        disturbances: (D, 5) deviations of cushion contacts from their model, see `simulate_events`; None for none.
+        disturbances: (D, 5) deviations of cushion contacts from their model, see `simulate_events`.
             Derivatives of the shot do not contain them.
         correction: Weights of `rebound_correction`, which derivatives do not contain either.
 
@@ -63,9 +63,8 @@ def simulate(
         raise ValueError(f"a shot lasts for some seconds; got {seconds}")
     rails = build_rails(table, offsets)
     contacts, segments = log_events(
-        balls.state, balls.radius, balls.mass, physics.values, physics.model_codes, rails, float(seconds),
-        correction if len(correction) else None,
-        disturbances if disturbances is not None and len(disturbances) else None,
+        balls.state, balls.radius, balls.mass, physics.values, physics.model_codes, rails, float(seconds), correction,
+        disturbances,
     )  # fmt: skip
     return SimulatedShot(balls, rails, physics, float(seconds), contacts, segments)
 
@@ -78,8 +77,8 @@ def log_events(
     model_codes: tuple[int, int],
     rails: Rails,
     seconds: float,
-    correction: FloatArray | None = None,
-    disturbances: FloatArray | None = None,
+    correction: FloatArray = NO_CORRECTION,
+    disturbances: FloatArray = NO_DISTURBANCES,
 ) -> tuple[FloatArray, FloatArray]:
     """Log the contacts and segments of a shot.
 
@@ -91,8 +90,8 @@ def log_events(
         model_codes: Codes of the cushion model and the ball model.
         rails: Parts of the table.
         seconds: Duration, s.
-        correction: As of `simulate`; None for none.
-        disturbances: (D, 5) as of `simulate`; None for none.
+        correction: As of `simulate`.
+        disturbances: (D, 5) as of `simulate`.
 
     Returns:
         Contacts (E, EVENT_WIDTH) by time; segments (L, SEGMENT_WIDTH) by ball, then by time.
@@ -100,13 +99,12 @@ def log_events(
     Raises:
         ArithmeticError: The shot has more than `MOST_CONTACTS` contacts.
     """
-    table, bends = (rails.lines, rails.arcs, rails.holes), True if has_curved_path(physics) else None
+    table = rails.lines, rails.arcs, rails.holes
     capacity = _FIRST_CAPACITY
     while capacity <= MOST_CONTACTS:
         contacts, segments = np.zeros((capacity, EVENT_WIDTH)), np.empty((len(state) + 2 * capacity, SEGMENT_WIDTH))
         event_count, segment_count, complete = simulate_events(
-            state, radius, mass, physics, model_codes, table, seconds, bends, correction, disturbances,
-            contacts, segments,
+            state, radius, mass, physics, model_codes, table, seconds, correction, disturbances, contacts, segments,
         )  # fmt: skip
         if complete:  # segments are made in the order of time
             order = np.argsort(segments[:segment_count, SEGMENT_BALL], kind="stable")

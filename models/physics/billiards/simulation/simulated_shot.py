@@ -29,7 +29,7 @@ from models.physics.billiards.cloth.motion_pieces import (
     evaluate_pieces,
 )
 from models.physics.billiards.cushion_geometry import CUSHION_NORMALS, Rails
-from models.physics.billiards.parameter_vector import PARAMETER_NAMES, PATH_BENDING_PARAMETERS, SPIN_DECAY
+from models.physics.billiards.parameter_vector import PARAMETER_NAMES, SPIN_DECAY
 from models.physics.billiards.simulation.event_engine import (
     BALL,
     EVENT_FIRST,
@@ -123,7 +123,7 @@ class SimulatedShot:
         ordered = np.full((times.size, len(self.balls.ids), 7), np.nan)
         fill_states(
             self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds,
-            times.reshape(-1)[order], self.bends, ordered,
+            times.reshape(-1)[order], ordered,
         )  # fmt: skip
         states = np.empty_like(ordered)
         states[order] = ordered
@@ -194,7 +194,6 @@ class SimulatedShot:
         """
         first = len(BALL_COLUMNS) * len(self.balls.ids)
         by_physics = np.any(directions[first : first + len(PARAMETER_NAMES)], axis=1)
-        curves = bool(has_curved_path(self.physics.values)) or bool(by_physics[list(PATH_BENDING_PARAMETERS)].any())
         order = np.argsort(t, kind="stable")
         derivatives = np.full((int(place.max(initial=-1)) + 1, numbers, directions.shape[1]), np.nan)
         at_end = np.full((len(self.balls.ids), STATE_SIZE, directions.shape[1]), np.nan)
@@ -214,7 +213,6 @@ class SimulatedShot:
             float(end),
             np.ascontiguousarray(directions),
             np.flatnonzero(by_physics),
-            True if curves else None,
             derivatives,
             at_end,
         )
@@ -225,11 +223,6 @@ class SimulatedShot:
         states = self.states_at(t)
         zeros = np.where(np.isnan(states[..., 0]), np.nan, 0.0)
         return State(states[..., :2], states[..., 2:4], states[..., 4:7], zeros, zeros, np.zeros(zeros.shape, bool))
-
-    @property
-    def bends(self) -> bool | None:
-        """None where no effect that bends paths is present, see `plan_motion`."""
-        return True if has_curved_path(self.physics.values) else None
 
     @property
     def events(self) -> Events:
@@ -281,11 +274,11 @@ class SimulatedShot:
             Pieces (M, PIECE_WIDTH), whose columns PIECE_START and PIECE_END count from the start of the shot; ball
             (M,); phase (M,); side spin and its rate (M, 2).
         """
-        most = int(count_pieces(self.bends)) * len(self.segments)
+        most = int(count_pieces(has_curved_path(self.physics.values))) * len(self.segments)
         rows, balls, phases = np.empty((most, PIECE_WIDTH)), np.empty(most, np.int64), np.empty(most, np.int64)
         spins = np.empty((most, 2))
         count = fill_pieces(
-            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds, self.bends,
+            self.segments, self.pocket_times, self.balls.radius, self.physics.values, self.seconds,
             rows, balls, phases, spins,
         )  # fmt: skip
         return rows[:count], balls[:count], phases[:count], spins[:count]
@@ -338,9 +331,9 @@ class SimulatedShot:
 
 
 @compile_kernel
-def fill_states(segments, pocket_times, radius, p, seconds, times, bends, out):  # type: ignore[no-untyped-def]
+def fill_states(segments, pocket_times, radius, p, seconds, times, out):  # type: ignore[no-untyped-def]
     """Write to out (T, N, 7) the states at sorted times (T,), s."""
-    capacity, rate = count_pieces(bends), np.zeros(7)
+    capacity, rate = count_pieces(has_curved_path(p)), np.zeros(7)
     rows, phases = np.zeros((capacity, PIECE_WIDTH)), np.zeros(capacity, np.int64)
     for k in range(len(segments)):
         a, start = int(segments[k, SEGMENT_BALL]), segments[k, SEGMENT_TIME]
@@ -351,18 +344,18 @@ def fill_states(segments, pocket_times, radius, p, seconds, times, bends, out): 
         if first >= after or start >= pocket_times[a]:
             continue
         state = segments[k, SEGMENT_STATE:]
-        count = plan_motion(state, radius[a], p, bends, max(seconds, times[after - 1]) - start, rows, phases)
+        count = plan_motion(state, radius[a], p, max(seconds, times[after - 1]) - start, rows, phases)
         for i in range(first, after):
             evaluate_pieces(rows, count, state[6], p, times[i] - start, out[i, a], rate)
 
 
 @compile_kernel
-def fill_pieces(segments, pocket_times, radius, p, seconds, bends, pieces, balls, piece_phases, spins):  # type: ignore[no-untyped-def]
+def fill_pieces(segments, pocket_times, radius, p, seconds, pieces, balls, piece_phases, spins):  # type: ignore[no-untyped-def]
     """Write all pieces up to `seconds`; return their number.
 
     pieces (M, PIECE_WIDTH), balls (M,), piece_phases (M,) and spins (M, 2), side spin and its rate, receive them.
     """
-    capacity, piece_count = count_pieces(bends), 0
+    capacity, piece_count = count_pieces(has_curved_path(p)), 0
     rows, phases = np.zeros((capacity, PIECE_WIDTH)), np.zeros(capacity, np.int64)
     out, rate = np.zeros(7), np.zeros(7)
     for k in range(len(segments)):
@@ -371,7 +364,7 @@ def fill_pieces(segments, pocket_times, radius, p, seconds, bends, pieces, balls
         until = min(seconds, pocket_times[a]) if last else segments[k + 1, SEGMENT_TIME]
         if start >= until:
             continue
-        count = plan_motion(segments[k, SEGMENT_STATE:], radius[a], p, bends, seconds - start, rows, phases)
+        count = plan_motion(segments[k, SEGMENT_STATE:], radius[a], p, seconds - start, rows, phases)
         for i in range(count):
             begin = start + rows[i, PIECE_START]
             end = min(start + rows[i, PIECE_END], until)

@@ -2,7 +2,7 @@
 
 r is the distance from the image centre in half table lengths.
 
-The equation is in `models.physics.billiards.simulation.parametrised_shot`.
+The code of the equation is in `models.physics.billiards.simulation.parametrised_shot.distort_places`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Phones correct their lenses; the remaining distortion bends back at the edge of the image.
 
-The equation is in `models.physics.billiards.simulation.parametrised_shot`.
+The code of the equation is in `models.physics.billiards.simulation.parametrised_shot.distort_places`.
 """
 
 from __future__ import annotations

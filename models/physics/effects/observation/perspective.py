@@ -3,7 +3,7 @@
 A place (x, y) relative to the image centre, in half table lengths, is measured at (x, y) / (1 + p_x x + p_y y). These
 are the two parameters of the homography that are neither affine nor a shift.
 
-The equation is in `models.physics.billiards.simulation.parametrised_shot`.
+The code of the equation is in `models.physics.billiards.simulation.parametrised_shot.distort_places`.
 """
 
 from __future__ import annotations

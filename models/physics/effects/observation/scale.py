@@ -1,6 +1,6 @@
 """Scale: measured lengths over true lengths, the same factor in all directions from the image centre.
 
-The equation is in `models.physics.billiards.simulation.parametrised_shot`.
+The code of the equation is in `models.physics.billiards.simulation.parametrised_shot.distort_places`.
 """
 
 from __future__ import annotations
