@@ -1,8 +1,8 @@
 """The networks of the detector in torch, and their losses.
 
-The ball network is fully convolutional, with one output cell per 4 x 4 px of the working image:
-Centres as peaks of a map, with offset, size and the rest read at the peak (Zhou et al. 2019, CenterNet,
-arXiv:1904.07850); depthwise blocks (Howard et al. 2017, arXiv:1704.04861). A stem with strides does most of the work
+The ball network is fully convolutional, with one output cell per 4 x 4 px of the working image. Centres are the peaks
+of a map; offset, size and the rest are read at the peak (Zhou et al. 2019, CenterNet, arXiv:1904.07850). The blocks are
+depthwise (Howard et al. 2017, arXiv:1704.04861). A stem with strides does most of the work
 at a sixteenth and a sixty-fourth of the pixels: 2.8 thousand multiplications a pixel in all.
 """
 

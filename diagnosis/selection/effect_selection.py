@@ -163,7 +163,8 @@ def find_substitutes(search: EffectSearch, best: Hypothesis) -> set[frozenset[st
 def _find_larger(search: EffectSearch, now: Hypothesis) -> Hypothesis | None:
     """Find the best hypothesis with one more effect, if it is needed; else the best pair.
 
-    Of two effects of similar size, neither alone explains more than it leaves.
+    Where two effects of similar size are missing, neither alone explains more than it leaves, so that only a pair is
+    accepted.
     """
     proposals = propose_hypotheses(search, now)
     search.plan_steps(len(proposals))

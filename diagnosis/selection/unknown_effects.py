@@ -61,7 +61,7 @@ class UnknownEvidence:
 
     @property
     def has_systematic_residuals(self) -> bool:
-        """Whether residuals are more than noise, or shots disagree."""
+        """Whether residuals are more than noise, or shots disagree about the parameters."""
         return self.noise_p_value < SUSPICIOUS_P_VALUE
 
     @property

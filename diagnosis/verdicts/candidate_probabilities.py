@@ -190,7 +190,10 @@ def smallest_p_value(count: int) -> float:
 
 
 def _draw_flips(count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw signs (K, Q) of all shots, the observed ones first; a pull has the same size with all signs exchanged."""
+    """Draw K choices of signs for Q shots (K, Q); the first choice flips none.
+
+    With few shots, these are all choices in which the last shot keeps its sign: flipping all signs changes nothing.
+    """
     if count <= _MAX_EXACT_SHOTS:
         is_flipped = np.arange(2 ** (count - 1))[:, None] >> np.arange(count) & 1
     else:

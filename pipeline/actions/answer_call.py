@@ -257,7 +257,7 @@ def write_call_images(
 
 
 def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
-    """Open the frames of a run, in the given video or in the one that the run noted if that is still the same file.
+    """Open the video of a run: the given one, or the one that the run was computed from, if that file is unchanged.
 
     Args:
         folder: Run folder.

@@ -1,4 +1,8 @@
-"""The questions of Python: the functions of the commands, each of which returns an answer."""
+"""The questions that can be asked from Python: the functions of the commands that return an answer.
+
+A new question is a file in `pipeline/cli/commands/`, its name in `COMMAND_NAMES` there, and its export here and in
+`trueroll/__init__.py`; see docs/how-to/extend.md.
+"""
 
 from pipeline.cli.commands.call_command import call as call
 from pipeline.cli.commands.certify_command import certify as certify

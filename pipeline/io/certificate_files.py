@@ -133,8 +133,8 @@ def read_certificate(path: Path) -> dict[str, Any]:
 def compare_certificates(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[NumberComparison, ...]:
     """Compare the numbers that both certificates state.
 
-    A number differs if a difference as large is improbable for equal tables: with `FALSE_ALARM` for all numbers
-    together (Bonferroni).
+    A number differs if two measurements of equal tables would differ as much with a probability below `FALSE_ALARM`
+    over the number of comparisons (Bonferroni).
 
     Args:
         first: Content of a certificate.

@@ -1,4 +1,7 @@
-"""SHOT.json: a shot described by its initial state, validated with one-sentence errors."""
+"""SHOT.json, the input of `trueroll simulate`: a shot by its initial state, validated with one-sentence errors.
+
+What a run saves of the shot in a clip is in `pipeline.io.shot_folder`.
+"""
 
 from __future__ import annotations
 

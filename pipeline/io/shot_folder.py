@@ -1,5 +1,7 @@
 """The saved shot of a run folder: what every answer reads, and of which the tables of the folder are exports.
 
+It is the result of a run; the file SHOT.json that `trueroll simulate` reads is in `pipeline.io.shot_file`.
+
 shot/shot.json      format, version of the program, options of the run, and the value without its arrays
 shot/HASH.npz       the arrays, under the hash that shot.json names
 shot/kept/          what answers computed later from the shot, see `kept_values`

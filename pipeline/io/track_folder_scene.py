@@ -117,7 +117,10 @@ def _is_run_folder(entry: SceneEntry) -> bool:
 
 
 def _list_assumed_effects(entry: SceneEntry) -> tuple[str, ...]:
-    """List the effects of the user's simulator; for a run folder, whose fit may lack contacts, the default ones too."""
+    """List the effects of the user's simulator, for a run folder together with the default ones.
+
+    A run folder states the effects that its fit estimated; those of contacts are lacking where it had none.
+    """
     if entry.model is None:
         return DEFAULT_EFFECTS
     return tuple(dict.fromkeys((*DEFAULT_EFFECTS, *entry.model) if _is_run_folder(entry) else entry.model))

@@ -1,4 +1,8 @@
-"""The stage that fits published contact models to whole shots, where somebody asks for them."""
+"""The stage that fits published contact models to whole shots, where somebody asks for them.
+
+The models of cushions and balls are selected in `models.estimation.whole_shot.table_fit.search_laws`, the cushion model
+of a table that is learned from its contacts in `models.estimation.table_learning.cushion_learning.learn_cushions`.
+"""
 
 from __future__ import annotations
 

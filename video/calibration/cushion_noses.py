@@ -158,7 +158,7 @@ def _expect_line(corners: FloatArray, covariance: FloatArray, side: int) -> Fitt
 
 
 def _select_nose_lines(sides: list[SideProfiles], outer: FloatArray, width_px: int, height_px: int) -> _NoseSelection:
-    """Select the combination of lines, at most one per side, that equal cushions and a 2:1 table explain best."""
+    """Select at most one line per side as its nose, so that cushions of equal width and a 2:1 table fit best."""
     candidates = [_list_candidates(side) for side in sides]
     parallax = _edge_parallax(outer, width_px, height_px)
     sigmas = np.array([np.hypot(EQUAL_SIGMA, EDGE_SIGMA_PX * (DEPTHS[1] - DEPTHS[0]) / side.step) for side in sides])

@@ -214,7 +214,11 @@ def _locate_with_prior(image: ImageArray, name: str, prior: ViewPrior) -> TableL
 
 
 def _locate_if_possible(image: ImageArray, name: str, noses: CushionNoses | None) -> TableLocation | None:
-    """Locate the table without earlier clips; None where only three noses near their expected places show it."""
+    """Locate the table in the image alone; None where that fails, but `noses` can be used instead.
+
+    These are the noses near the places that earlier clips predict. Where too few of them are visible, the failure is
+    raised.
+    """
     try:
         return locate_table(image, name)
     except TableNotFound:

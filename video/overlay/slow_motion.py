@@ -256,7 +256,7 @@ def replay_times(timeline: BallTimeline, mark: ContactMark, rate: float, slow: f
 def render_replays(
     clip: Clip, appearance: ClipAppearance, marks: list[ContactMark], rate: float, slow: float
 ) -> Iterator[ImageArray]:
-    """Yield the close-ups (H, W, 3) of all marks."""
+    """Yield the frames (H, W, 3) of the replays: close-ups of all marked contacts."""
     timeline = appearance.timeline
     for mark in marks:
         for frame in synthesize_frames(clip, appearance, replay_times(timeline, mark, rate, slow)):

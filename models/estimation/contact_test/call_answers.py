@@ -2,7 +2,7 @@
 
 A contact that no hypothesis lists has a probability that was learned on shots of another engine.
 Where every motion of two balls has a cause, hardly any contact is missed. Where one of them turned for an unknown
-cause, or moved when it was first detected, either may have touched more than is listed.
+cause, or already moved when it was first detected, the two may have touched although no contact of them is listed.
 """
 
 from __future__ import annotations
@@ -236,7 +236,8 @@ def answer_cushion_first(record: ShotRecord, a: str) -> CallAnswer:
 def _list_meetings(record: ShotRecord, one: int) -> list[tuple[float, dict[str, float]]]:
     """List what a ball may have met at each moment; the probabilities of one moment exclude each other.
 
-    An unknown cause is a cushion as probably as the known ones of its moment are; half of what is not known is.
+    An unexplained change was a cushion with a probability equal to the share of cushions among all causes of its
+    moment; for this share, the unexplained cause counts half as a cushion.
     """
     meetings: dict[float, dict[str, float]] = {}
     for candidate in (*_find_all_ball_candidates(record, one), *find_cushion_candidates(record, one)):

@@ -3,6 +3,9 @@
 Both hypotheses share the states of the balls where the window begins, friction and slope. The contact adds its time and
 an impulse whose strength and direction follow from the geometry; restitution and friction between the bodies have
 priors. All states here are x, y, vx, vy and slip ux, uy: (6,).
+
+This module only predicts motion. `contact_probability.estimate_contact_time` fits it to find the time of a contact,
+`contact_probability.evaluate_contact` to find the probability that there was one.
 """
 
 from __future__ import annotations

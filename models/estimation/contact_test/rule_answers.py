@@ -88,7 +88,7 @@ def _count_cushions(touches: Sequence[Sequence[CandidateContact]], rails: Sequen
 
 
 def _precedes(one: CandidateContact, two: CandidateContact) -> float:
-    """Return the probability that a possible contact happened, and before another one."""
+    """Return the probability that the contact `one` happened, and earlier than the time of the contact `two`."""
     if one.t == two.t:  # hypotheses about one moment, which exclude each other
         return 0.0
     sigma = max(float(np.hypot(*np.nan_to_num([one.t_sigma, two.t_sigma]))), 1e-9)

@@ -1,7 +1,8 @@
 """A multiple-shooting problem, its iterates, and their cost and normal equations, chain by chain.
 
-A chain is a window with those that are linked to it by continuity. Chains share nothing but the shared parameters, so
-that the cost of a fit grows linearly with their number, however many of them belong to one shot.
+A chain is a sequence of windows in which each one starts where the one before it ends, within a tolerance. Chains share
+nothing but the shared parameters, so that the cost of a fit grows linearly with their number, however many of them
+belong to one shot.
 
 Shared parameters are searched by their logarithms where their prior is relative.
 """
@@ -294,7 +295,7 @@ def require_linearized(point: Iterate, k: int) -> LinearizedWindow:
 def _add_link(
     block: ChainBlock, here: slice, before: slice, sigma: FloatArray, point: Iterate, k: int, scale: FloatArray
 ) -> None:
-    """Add the continuity of the start of window `k` with the end of the previous window."""
+    """Add the constraint that window `k` starts, within `sigma`, in the state in which the window before it ends."""
     tied = np.flatnonzero(np.isfinite(sigma))
     prediction = require_linearized(point, k - 1)
     rows = np.zeros((len(tied), here.stop - before.start))

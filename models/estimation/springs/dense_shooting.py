@@ -50,7 +50,7 @@ class ChainModel(Protocol):
     """A model that predicts chains of states."""
 
     def predict(self, states: FloatArray, shared: FloatArray) -> ChainPrediction:
-        """Predict from states (K, S) and shared coordinates (P,)."""
+        """Predict the next sample from each of the states (K, S), with shared coordinates (P,)."""
 
     def clip_shared(self, shared: FloatArray) -> FloatArray:
         """Return the nearest possible shared coordinates (P,)."""

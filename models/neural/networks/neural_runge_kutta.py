@@ -164,7 +164,7 @@ class TrainingSamples:
 
     @property
     def intervals(self) -> Tensor:
-        """Steps (T - 1, 1) from each sample to the next."""
+        """Time (T - 1, 1) from each sample to the next, in the unit of `t`."""
         return self.t[1:] - self.t[:-1]
 
 

@@ -29,7 +29,7 @@ def call(
     profile: Annotated[cli.AnyPath | None, typer.Option(metavar="FILE")] = None,
     on_activity: Callable[[str], None] = ignore,
 ) -> Answer:
-    """Answer an umpire's question: a probability, a time, a margin in mm, and a close-up of the moment.
+    """Answer an umpire's question with a probability, a time, a margin in mm, and a close-up of the moment.
 
     Args:
         folder: The folder of a run.

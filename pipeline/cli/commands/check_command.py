@@ -1,4 +1,4 @@
-"""`trueroll check`: check how a clip is filmed, before filming on."""
+"""`trueroll check`: check how a clip is filmed, before more shots are filmed."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def check(
     *,
     options: DoorOptions,
 ) -> None:
-    """Check in a few seconds how a clip is filmed: go or no-go before filming on (exit status 0 or 1).
+    """Check in a few seconds how a clip is filmed: go or no-go before more shots are filmed (exit status 0 or 1).
 
     Args:
         clip: A clip of a shot: mp4, mov, mkv, avi, webm.

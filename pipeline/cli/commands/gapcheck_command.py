@@ -42,9 +42,9 @@ def gapcheck(
     report is written. The command prints how often the effect was named, false alarms, unknown effects, the closed part
     of the gap, and the calibration of the probabilities.
 
-    On two idle cores it takes about six minutes, with `--all` about twenty-five, half a minute per table. Sliding,
-    flying and swinging bodies take three minutes together (`--only slide`, `flight` or `pendulum`), walls and known
-    inputs another three.
+    On two idle cores it takes about six minutes: three for sliding, flying and swinging bodies (`--only slide`,
+    `flight` or `pendulum` checks a part of them), and half a minute per billiards table. With `--all` it takes about
+    twenty-five, three of them for the bodies between walls and those with known inputs.
 
     With `--real`, no case is simulated. The answer to a set is opened once its report is written. The command prints
     one row per set; a set that cannot be read is one row with the reason, and makes the exit status 1.

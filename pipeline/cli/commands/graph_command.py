@@ -119,7 +119,7 @@ def write_graph_image(statuses: Sequence[StageStatus], path: Path) -> None:
 
 
 def _list_arrows(boxes: Sequence[StageBox]) -> list[tuple[int, int, int, int]]:
-    """List the arrows of all direct inputs as (x0, y0, x1, y1), px."""
+    """List the arrows to every stage from its direct inputs as (x0, y0, x1, y1), px."""
     by_name = {box.status.stage: box for box in boxes}
     half = BOX[1] // 2
     return [

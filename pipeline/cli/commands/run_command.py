@@ -68,7 +68,7 @@ def run(
     ):
 
         def start_helpers(done: Collection[str]) -> None:
-            """Start a helper process before a stage runs that uses it, or that comes before one that does."""
+            """Start a second process if coming stages need one: to compile code, or else to share the detection."""
             is_compiling = kernels.start(done)  # on the second core
             if "detect" not in done and not is_compiling:
                 executor.start()
@@ -105,7 +105,7 @@ def _print_notes(notes: Iterable[str]) -> None:
 
 
 def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
-    """Return folder, trust and events as JSON values."""
+    """Return folder, trust level, contact models, events and numbers of the shots as JSON values."""
     fit, events = finished.fit, finished.fit.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]

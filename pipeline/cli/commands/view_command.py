@@ -1,4 +1,4 @@
-"""`trueroll view`: show the recording of a run in the rerun viewer."""
+"""`trueroll view`: show the recording of a run (.rrd) in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def view(
     web: bool = False,
     cache: cli.CacheOption = None,
 ) -> None:
-    """Show the recording of a run, or of every run of a batch, in the rerun viewer.
+    """Show the recording (.rrd) of a run, or of every run of a batch, in the Rerun viewer.
 
     Args:
         target: Folder of a run or of a batch, an .rrd file, or a clip to run first.
