@@ -190,7 +190,9 @@ def _test_best(
     problem, base, full, (first, second) = search.problem, search.simulator_fit, best.fitted, shots
     if not best.names:
         share, most = estimate_explained_share(base, full, linearized.shot_information, None)
-        return replace(evidence, explained_share=share, most_probability=most)
+        alone = refit_on_shots(problem, first, base)
+        has_gap = measure_closure(problem, second or first, alone, alone, rng).resolved
+        return replace(evidence, explained_share=share, most_probability=most, has_gap=has_gap)
     before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
@@ -198,7 +200,9 @@ def _test_best(
     body_after = None if body_fit is None else fit_body_strengths(problem, after, body_fit.own)
     ahead = measure_closure(problem, second or first, before, after, rng, body_after)
     share, most = estimate_explained_share(search.base.fitted, full, linearized.shot_information, ahead)
-    evidence = replace(evidence, explained_share=share, most_probability=most, selection_gains=gains)
+    evidence = replace(
+        evidence, explained_share=share, most_probability=most, selection_gains=gains, has_gap=ahead.resolved
+    )
     is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE
     if not (is_named and second and problem.probes):
         return evidence

@@ -6,7 +6,7 @@ than their errors; other shots do not gain as much as the first ones predict.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import e, log
 
 import numpy as np
@@ -25,6 +25,8 @@ NEARLY_EXPLAINED_SHARE = 0.995
 #
 # It then halves the error that they leave.
 MIN_LAW_SHARE = 0.75
+# Share of the gap of hold-out shots from which the named effects are the answer, whatever small part of it they leave.
+MOST_OF_GAP = 0.9
 # Largest size of residuals that are noise, relative to its estimate: estimates are right to a tenth on most scenes.
 _MAX_NOISE_SCALE = 2.0
 # Odds of an effect that the library lacks, before the data: one scene in ten or so has one.
@@ -51,6 +53,8 @@ class UnknownEvidence:
     """Whether selection shots gained from the effects."""
     generic_law_share: float = float("nan")
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
+    has_gap: bool = True
+    """Whether predictions of shots that estimated nothing are worse than noise explains, without the effects."""
 
     @property
     def noise_p_value(self) -> float:
@@ -77,20 +81,45 @@ class UnknownEvidence:
         return (self.has_systematic_residuals and self.is_law_missing) or not self.selection_gains
 
     @property
-    def probability(self) -> float:
-        """Probability that most of what is missing is not in the library.
+    def rest_probability(self) -> float:
+        """Probability that something systematic is left.
 
-        It is the probability that something systematic is left, by the largest odds that correspond to a p-value
-        (Sellke, Bayarri and Berger 2001, doi:10.1198/000313001300339950), times the probability that this is more than
-        the named effects explain.
+        By the largest odds that correspond to a p-value (Sellke, Bayarri and Berger 2001,
+        doi:10.1198/000313001300339950).
         """
         smallest = self.noise_p_value if self.selection_gains else min(self.noise_p_value, SUSPICIOUS_P_VALUE)
         p = min(max(smallest, 1e-12), 1 / e)
         odds = _PRIOR_ODDS / (-e * p * log(p))
-        left = odds / (1 + odds)
+        return odds / (1 + odds)
+
+    @property
+    def probability(self) -> float:
+        """Probability that most of what is missing is not in the library: that something is left, and is most of it."""
         if self.is_unknown:
-            return left * max(1 - self.most_probability, _EVEN)
-        return left * min(1 - self.most_probability, _EVEN)
+            return self.rest_probability * max(1 - self.most_probability, _EVEN)
+        return self.rest_probability * min(1 - self.most_probability, _EVEN)
+
+    def judge_by_predictions(self, closure: GapClosure) -> UnknownEvidence:
+        """Judge what is left by how well shots are predicted that estimated nothing.
+
+        Residuals of a fit that are not noise are no evidence where every prediction is as good as noise allows: noise
+        that is correlated over many samples, as a filter leaves it, looks like that. Effects that close nearly all of
+        the gap are the answer; what remains is small beside them.
+
+        Args:
+            closure: Closure of hold-out shots by the best effects; `has_gap` is that of the selection shots.
+
+        Returns:
+            The evidence, as far as predictions support it.
+        """
+        if not (self.has_gap or closure.resolved):
+            return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0, has_gap=False)
+        if closure.resolved and closure.closed >= MOST_OF_GAP and closure.interval[0] > 0:
+            return replace(
+                self, explained_share=closure.closed, most_probability=closure.most_probability, selection_gains=True,
+                generic_law_share=float("nan"), has_gap=True,
+            )  # fmt: skip
+        return replace(self, has_gap=True)
 
 
 def agreement_p_value(*fits: tuple[ShotInformation, EffectFit]) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from diagnosis.fitting.display_names import format_cause
 from diagnosis.fitting.fit_residuals import compute_residuals
 from diagnosis.fitting.gap_closure import (
     GapClosure,
@@ -54,6 +56,12 @@ from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 
+# Probability below which an answer is none: its contrary is more probable.
+_LEAST_PROBABILITY = 0.5
+# p-value from which readers may take an agreement for chance, and the fewest shots that can agree as well as that.
+_SMALL_P_VALUE, _ENOUGH_SHOTS = 0.05, 6
+# Share of the gap that rounds to 0 %.
+_LEAST_SHARE = 0.005
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 # Standard deviations that half of all strengths exceed.
 _MEDIAN_SIGMAS = 0.674
@@ -71,44 +79,57 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         The report.
     """
     scene, best = study.problem.scene, study.best
+    gap, per_effect = _measure_gap(study, recordings, rng)
+    was_systematic = study.unknown_evidence.has_systematic_residuals
+    study = replace(study, unknown_evidence=study.unknown_evidence.judge_by_predictions(gap.closure))
     excess = _measure_excess(study)
     patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
     verdict, named_effects, film = _decide_verdict(study, patch_fit)
-    gap, per_effect = _measure_gap(study, recordings, rng)
     unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
-    notes: tuple[str, ...] = ()
-    if verdict in ("effects", "group") and gap.closure.resolved and gap.closure.interval[0] <= 0:
-        verdict, notes = _withdraw_effects(study, gap.closure, unexplained)
+    verdict, notes = _confirm_verdict(study, verdict, named_effects, gap.closure, unexplained, was_systematic)
+    named, unmeasured = _part_by_share(best.names if verdict in ("effects", "group") else frozenset(), per_effect)
+    # the candidates, among them `none` and `unknown`, that the verdict names
+    answer = named or frozenset({verdict} & {"none", "unknown"})
+    detectable = _detectable_strengths(study)
+    candidates = _build_candidates(study, named_effects, detectable, answer)
+    probability = sum(one.probability for one in candidates if one.effect in named)
+    if verdict == "effects" and probability < _LEAST_PROBABILITY:
+        verdict, named = "undecidable", frozenset()
+        notes = (f"the most probable answer, {_format_names(answer)}, has a probability of {probability:.0%} only",)
     film_next = (
         f"Film more: {notes[0]}."
         if verdict == "undecidable"
         else _recommend_experiment(study, verdict, film, unexplained)
     )
+    if named and unmeasured:
+        notes += (f"{_format_names(unmeasured)} was fitted beside them, without a measurable share of the gap",)
+    shots = len(study.linearized.shot_information.shots)
+    if verdict in ("effects", "group", "unknown") and shots < _ENOUGH_SHOTS:
+        notes += (
+            f"the agreement of {shots} shots alone cannot exclude chance: {_ENOUGH_SHOTS} are the fewest that agree"
+            f" by chance in less than {_SMALL_P_VALUE:.0%} of all cases",
+        )
     if np.isfinite(study.used_duration):  # of the search; hold-out shots are always predicted as a whole
         notes += (f"the search used the first {study.used_duration:.1f} s of each shot",)
     if patch_fit is not None:
         notes += (_PATCH_NOTE,)
-    named = best.names if verdict in ("effects", "group") else frozenset[str]()
-    # the candidates, among them `none` and `unknown`, that the verdict names
-    answer = named or frozenset({verdict} & {"none", "unknown"})
     acting = {choice.name: choice.phases for choice in scene.alternatives}
     acting |= {effect.name: effect.phases for effect in scene.effects if effect.phases}
     phases = frozenset(phase for name in named for phase in acting.get(name, ()))
     closed = {one.effect: one.closed for one in per_effect}
-    by_closure = tuple(sorted(best.names, key=lambda name: (-closed.get(name, 0.0), name)))
+    by_closure = tuple(sorted(named, key=lambda name: (-closed.get(name, 0.0), name)))
     used = {segment.shot for segment in study.search.initial.fitted.segments}
     omitted = (
         f"shot {shot} was left out: no simulated path comes near its observations"
         for shot in study.usable_shots
         if shot not in used
     )
-    detectable = _detectable_strengths(study)
     return DiagnosisReport(
         scene=scene.name,
         model=scene.simulator_effects,
         verdict=verdict,
         effects=by_closure if verdict == "effects" else (),
-        candidates=_build_candidates(study, named_effects, detectable, answer),
+        candidates=candidates,
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
         per_effect=per_effect,
@@ -123,20 +144,61 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
 
 
-def _withdraw_effects(study: Study, closure: GapClosure, unexplained: Unexplained) -> tuple[Verdict, tuple[str, ...]]:
-    """Withdraw effects that may close nothing of the gap of hold-out shots: return the verdict, and why.
+def _confirm_verdict(
+    study: Study,
+    verdict: Verdict,
+    named_effects: dict[str, CandidateEffect],
+    closure: GapClosure,
+    unexplained: Unexplained,
+    was_systematic: bool,
+) -> tuple[Verdict, tuple[str, ...]]:
+    """Confirm a verdict by predictions and by the agreement of shots, or withdraw it; return it, and why.
 
-    That gap exceeds the noise, so that something is missing. It is unknown where these effects leave more than noise;
-    where they do not, hold-out shots are too few to confirm them.
+    Where the gap of hold-out shots exceeds noise, something is missing: it is unknown where the effects may close
+    nothing and leave more than noise. Where no prediction is worse than noise allows, an effect needs shots that agree
+    about it: how they scatter does not depend on the size or the correlation of the noise.
     """
-    low, high = closure.interval
-    names = " and ".join(sorted(study.best.names))
-    reason = (
-        f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
-        f" {low:.0%} to {high:.0%} that includes nothing"
-    )
-    is_unknown = study.unknown_evidence.has_systematic_residuals or unexplained.is_clear
-    return ("unknown" if is_unknown else "undecidable"), (reason,)
+    evidence = study.unknown_evidence
+    names, is_named = _format_names(study.best.names), verdict in ("effects", "group")
+    if is_named and closure.resolved and closure.interval[0] <= 0:
+        low, high = closure.interval
+        reason = (
+            f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
+            f" {low:.0%} to {high:.0%} that includes nothing"
+        )
+        return ("unknown" if evidence.has_systematic_residuals or unexplained.is_clear else "undecidable"), (reason,)
+    if evidence.has_gap:
+        return verdict, ()
+    if is_named and not _do_shots_agree(named_effects.values()):
+        return "undecidable", (
+            f"other shots are predicted as well as noise allows without {names}, and the shots do not agree about it"
+            " more than chance explains",
+        )
+    if verdict == "unknown":
+        return "undecidable", ("other shots are predicted as well as noise allows: no gap shows that could be named",)
+    if verdict == "none" and was_systematic:
+        return verdict, (
+            "residuals of the fit are not white noise, but other shots are predicted as well as noise allows: noise"
+            " that is correlated over many samples, as a filter leaves it, looks like this",
+        )
+    return verdict, ()
+
+
+def _format_names(names: frozenset[str]) -> str:
+    """Format the names of effects in a sentence."""
+    return " and ".join(format_cause(name) for name in sorted(names))
+
+
+def _do_shots_agree(effects: Iterable[CandidateEffect]) -> bool:
+    """Return whether shots agree about every effect that has a strength; fewer than `_ENOUGH_SHOTS` cannot."""
+    return all(one.sign_flip_limit <= _SMALL_P_VALUE and not one.sign_flip_p_value > _SMALL_P_VALUE for one in effects)
+
+
+def _part_by_share(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[frozenset[str], frozenset[str]]:
+    """Part effects into those that close a measurable share of the gap, and the others; a single one stays."""
+    unmeasured = {one.effect for one in per_effect if one.interval[0] <= 0 and one.closed < _LEAST_SHARE}
+    rest = names - unmeasured
+    return (rest, names - rest) if rest else (names, frozenset())
 
 
 def _measure_excess(study: Study) -> ExcessAcceleration | None:
@@ -362,6 +424,7 @@ def _describe_unexplained(
         share=1.0 - closure.closed,
         size=size,
         times_floor=closure.after / closure.floor if closure.floor > 0 else float("nan"),
+        probability=study.unknown_evidence.rest_probability if is_systematic else float("nan"),
         where=localise_gap(study.residuals_after, study.segments_after, frozenset()) if is_systematic else (),
         shape=describe_structure(study.structure_after, reference) if is_systematic else "",
         law=law,

@@ -106,6 +106,8 @@ class Unexplained:
     """rms of the error after beyond the floor, in m or rad; NaN where nothing could be predicted."""
     times_floor: float = float("nan")
     """Error after over the floor; NaN without a floor."""
+    probability: float = float("nan")
+    """Probability that something systematic remains; NaN where what remains is noise."""
     where: tuple[GapLocation, ...] = ()
     """The phases in which the fit leaves more than noise, by their share of it; empty where it leaves only noise."""
     shape: str = ""

@@ -45,8 +45,8 @@ EventKey = tuple[str, str, str]
 ENSEMBLE_SIZE = 256
 # Share of members with other events below which one order of contacts counts as certain.
 MAX_DIVERGED_SHARE = 0.01
-# Step of the derivatives of the simulation inputs, which are smooth.
-_DIFFERENCE_STEP = 1e-6
+# m, m/s or a share: step of the derivatives of paths. It exceeds the micrometre by which gentle contacts part balls.
+_DIFFERENCE_STEP = 1e-5
 # Cushion contacts of a shot, of all balls together, whose deviations from the model are drawn; later ones follow the
 # model.
 DISTURBED_CONTACTS = 64
@@ -211,7 +211,7 @@ def _propagate_linearly(
     The path is the mean over the cushion laws; their differences add to the propagated covariance.
     """
     states = central.states_at(after)[..., :4]
-    jacobian = central.jacobian(after, central.columns)[:, :, :2] @ _input_derivatives(state)
+    jacobian = _differentiate_paths(state, after, seconds)
     covariance = jacobian @ state.covariance @ np.swapaxes(jacobian, 2, 3)
     possible = np.flatnonzero(state.laws)  # a learned table has one
     weights, laws = state.laws[possible], [CUSHION_MODELS[k] for k in possible]
@@ -227,13 +227,19 @@ def _propagate_linearly(
     return path, covariance, (sensitivity > MAX_SENSITIVITY) | is_unreliable.any(axis=1)
 
 
-def _input_derivatives(state: StateEstimate) -> FloatArray:
-    """Return the derivatives (9N + 17, D) of the simulation inputs."""
+def _differentiate_paths(state: StateEstimate, after: FloatArray, seconds: float) -> FloatArray:
+    """Return the derivatives (T, N, 2, D) of places by the state, as differences: few are needed, once per prediction.
+
+    Exact ones would have to be compiled first, which takes longer than some hundred simulations.
+    """
     law, columns = state.most_probable_law, []
     for step in _DIFFERENCE_STEP * np.eye(len(state.mean)):
-        ahead, behind = (state.simulation_inputs(state.mean + side * step, law) for side in (1, -1))
-        columns.append((ahead - behind) / (2 * _DIFFERENCE_STEP))
-    return np.stack(columns, axis=1)
+        ahead, behind = (
+            state.simulate_ahead(state.simulation_inputs(state.mean + side * step, law), law, seconds).states_at(after)
+            for side in (1, -1)
+        )
+        columns.append((ahead - behind)[..., :2] / (2 * _DIFFERENCE_STEP))
+    return np.stack(columns, axis=-1)
 
 
 def _ensemble_moments(states: FloatArray) -> tuple[FloatArray, FloatArray]:

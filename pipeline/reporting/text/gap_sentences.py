@@ -209,15 +209,18 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     place = f"most of it appears {format_phase(first.phase)}" if len(rest.where) > 1 else ""
     grows = f"it grows with {format_growth_variable(first.grows_with)}" if first.grows_with else ""
     details = "".join(f"; {one}" for one in (place, grows) if one)
+    certainty = f". It is more than noise with a probability of {format_probability(rest.probability)}"
+    if not math.isfinite(rest.probability):
+        certainty = ""
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
         share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share), "the rest")
         sentences.append(
             f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
-            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{details}."
+            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{details}{certainty}."
         )
     else:
-        sentences.append(f"What remains is more than noise{details}.")
+        sentences.append(f"What remains is more than noise{details}{certainty}.")
     if rest.law is not None:
         sentences.append(_format_law_sentence(rest.law, report.gap.unit))
     if rest.patch is not None:
