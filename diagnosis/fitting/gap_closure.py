@@ -45,7 +45,7 @@ class GapClosure:
     """How much of the gap one model closes relative to another."""
 
     before: float = float("nan")
-    """rms distance between prediction and observation, without the effects."""
+    """rms distance between prediction and observation, without the effects; windows are weighed by their floor."""
     after: float = float("nan")
     """The same with the effects."""
     floor: float = float("nan")
@@ -170,6 +170,9 @@ def estimate_closure(
 ) -> GapClosure:
     """Estimate the closed part of the gap and its interval, by a block bootstrap over shots or windows.
 
+    Errors are weighed by how predictable a window is, by the inverse square of its floor: near a point where the motion
+    is unstable, as of a pendulum that stands on its head, a right model too is far off, and would decide alone.
+
     Args:
         windows: W prediction windows.
         before: (W,) sum of squared errors without the effects.
@@ -181,9 +184,12 @@ def estimate_closure(
     Returns:
         The closure; NaN where there is nothing to predict or the gap is not resolved.
     """
-    total = sum(int(one.is_predicted.sum()) for one in windows)
-    if not total:
+    counts = np.array([float(one.is_predicted.sum()) for one in windows])
+    if not counts.sum():
         return UNKNOWN_CLOSURE
+    attainable = floor / counts
+    weight = np.median(attainable) / attainable if (attainable > 0).all() else np.ones(len(windows))
+    before, after, floor, total = weight * before, weight * after, weight * floor, float(weight @ counts)
     b, a, f = (float(one.sum() / total) for one in (before, after, floor))
     rms_before, rms_after, rms_floor = (float(np.sqrt(max(square, 0.0))) for square in (b, a, f))
     if np.isnan(f):

@@ -104,7 +104,8 @@ class UnknownEvidence:
 
         Residuals of a fit that are not noise are no evidence where every prediction is as good as noise allows: noise
         that is correlated over many samples, as a filter leaves it, looks like that. Effects that close nearly all of
-        the gap are the answer; what remains is small beside them.
+        the gap are the answer, unless a generic law shows that theirs has another form; effects that may close less
+        than half of it are not, where more than noise remains.
 
         Args:
             closure: Closure of hold-out shots by the best effects; `has_gap` is that of the selection shots.
@@ -114,10 +115,17 @@ class UnknownEvidence:
         """
         if not (self.has_gap or closure.resolved):
             return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0, has_gap=False)
-        if closure.resolved and closure.closed >= MOST_OF_GAP and closure.interval[0] > 0:
+        if not closure.resolved:
+            return replace(self, has_gap=True)
+        if closure.closed >= MOST_OF_GAP and closure.interval[0] > MIN_EXPLAINED_SHARE:
             return replace(
                 self, explained_share=closure.closed, most_probability=closure.most_probability, selection_gains=True,
-                generic_law_share=float("nan"), has_gap=True,
+                has_gap=True,
+            )  # fmt: skip
+        if closure.interval[0] <= MIN_EXPLAINED_SHARE:  # hold-out shots do not confirm that it is the larger part
+            return replace(
+                self, explained_share=max(closure.interval[0], 0.0),
+                most_probability=min(self.most_probability, closure.most_probability), has_gap=True,
             )  # fmt: skip
         return replace(self, has_gap=True)
 
@@ -164,7 +172,8 @@ def estimate_explained_share(
     systematic where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
     """
     if not best.names and best.forms == base.forms:
-        return 0.0, 0.0
+        # the next shot may differ from all so far: Laplace's rule of succession
+        return 0.0, 1 / (len(shot_information.shots) + 2)
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.most_probability
     total, free = _disagreement_chi2(shot_information, best)

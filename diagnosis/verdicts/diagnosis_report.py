@@ -92,10 +92,14 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     answer = named or frozenset({verdict} & {"none", "unknown"})
     detectable = _detectable_strengths(study)
     candidates = _build_candidates(study, named_effects, detectable, answer)
-    probability = sum(one.probability for one in candidates if one.effect in named)
-    if verdict == "effects" and probability < _LEAST_PROBABILITY:
+    probability = sum(one.probability for one in candidates if one.effect in best.names)
+    shots = len({*study.usable_shots, *(one.shot for one in recordings)})
+    if verdict == "effects" and probability < _LEAST_PROBABILITY and shots < _ENOUGH_SHOTS:
         verdict, named = "undecidable", frozenset()
-        notes = (f"the most probable answer, {_format_names(answer)}, has a probability of {probability:.0%} only",)
+        notes = (
+            f"the most probable answer of {shots} shots, {_format_names(best.names)}, has a probability of"
+            f" {probability:.0%} only",
+        )
     film_next = (
         f"Film more: {notes[0]}."
         if verdict == "undecidable"
@@ -103,7 +107,6 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     )
     if named and unmeasured:
         notes += (f"{_format_names(unmeasured)} was fitted beside them, without a measurable share of the gap",)
-    shots = len(study.linearized.shot_information.shots)
     if verdict in ("effects", "group", "unknown") and shots < _ENOUGH_SHOTS:
         notes += (
             f"the agreement of {shots} shots alone cannot exclude chance: {_ENOUGH_SHOTS} are the fewest that agree"
@@ -160,13 +163,14 @@ def _confirm_verdict(
     """
     evidence = study.unknown_evidence
     names, is_named = _format_names(study.best.names), verdict in ("effects", "group")
-    if is_named and closure.resolved and closure.interval[0] <= 0:
+    if study.best.names and closure.resolved and closure.interval[0] <= 0:
         low, high = closure.interval
         reason = (
             f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
             f" {low:.0%} to {high:.0%} that includes nothing"
         )
-        return ("unknown" if evidence.has_systematic_residuals or unexplained.is_clear else "undecidable"), (reason,)
+        is_unknown = verdict == "unknown" or evidence.has_systematic_residuals or unexplained.is_clear
+        return ("unknown" if is_unknown else "undecidable"), (reason,)
     if evidence.has_gap:
         return verdict, ()
     if is_named and not _do_shots_agree(named_effects.values()):
@@ -196,7 +200,7 @@ def _do_shots_agree(effects: Iterable[CandidateEffect]) -> bool:
 
 def _part_by_share(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[frozenset[str], frozenset[str]]:
     """Part effects into those that close a measurable share of the gap, and the others; a single one stays."""
-    unmeasured = {one.effect for one in per_effect if one.interval[0] <= 0 and one.closed < _LEAST_SHARE}
+    unmeasured = {one.effect for one in per_effect if not one.is_measured and one.closed < _LEAST_SHARE}
     rest = names - unmeasured
     return (rest, names - rest) if rest else (names, frozenset())
 
@@ -400,7 +404,9 @@ def _share_closure(
     for name, part in shapley_shares(names, squares_with).items():
         one = estimate_closure(shots.windows, before, before - part, shots.floor, rng, limit=float("inf"))
         alone = estimate_closure(shots.windows, before, squares_with(frozenset({name})), shots.floor, rng)
-        effect_shares.append(EffectShare(name, one.closed, one.interval, alone.closed))
+        beside = squares_with(frozenset(names) - {name}) - squares_with(frozenset(names))
+        added = estimate_closure(shots.windows, before, before - beside, shots.floor, rng, limit=float("inf"))
+        effect_shares.append(EffectShare(name, one.closed, one.interval, alone.closed, added.interval[0] > 0))
     return tuple(sorted(effect_shares, key=lambda one: one.closed, reverse=True))
 
 

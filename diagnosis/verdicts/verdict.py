@@ -94,6 +94,8 @@ class EffectShare:
     """95 % interval of `closed`."""
     alone: float
     """What it closes without the other named effects."""
+    is_measured: bool = True
+    """Whether it closes more of the gap beside the other named effects than chance explains."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +108,6 @@ class Unexplained:
     """rms of the error after beyond the floor, in m or rad; NaN where nothing could be predicted."""
     times_floor: float = float("nan")
     """Error after over the floor; NaN without a floor."""
-    probability: float = float("nan")
-    """Probability that something systematic remains; NaN where what remains is noise."""
     where: tuple[GapLocation, ...] = ()
     """The phases in which the fit leaves more than noise, by their share of it; empty where it leaves only noise."""
     shape: str = ""
@@ -116,6 +116,8 @@ class Unexplained:
     """How the force that is missing varies, and its nearest formula."""
     patch: LocalPatch | None = None
     """The place where bodies are braked more, or less, than around it."""
+    probability: float = float("nan")
+    """Probability that something systematic remains; NaN where what remains is noise."""
 
     @property
     def is_clear(self) -> bool:

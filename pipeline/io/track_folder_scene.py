@@ -80,7 +80,7 @@ def _build_slide(folder: TrackFolder, assumed: tuple[str, ...]) -> GapScene:
     if entry.walls is None:
         if needing:
             raise OptionError(f"{needing[0]} needs walls in scene.json; state them as {WALL_SPELLINGS}")
-        return build_sliding_scene(assumed)
+        return build_sliding_scene(assumed, (), folder.recordings)
     limits = _find_centre_limits(entry, entry.walls, folder.recordings)
     return build_sliding_scene(assumed, limits, folder.recordings)
 

@@ -6,12 +6,14 @@ Coulomb friction during the contact. Known inputs are two accelerations, along x
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.contact_free_scene import ContactFreeScene, build_brake_probe
-from models.estimation.gap_scenes.motion_integrator import RealOrComplexArray, build_integrator
+from models.estimation.gap_scenes.motion_integrator import AccelerationFunction, build_integrator
 from models.numerics.jit import compile_kernel
 from models.physics.effect import Effect, Prior
 
@@ -41,6 +43,13 @@ SLIDING_EFFECTS = (
                   Prior("slope_y", "mm/m", 0.0, 10.0, False, (-200.0, 200.0))), (0.0, 0.0), ("slide",),
         "g times the slope, in the downhill direction", ("sliding_friction",),
     ),
+)  # fmt: skip
+# Offered where a body swings to and fro between no walls: elsewhere it would imitate any force that varies.
+SPRING = Effect(
+    "spring", (Prior("k", "1/s2", 0.0, 30.0, False, (0.0, 1e4)),
+               Prior("pull_x", "m/s2", 0.0, 3.0, False, (-1e3, 1e3)),
+               Prior("pull_y", "m/s2", 0.0, 3.0, False, (-1e3, 1e3))), (0.0, 0.0, 0.0), ("slide",),
+    "Hooke 1678: a = pull - k x, at rest at pull / k; k is the stiffness over the mass", ("slope",),
 )  # fmt: skip
 # Effects of walls; their parameters follow those of `SLIDING_EFFECTS`.
 WALL_EFFECTS = (
@@ -72,48 +81,52 @@ _CENTRE_SIZE = 1e-3
 _FAR_BORDERS = 40.0
 # Indices of the restitution and the friction of walls among all parameters.
 _WALL_PARAMETERS = (5, 6)
+# Standard deviations by which a body has to move back for a turn, or move further midway.
+_TURN_SIGMAS = 10.0
+# Turns in one shot from which a body swings: a slope turns it once.
+_SWING_TURNS = 2
 # Standard deviations within which an observed position may be at a wall.
 _NEAR_SIGMAS = 3.0
 # Known accelerations along x and y, m/s^2.
 INPUT_COUNT = 2
 
 
-@compile_kernel
-def sliding_acceleration(
-    place: RealOrComplexArray,
-    velocity: RealOrComplexArray,
-    p: RealOrComplexArray,
-    given: RealOrComplexArray,
-    out: RealOrComplexArray,
-) -> None:
-    """Fill the acceleration by friction, drags, slope and inputs, with parameters in the order of `SLIDING_EFFECTS`.
+@cache
+def _build_acceleration(has_spring: bool) -> AccelerationFunction:
+    """Build the acceleration by effects and inputs, with parameters in the order of `SLIDING_EFFECTS`.
 
-    A patch changes the friction near its centre.
-
-    Friction fades out at the velocity where it balances slope and inputs, not at zero velocity, so that a stopped body
-    does not creep.
+    Those of a spring follow, if there is one. A patch changes the friction near its centre. Friction fades out at the
+    velocity where it balances slope, spring and inputs, not at zero velocity, so that a stopped body does not creep.
     """
-    square = velocity[0] * velocity[0] + velocity[1] * velocity[1]
-    speed = np.sqrt(square + FRICTION_FADE_SPEED**2)
-    brake = p[1] + p[2] * speed
-    fall_x, fall_y = GRAVITY * 1e-3 * p[3] + given[0], GRAVITY * 1e-3 * p[4] + given[1]
-    friction = p[0] * GRAVITY
-    mu, patch_x, patch_y, radius, border = p[-9], p[-8], p[-7], p[-6], p[-5]
-    if mu != 0:
-        away_x, away_y = place[0] - patch_x, place[1] - patch_y
-        outside = (np.sqrt(away_x * away_x + away_y * away_y + _CENTRE_SIZE**2) - radius) / border
-        if outside.real < _FAR_BORDERS:
-            friction += mu * GRAVITY / (1 + np.exp(outside))
-            if friction.real < 0:
-                friction = 0 * friction
-    rubbed_x, rubbed_y = velocity[0], velocity[1]
-    holds = friction * friction - fall_x * fall_x - fall_y * fall_y
-    if holds.real > (1 - _STICK_SHARE**2) * (friction * friction).real:
-        lean = FRICTION_FADE_SPEED / np.sqrt(holds) * np.exp(-square / FRICTION_FADE_SPEED**2)
-        rubbed_x, rubbed_y = rubbed_x + lean * fall_x, rubbed_y + lean * fall_y
-        speed = np.sqrt(rubbed_x * rubbed_x + rubbed_y * rubbed_y + FRICTION_FADE_SPEED**2)
-    out[0] = fall_x - brake * velocity[0] - friction * rubbed_x / speed
-    out[1] = fall_y - brake * velocity[1] - friction * rubbed_y / speed
+
+    @compile_kernel
+    def sliding_acceleration(place, velocity, p, given, out):  # type: ignore[no-untyped-def]
+        square = velocity[0] * velocity[0] + velocity[1] * velocity[1]
+        speed = np.sqrt(square + FRICTION_FADE_SPEED**2)
+        brake = p[1] + p[2] * speed
+        fall_x, fall_y = GRAVITY * 1e-3 * p[3] + given[0], GRAVITY * 1e-3 * p[4] + given[1]
+        if has_spring:
+            fall_x, fall_y = fall_x + p[6] - p[5] * place[0], fall_y + p[7] - p[5] * place[1]
+        friction = p[0] * GRAVITY
+        mu, patch_x, patch_y, radius, border = p[-9], p[-8], p[-7], p[-6], p[-5]
+        if mu != 0:
+            away_x, away_y = place[0] - patch_x, place[1] - patch_y
+            outside = (np.sqrt(away_x * away_x + away_y * away_y + _CENTRE_SIZE**2) - radius) / border
+            if outside.real < _FAR_BORDERS:
+                friction += mu * GRAVITY / (1 + np.exp(outside))
+                if friction.real < 0:
+                    friction = 0 * friction
+        rubbed_x, rubbed_y = velocity[0], velocity[1]
+        holds = friction * friction - fall_x * fall_x - fall_y * fall_y
+        if holds.real > (1 - _STICK_SHARE**2) * (friction * friction).real:
+            lean = FRICTION_FADE_SPEED / np.sqrt(holds) * np.exp(-square / FRICTION_FADE_SPEED**2)
+            rubbed_x, rubbed_y = rubbed_x + lean * fall_x, rubbed_y + lean * fall_y
+            speed = np.sqrt(rubbed_x * rubbed_x + rubbed_y * rubbed_y + FRICTION_FADE_SPEED**2)
+        out[0] = fall_x - brake * velocity[0] - friction * rubbed_x / speed
+        out[1] = fall_y - brake * velocity[1] - friction * rubbed_y / speed
+
+    acceleration: AccelerationFunction = sliding_acceleration
+    return acceleration
 
 
 def build_sliding_scene(
@@ -127,7 +140,7 @@ def build_sliding_scene(
         simulator_effects: Names of the effects that the simulator has.
         walls: Lower and upper limit (m) of the centre of a body along x and along y; empty where there are no walls.
         recordings: Recordings to be diagnosed. Where no body meets a wall, effects of walls are only offered if the
-            simulator has them. None: bodies meet walls.
+            simulator has them; where none swings, no spring. None: bodies meet walls, and swing without them.
 
     Returns:
         The scene.
@@ -139,12 +152,17 @@ def build_sliding_scene(
         offered = WALL_EFFECTS if {one.name for one in WALL_EFFECTS} & set(simulator_effects) else ()
     elif not walls:
         untested += tuple(f"{one.name}: no walls are stated" for one in WALL_EFFECTS)
+    has_spring = not walls and (recordings is None or any(map(_swings, recordings)) or SPRING.name in simulator_effects)
+    if has_spring:
+        offered = (SPRING,)
+    else:
+        untested += (f"{SPRING.name}: no body swings between no walls",)
     return ContactFreeScene(
         "slide",
         "slide",
         (*SLIDING_EFFECTS, *offered, LOCAL_PATCH, build_brake_probe("m", "slide")),
         simulator_effects,
-        build_integrator(sliding_acceleration, bool(walls), _WALL_PARAMETERS if offered else None),
+        build_integrator(_build_acceleration(has_spring), bool(walls), _WALL_PARAMETERS if walls and offered else None),
         untested,
         input_count=INPUT_COUNT,
         walls=walls,
@@ -160,3 +178,38 @@ def _meets_wall(recording: Recording, walls: FloatArray) -> bool:
         if ((places - walls[:, 0] < reach) | (walls[:, 1] - places < reach)).any():
             return True
     return False
+
+
+def _swings(recording: Recording) -> bool:
+    """Return whether a body swings along a coordinate: it turns back at least twice, or is fastest midway.
+
+    Without a spring, a body between no walls is fastest where its path begins or ends, and turns once at most.
+    """
+    for body in range(len(recording.bodies)):
+        rows = np.flatnonzero(recording.is_observed[:, body])
+        back = _TURN_SIGMAS * float(np.median(recording.sigma[rows, body])) if len(rows) else 0.0
+        for places in recording.positions[rows, body].T:
+            if _count_turns(places, back) >= _SWING_TURNS or _is_fastest_midway(recording.t[rows], places, back):
+                return True
+    return False
+
+
+def _is_fastest_midway(t: FloatArray, places: FloatArray, back: float) -> bool:
+    """Return whether a coordinate (T,) goes further in the middle third of the time than in both others by `back`."""
+    if len(t) < 4:
+        return False
+    first, middle, last = np.abs(np.diff(np.interp(np.linspace(t[0], t[-1], 4), t, places))).tolist()
+    return bool(middle - max(first, last) > back)
+
+
+def _count_turns(places: FloatArray, back: float) -> int:
+    """Count how often a coordinate (T,) turns and then moves back by more than `back`."""
+    turns, direction, extreme = 0, 0, float(places[0]) if len(places) else 0.0
+    for place in places.tolist():
+        if direction == 0 and abs(place - extreme) > back:
+            direction, extreme = (1 if place > extreme else -1), place
+        elif direction and (place - extreme) * direction > 0:
+            extreme = place
+        elif direction and (extreme - place) * direction > back:
+            turns, direction, extreme = turns + 1, -direction, place
+    return turns

@@ -163,18 +163,17 @@ def _format_large_rest(report: DiagnosisReport) -> str:
 
 
 def _list_missing_effects(report: DiagnosisReport) -> str:
-    """List the named effects; those whose share of the gap may be 0 come last, with it."""
+    """List the named effects; those that may add nothing to the others come last, with their share of the gap."""
     shares = {one.effect: one for one in report.per_effect}
-    unsure = [name for name in report.effects if name in shares and shares[name].interval[0] <= 0]
+    unsure = [name for name in report.effects if name in shares and not shares[name].is_measured]
     sure = [name for name in report.effects if name not in unsure]
     if not sure:
         sure, unsure = unsure, []
     together = " and ".join(_format_missing_effect(name, report.forms) for name in sure)
     for name in unsure:
-        closed, share = shares[name].closed, "no measurable share"
-        if format_share(closed) != "0 %" and closed > 0:
-            share = f"{'a small' if closed < SMALL_SHARE else 'an uncertain'} share ({format_share(closed)})"
-        together += f" and, with {share}, {_format_missing_effect(name, report.forms)}"
+        closed = shares[name].closed
+        size = "a small" if closed < SMALL_SHARE else "an uncertain"
+        together += f" and, with {size} share ({format_share(closed)}), {_format_missing_effect(name, report.forms)}"
     return together
 
 

@@ -387,15 +387,17 @@ def test_few_shots_limit_how_well_they_can_agree() -> None:
     assert "cannot be below" not in agreed(0.6, 2.0**-4)
 
 
-def test_an_effect_that_may_close_nothing_is_named_last_with_its_share() -> None:
+def test_an_effect_that_may_add_nothing_is_named_last_with_its_share() -> None:
     shares = (
         EffectShare("slope", 0.6, (0.5, 0.65), 0.6),
-        EffectShare("viscous_drag", 0.007, (-0.02, 0.09), 0.0),
+        EffectShare("viscous_drag", 0.007, (-0.02, 0.09), 0.0, is_measured=False),
     )
     diagnosis = replace(report("effects"), effects=("slope", "viscous_drag"), per_effect=shares)
     assert format_verdict(diagnosis) == ("Your simulator lacks slope and, with a small share (0.7 %), viscous drag.")
-    negative = (shares[0], replace(shares[1], closed=-0.01))
-    assert "with no measurable share, viscous drag" in format_verdict(replace(diagnosis, per_effect=negative))
+    large = (shares[0], replace(shares[1], closed=0.07))
+    assert "with an uncertain share (7 %), viscous drag" in format_verdict(replace(diagnosis, per_effect=large))
+    hidden = (shares[0], replace(shares[1], is_measured=True))
+    assert format_verdict(replace(diagnosis, per_effect=hidden)) == "Your simulator lacks slope and viscous drag."
     unsure = (replace(shares[1], effect="slope"), shares[1])
     assert format_verdict(replace(diagnosis, per_effect=unsure)) == "Your simulator lacks slope and viscous drag."
 
