@@ -52,7 +52,8 @@ def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -
     """Diagnose the sim-to-real gap of shots of one table or scene, or of recordings of a mechanism.
 
     Args:
-        inputs: Run folders or track folders, all of one scene; with a simulator, tables with a column per joint.
+        inputs: Run folders or track folders, all of one scene; with a simulator, tables with a column per joint, MCAP
+            files or ROS 2 bags.
         simulator: Your own simulator: `FILE.xml` of MuJoCo, `MODULE:FUNCTION` of Python, (state, inputs, dt) -> state,
             or a table of its predictions.
         seed: Random seed of the bootstraps.

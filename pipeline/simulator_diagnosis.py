@@ -29,7 +29,7 @@ def diagnose_mechanism(
     """Diagnose a simulator from outside.
 
     Args:
-        inputs: Recordings: tables with a column per joint.
+        inputs: Recordings: tables with a column per joint, MCAP files or ROS 2 bags.
         simulator: `FILE.xml` of MuJoCo, `MODULE:FUNCTION` of Python, or a table of simulated positions.
         seed: Seed of the noise and bootstrap draws.
         on_progress: Receives what the search does.

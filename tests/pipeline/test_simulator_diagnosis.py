@@ -34,27 +34,35 @@ ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="
 
 
 def write_swings(path: Path, viscous: float) -> None:
-    """Write six swings of a pendulum with viscous friction, of 1.2 s at 50 Hz with noise of 1 mrad."""
-    rng, lines = np.random.default_rng(1), ["shot,t,q"]
+    """Write six swings of a pendulum with viscous friction, of 1.2 s at 50 Hz with noise of 1 mrad, as CSV or MCAP."""
+    rng, rows = np.random.default_rng(1), []
     t = np.arange(60) / 50
     for shot in range(6):
         start = [rng.uniform(0.5, 1.2), rng.uniform(-1, 1)]
         solution = solve_ivp(
             lambda _, y: [y[1], -20.0 * np.sin(y[0]) - viscous * y[1]], (0, 1.2), start, t_eval=t, rtol=1e-9, atol=1e-9
         )
-        lines += [
-            f"{shot},{x:.2f},{q:.6f}"
-            for x, q in zip(t, solution.y[0] + 1e-3 * rng.standard_normal(len(t)), strict=True)
-        ]
-    path.write_text("\n".join(lines) + "\n")
+        noisy = solution.y[0] + 1e-3 * rng.standard_normal(len(t))
+        rows += [(shot, round(x, 2), round(q, 6)) for x, q in zip(t.tolist(), noisy.tolist(), strict=True)]
+    if path.suffix == ".csv":
+        path.write_text("\n".join(("shot,t,q", *(f"{shot},{x},{q}" for shot, x, q in rows))) + "\n")
+        return
+    from support.ros_bags import joint_state, write_bag
+
+    write_bag(path, [joint_state(round(1e9 * (5 * shot + x)), ("q",), [q]) for shot, x, q in rows])
 
 
-def test_friction_that_a_function_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, terminal: Terminal):
+@pytest.mark.parametrize("name", ["real.csv", "real.mcap"])
+def test_friction_that_a_function_lacks_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, terminal: Terminal, name: str
+):
+    if name == "real.mcap":
+        pytest.importorskip("mcap_ros2", reason="the extra simulators is not installed")
     (tmp_path / "swing_model.py").write_text(SWING)
-    write_swings(tmp_path / "real.csv", 0.3)
+    write_swings(tmp_path / name, 0.3)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    done = terminal("diagnose", "real.csv", "--simulator", "swing_model:swing", "-o", "gap")
+    done = terminal("diagnose", name, "--simulator", "swing_model:swing", "-o", "gap")
     assert done.status == 0
     assert "Your simulator lacks joint friction." in done.out
     gap = json.loads((tmp_path / "gap" / "gap.json").read_text())

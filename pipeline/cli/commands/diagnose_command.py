@@ -46,7 +46,8 @@ def diagnose_folders(
         fps: Frame rate of files without times, in frames per second.
         px_per_m: Scale of files with positions in px, in px per m.
         simulator: Your own simulator: FILE.xml of MuJoCo, MODULE:FUNCTION of Python, (state, inputs, dt) -> state, or
-            a table of its predictions. INPUT are then tables with a column per joint (rad or m) and t (s).
+            a table of its predictions. INPUT are then tables with a column per joint (rad or m) and t (s), MCAP files
+            or ROS 2 bags.
     """
     first = inputs[0]
     beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"

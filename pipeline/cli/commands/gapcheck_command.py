@@ -15,8 +15,8 @@ import typer
 from rich.progress import track
 
 from models.core.errors import OptionError
+from pipeline.engine.extras import name_remedy
 from pipeline.engine.helper_executor import open_executor
-from pipeline.extras import name_remedy
 from pipeline.io.strict_json import format_strict_json
 from pipeline.terminal import command_line as cli
 

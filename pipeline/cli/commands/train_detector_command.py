@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from models.core.errors import ModelError, OptionError
 from pipeline.engine.atomic_write import require_writable_folder
-from pipeline.extras import name_remedy
+from pipeline.engine.extras import name_remedy
 from pipeline.terminal import command_line as cli
 
 # Packages of the extra `train`.

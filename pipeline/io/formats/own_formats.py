@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from models.core.errors import OptionError
-from pipeline.extras import name_remedy
+from pipeline.engine.extras import import_mcap
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.formats.track_format import MalformedTracks, PointTracks, Provenance, TrackFormat
 from pipeline.io.particle_files import NAMED_SCENES
@@ -161,21 +161,12 @@ def _recognises_mcap(path: Path, head: bytes) -> bool:
     return head.startswith(_MAGIC) or path.suffix.lower() == ".mcap"
 
 
-def _import_mcap() -> Any:
-    try:
-        import mcap.reader
-        import mcap.writer
-    except ImportError as error:
-        raise OptionError(f"MCAP files need a package that is not installed; {name_remedy('simulators')}") from error
-    return mcap
-
-
 def _read_mcap(path: Path) -> PointTracks:
     """Read JSON messages: a row, or the position of the body that the topic names, at the time of its log."""
     rows: list[dict[str, Any]] = []
     scene: dict[str, Any] = {}
     with path.open("rb") as file:
-        reader = _import_mcap().reader.make_reader(file)
+        reader = import_mcap().reader.make_reader(file)
         for _, channel, message in reader.iter_messages():
             if channel.message_encoding == "json":
                 row = _flatten(json.loads(message.data))
@@ -184,7 +175,7 @@ def _read_mcap(path: Path) -> PointTracks:
             if record.name == _METADATA:
                 scene = json.loads(record.metadata["scene"])
     if not rows:
-        raise MalformedTracks("it has no messages in JSON; convert the recording to JSON messages first")
+        raise MalformedTracks("it has no messages in JSON (diagnose --simulator reads joint states of ROS 2)")
     names = dict.fromkeys(name for row in rows for name in row)
     columns = {name: pa.array([row.get(name) for row in rows]) for name in names}
     if not scene:
@@ -210,7 +201,7 @@ def _write_mcap(tracks: PointTracks, path: Path, provenance: Provenance) -> None
         dict(zip(columns, row, strict=True)) for row in zip(*(one.tolist() for one in columns.values()), strict=True)
     ]
     with path.open("wb") as file:
-        writer = _import_mcap().writer.Writer(file)
+        writer = import_mcap().writer.Writer(file)
         writer.start(library=f"trueroll {provenance['version']}")
         schema = json.dumps({"type": "object", "properties": properties}).encode()
         channel = writer.register_channel(_TOPIC, "json", writer.register_schema(_SCHEMA, "jsonschema", schema))

@@ -1,7 +1,8 @@
 """Recordings of a mechanism: tables with a row per time, and a column per joint and per input of its simulator.
 
 Columns are found by their names: those of the simulator, in any case, or else numbered ones in its order (`q0, q1`, and
-`command0, command1` for inputs). Inputs hold from row to row; an empty cell means that the actuator has no power.
+`command0, command1` for inputs); an input may be called like the joint that it alone drives. Inputs hold from row to
+row; an empty cell means that the actuator has no power.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from models.estimation.gap_scenes.outside_simulator import InputHistory, Joint, 
 from pipeline.io.simulators.function_simulator import read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
+from pipeline.io.simulators.ros_recording import is_ros_recording, read_ros_recording
 from pipeline.io.text_table import ALIASES, UNITS, TextTable, name_columns, read_text_table
 from pipeline.io.track_conventions import ANGLE_UNITS, LENGTH_UNITS, MAX_NUMBER, TIME_UNITS
 from pipeline.reporting.text.text_formatting import escape_text
@@ -32,6 +34,8 @@ _NUMBERED_JOINT = re.compile(r"(q|qpos|pos|position|joint|angle|theta|measured)_
 _NUMBERED_INPUT = re.compile(r"(u|ctrl|control|command|cmd|input|action|asked|torque|target)_?\d*")
 # Endings of the name of an actuator that is called like its joint.
 _INPUT_ENDINGS = ("command", "ctrl", "cmd", "input", "target", "torque")
+# Ending of the force or torque that a robot measures at a joint.
+_EFFORT = "_effort"
 _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 # Columns that are neither joints nor inputs.
 _OTHER_COLUMNS = {"t", "time", "shot", "episode", "frame", "kind", "id", "sigma", "observed"}
@@ -59,7 +63,7 @@ def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> Mechanis
     """Open a simulator and read recordings of its joints.
 
     Args:
-        paths: Tables of text or Parquet files.
+        paths: Tables of text, Parquet files, MCAP files or ROS 2 bags.
         simulator_name: `FILE.xml` of MuJoCo, `MODULE:FUNCTION` of Python, or a table of simulated positions.
 
     Returns:
@@ -72,7 +76,7 @@ def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> Mechanis
     place = Path(simulator_name)
     if place.suffix.lower() in (".xml", ".urdf"):
         return _match_shots(tables, read_mujoco_file(place))
-    if place.is_file():
+    if place.is_file() or is_ros_recording(place):
         return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
         raise OptionError(
@@ -142,7 +146,9 @@ def _pair_with_simulation(tables: Sequence[TextTable], simulated: TextTable) -> 
 
 
 def _read_table(path: Path) -> TextTable:
-    """Read a table of text or a Parquet file, with the names that its columns have there, but for time and shot."""
+    """Read a table of any kind, with the names that its columns have there, but for time and shot."""
+    if is_ros_recording(path):
+        return read_ros_recording(path)
     if path.suffix.lower() != ".parquet":
         table = read_text_table(path, "A recording of a mechanism was expected")
     else:
@@ -191,7 +197,7 @@ def _find_joint_columns(
     wanted = ", ".join(joint.name for joint in simulator.joints)
     raise OptionError(
         f"{escape_text(table.path)} has the columns {', '.join(table.columns)}; the joints of the simulator are"
-        f" {wanted}: name columns after joints"
+        f" {wanted}: give both the same names"
     )
 
 
@@ -199,10 +205,13 @@ def _find_input_columns(
     table: TextTable, simulator: OutsideSimulator, taken: Sequence[str]
 ) -> tuple[list[str | None], list[str]]:
     """Find the columns of all inputs, None where one is not recorded, and what was assumed."""
-    place, chosen_columns = escape_text(table.path), list[str | None]()
-    for name in simulator.inputs:
-        spellings = (name.lower(), *(f"{name.lower()}_{ending}" for ending in _INPUT_ENDINGS))
-        chosen_columns.append(next((one for one in spellings if one in table.columns and one not in taken), None))
+    place, chosen_columns, notes = escape_text(table.path), list[str | None](), list[str]()
+    for number, name in enumerate(simulator.inputs):
+        spellings = _spell_input(simulator, number)
+        column = next((one for one in spellings if one in table.columns and one not in taken), None)
+        chosen_columns.append(column)
+        if column is not None and spellings.index(column) > len(_INPUT_ENDINGS):
+            notes.append(f"{place}: the input {name} is {column}")
     columns: list[str | None] = [
         name for name in table.columns if _NUMBERED_INPUT.fullmatch(name) and name not in taken
     ]
@@ -210,7 +219,20 @@ def _find_input_columns(
         pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, simulator.inputs, strict=True))
         return columns, [f"{place}: the input {pairs}"] if pairs else []
     silent = [name for name, column in zip(simulator.inputs, chosen_columns, strict=True) if column is None]
-    return chosen_columns, [f"{place} has no column for {', '.join(silent)}, told 0 all the time"] if silent else []
+    if silent:
+        notes.append(f"{place} has no column for {', '.join(silent)}, told 0 all the time")
+    return chosen_columns, notes
+
+
+def _spell_input(simulator: OutsideSimulator, number: int) -> list[str]:
+    """Spell the column of an input: by its name, by the joint that it alone drives, and the effort measured there."""
+    name, drives = simulator.inputs[number].lower(), [one.joint for one in simulator.drives]
+    own = drives[number] if drives else -1
+    names = [name]
+    if own >= 0 and drives.count(own) == 1:
+        names.append(simulator.joints[own].name.lower())
+    spellings = [name, *(f"{one}_{ending}" for one in names for ending in _INPUT_ENDINGS)]
+    return spellings if simulator.servo_joints[number] >= 0 else [*spellings, f"{name}{_EFFORT}"]
 
 
 @dataclass(frozen=True, slots=True)

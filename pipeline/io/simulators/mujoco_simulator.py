@@ -12,10 +12,11 @@ import numpy as np
 from models.core.errors import OptionError
 from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
+from pipeline.engine.extras import name_remedy
 from pipeline.reporting.text.text_formatting import escape_text
 
 # Names of the degrees of freedom of joints that have several, after the name of their body.
-_FREE_NAMES, _BALL_NAMES = ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "rz")
+FREE_NAMES, _BALL_NAMES = ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "rz")
 # Coordinates of a place before those of a turn, by kind of joint.
 _LINES = {"line": 1, "free": 3, "ball": 0}
 # Models with other values that are kept, one for every parameter of two fits, and their bytes.
@@ -37,8 +38,7 @@ def read_mujoco_file(path: Path) -> MujocoSimulator:
     try:
         import mujoco
     except ImportError as error:
-        remedy = 'install it: pip install "trueroll[simulators]"'
-        raise OptionError(f"A MuJoCo file needs the package mujoco; {remedy}") from error
+        raise OptionError(f"A MuJoCo file needs the package mujoco; {name_remedy('simulators')}") from error
     if not path.is_file():
         raise OptionError(f"A MuJoCo file was expected; there is no {escape_text(path)}")
     try:
@@ -158,7 +158,7 @@ class MujocoSimulator:
             first = int(self.model.jnt_dofadr[j])
             body = self._name("body", int(self.model.jnt_bodyid[j]))
             if kind == int(kinds.mjJNT_FREE):
-                entries = [(f"{body}.{axis}", "rad" if axis[0] == "r" else "m") for axis in _FREE_NAMES]
+                entries = [(f"{body}.{axis}", "rad" if axis[0] == "r" else "m") for axis in FREE_NAMES]
                 places.append(("free", address, first))
             elif kind == int(kinds.mjJNT_BALL):
                 entries = [(f"{body}.{axis}", "rad") for axis in _BALL_NAMES]
@@ -193,7 +193,7 @@ class MujocoSimulator:
             rest[first:turn] = place[address : address + _LINES[kind]]
             if kind != "line":
                 at = address + _LINES[kind]
-                rest[turn : turn + 3] = _find_rotation(place[at : at + 4])
+                rest[turn : turn + 3] = find_rotation(place[at : at + 4])
         return rest
 
     def _list_own_effects(self) -> dict[str, tuple[float, ...]]:
@@ -242,12 +242,12 @@ class MujocoRuns:
             turn, place = first + _LINES[kind], 1 + address + _LINES[kind]
             states[:, :, first:turn] = path[:, :, 1 + address : place]
             if kind != "line":
-                states[:, :, turn : turn + 3] = _find_rotation(path[:, :, place : place + 4])
+                states[:, :, turn : turn + 3] = find_rotation(path[:, :, place : place + 4])
         return states
 
 
-def _find_rotation(quaternion: FloatArray) -> FloatArray:
-    """Return the rotation vectors (..., 3) of quaternions (..., 4)."""
+def find_rotation(quaternion: FloatArray) -> FloatArray:
+    """Return the rotation vectors (..., 3) of quaternions (..., 4), w first."""
     sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, quaternion[..., :1])
     angle = np.where(angle > np.pi, angle - 2 * np.pi, angle)
