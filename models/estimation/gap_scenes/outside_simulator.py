@@ -249,15 +249,18 @@ class _JointLaws:
     ) -> tuple[FloatArray, FloatArray]:
         """Evaluate forces and brakes (C, N) of the next dt (s), given the acceleration that acts without brakes.
 
-        A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most, and holds it.
+        Laws are taken at the middle of the interval: at its start they would lag by half of it, and a spring would then
+        drive the motion. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most,
+        and holds it.
         """
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
+        q, middle = q + (v + acceleration * dt / 4) * dt / 2, v + acceleration * dt / 2
         for effect, own in self.laws:
             # a generic brake is a law of the speed in multiples of the typical one
             is_generic = effect.site == "mechanism"
-            speed, strength = (v / self.speed, self.strength) if is_generic else (v, 1.0)
+            speed, strength = (middle / self.speed, self.strength) if is_generic else (middle, 1.0)
             if effect.force is not None:
-                force += effect.force(q, v, own)
+                force += effect.force(q, middle, own)
             if effect.brake is not None:
                 rate += effect.brake(q, speed, own) * (strength / self.speed if is_generic else 1.0)
             if effect.dry is not None:

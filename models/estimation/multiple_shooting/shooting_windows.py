@@ -19,7 +19,7 @@ MAX_SENSITIVITY = 40.0
 LOST_RESIDUAL = 1e7
 # Standard deviations beside which the cost of another observation vanishes in rounding errors.
 _MAX_RESIDUAL = 1 / float(np.finfo(np.float64).eps)
-# Ratio to the smallest derivative of a window by its start from which an observation determines nothing: in normal
+# Ratio to the first derivative of a window by its start from which an observation determines nothing: in normal
 # equations, its rounding errors are as large as the information of the others.
 _MAX_AMPLIFICATION = float(np.finfo(np.float64).eps) ** -0.5
 
@@ -223,25 +223,26 @@ def _limit_jacobians(flow: LinearizedWindow) -> LinearizedWindow:
 def _mark_usable_rows(residual, by_start, by_shared, amplification, usable):  # type: ignore[no-untyped-def]
     """Mark the rows (K,) with finite residuals (K, d) and moderate Jacobians (K, d, S), (K, d, P).
 
-    `amplification` limits their entries relative to the smallest row of `by_start`. Returns whether all are usable.
+    `amplification` limits their entries relative to the first row of `by_start` that is not 0: later ones shrink where
+    a body comes to rest on another. Returns whether all are usable.
     """
     sizes = np.zeros(len(residual))
-    least = np.inf
+    first = np.inf
     for k in range(len(residual)):
         for i in range(residual.shape[1]):
             for j in range(by_start.shape[2]):
                 sizes[k] = max(sizes[k], abs(by_start[k, i, j]))
-        if 0 < sizes[k] < least:
-            least = sizes[k]
+        if first == np.inf and sizes[k] > 0:
+            first = sizes[k]
     sound = True
     for k in range(len(residual)):
-        fine = sizes[k] < amplification * least
+        fine = sizes[k] < amplification * first
         for i in range(residual.shape[1]):
             fine &= abs(residual[k, i]) < _MAX_RESIDUAL
             for j in range(by_start.shape[2]):
                 fine &= np.isfinite(by_start[k, i, j])
             for j in range(by_shared.shape[2]):
-                fine &= abs(by_shared[k, i, j]) < amplification * least
+                fine &= abs(by_shared[k, i, j]) < amplification * first
         usable[k] = fine
         sound &= fine
     return sound
