@@ -147,7 +147,7 @@ def build_sliding_scene(
     """
     untested: tuple[str, ...] = ("lens_distortion", "perspective")
     offered = WALL_EFFECTS if walls else ()
-    if walls and recordings is not None and not any(_meets_wall(one, np.array(walls)) for one in recordings):
+    if walls and recordings is not None and not any(meets_wall(one, np.array(walls)) for one in recordings):
         untested += tuple(f"{one.name}: no body meets a wall" for one in WALL_EFFECTS)
         offered = WALL_EFFECTS if {one.name for one in WALL_EFFECTS} & set(simulator_effects) else ()
     elif not walls:
@@ -169,8 +169,13 @@ def build_sliding_scene(
     )
 
 
-def _meets_wall(recording: Recording, walls: FloatArray) -> bool:
-    """Return whether a body comes so near to a wall that it may meet it before the next frame."""
+def meets_wall(recording: Recording, walls: FloatArray) -> bool:
+    """Return whether a body comes so near to a wall that it may meet it before the next frame.
+
+    Args:
+        recording: Recording, or a part of it.
+        walls: (2, 2) m, lower and upper limit of the centre of a body along x and along y.
+    """
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.is_observed[:, body])
         places = recording.positions[rows, body]

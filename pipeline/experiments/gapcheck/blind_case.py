@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -57,6 +58,8 @@ class OpenedCase:
     interval: tuple[float, float]
     oracle: float
     """Closed part for a simulator that has the withheld effects; NaN where it is not resolved or foreign."""
+    seconds: float = np.nan
+    """Duration of the diagnosis, s."""
 
 
 def simulate_case(kind: CaseKind, seed: int, shots: int, fps: float, sealed: Path, folder: Path) -> None:
@@ -100,7 +103,9 @@ def diagnose_case(kind: CaseKind, seed: int, folder: Path, executor: Executor = 
     """
     read = read_track_folders([folder])
     scene = kind.simulator(build_gap_scene(read))
+    start = time.perf_counter()
     report = diagnose(scene, read.recordings, seed, executor=executor)
+    seconds = time.perf_counter() - start
     write_gap_files(report, folder / "gap")
     closure = report.gap.closure
     names = report.effects or (report.verdict,)
@@ -109,7 +114,7 @@ def diagnose_case(kind: CaseKind, seed: int, folder: Path, executor: Executor = 
         grade = "wrong"
     return OpenedCase(
         kind, seed, grade, names, report.probability, closure.closed if closure.resolved else np.nan, closure.interval,
-        _measure_oracle_closure(kind, scene, read.recordings, report),
+        _measure_oracle_closure(kind, scene, read.recordings, report), seconds,
     )  # fmt: skip
 
 

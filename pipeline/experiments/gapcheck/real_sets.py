@@ -135,7 +135,7 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
         return OpenedSet(one.name, str(error))
     seconds = time.perf_counter() - start
     write_gap_files(report, report_folder)
-    accepted = {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
+    accepted = read_accepted_answers(one)
     names, closure = report.effects, report.gap.closure
     # sets of effects of which the report says that one acts; several for a group
     answers = [frozenset({"unknown"} if report.verdict == "unknown" else names)]
@@ -158,6 +158,11 @@ def diagnose_real_set(one: RealSet, report_folder: Path, seed: int = 0, executor
         unit=report.gap.unit,
         seconds=seconds,
     )
+
+
+def read_accepted_answers(one: RealSet) -> set[frozenset[str]]:
+    """Read the sets of effects that are a right answer to a set of shots; only after its report is written."""
+    return {frozenset(names) for names in _read_answers(one.answers)[one.name].accepted}
 
 
 def _read_answers(path: Path) -> dict[str, SealedAnswer]:

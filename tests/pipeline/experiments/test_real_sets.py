@@ -71,7 +71,20 @@ def test_the_table_counts_right_answers(trueroll: Terminal, sets: Path, tmp_path
     done = trueroll("gapcheck", "--real", sets, "--only", "wood", "--keep", tmp_path)
     assert done.status == 0
     assert "right: 1 of 1; first named effect right: 1 of 1" in " ".join(done.out.split())
+    assert "method" not in done.out
     assert json.loads((tmp_path / "wood" / "gap" / "gap.json").read_text())["effects"] == ["sliding_friction"]
+
+
+def test_rivals_are_printed_beside_the_diagnosis(trueroll: Terminal, sets: Path) -> None:
+    done = trueroll("gapcheck", "--real", sets, "--only", "wood", "--rivals", "--json")
+    assert done.status == 0
+    (row,) = json.loads(done.out)["measured"]
+    methods = {one["method"]: one for one in row["methods"]}
+    assert list(methods) == ["trueroll", "pysindy", "network", "sparse regression"]
+    assert methods["trueroll"]["named"] == ["sliding_friction"]
+    assert methods["network"]["right"] is None
+    table = trueroll("gapcheck", "--real", sets, "--only", "wood", "--rivals").out
+    assert table.count("wood") == 1 + len(methods)
 
 
 @pytest.mark.parametrize("content", ["[1]", "{", '{"wood": {"missing": "slope"}}'])
