@@ -99,35 +99,33 @@ class UnknownEvidence:
             return self.rest_probability * max(1 - self.most_probability, _EVEN)
         return self.rest_probability * min(1 - self.most_probability, _EVEN)
 
-    def judge_by_predictions(self, closure: GapClosure) -> UnknownEvidence:
-        """Judge what is left by how well shots are predicted that estimated nothing.
+    def judge_by_predictions(self, ahead: GapClosure) -> UnknownEvidence:
+        """Judge the effects by how much of the gap of selection shots they close.
 
-        Residuals of a fit that are not noise are no evidence where every prediction is as good as noise allows: noise
-        that is correlated over many samples, as a filter leaves it, looks like that. Effects that close nearly all of
-        the gap are the answer, unless a generic law shows that theirs has another form; effects that may close less
-        than half of it are not, where more than noise remains.
+        Effects that close nearly all of it are the answer, unless a generic law shows that theirs has another form;
+        effects that may close less than half of it are not, where more than noise remains.
 
         Args:
-            closure: Closure of hold-out shots by the best effects; `has_gap` is that of the selection shots.
+            ahead: Closure of selection shots by the effects, with strengths from fitting shots.
 
         Returns:
-            The evidence, as far as predictions support it.
+            The evidence, with `has_gap`.
         """
-        if not (self.has_gap or closure.resolved):
-            return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0, has_gap=False)
-        if not closure.resolved:
-            return replace(self, has_gap=True)
-        if closure.closed >= MOST_OF_GAP and closure.interval[0] > MIN_EXPLAINED_SHARE:
-            return replace(
-                self, explained_share=closure.closed, most_probability=closure.most_probability, selection_gains=True,
-                has_gap=True,
-            )  # fmt: skip
-        if closure.interval[0] <= MIN_EXPLAINED_SHARE:  # hold-out shots do not confirm that it is the larger part
-            return replace(
-                self, explained_share=max(closure.interval[0], 0.0),
-                most_probability=min(self.most_probability, closure.most_probability), has_gap=True,
-            )  # fmt: skip
-        return replace(self, has_gap=True)
+        judged = replace(self, has_gap=ahead.resolved)
+        if not ahead.resolved:
+            return judged
+        low, _ = ahead.interval
+        if ahead.closed >= MOST_OF_GAP and low > MIN_EXPLAINED_SHARE:
+            return replace(judged, selection_gains=True)
+        return replace(judged, explained_share=max(low, 0.0)) if low <= MIN_EXPLAINED_SHARE else judged
+
+    def without_gap(self) -> UnknownEvidence:
+        """Return the evidence where other shots are predicted as well as noise allows.
+
+        Residuals of a fit that are not noise are no evidence then: noise that is correlated over many samples, as a
+        filter leaves it, looks like that.
+        """
+        return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0, has_gap=False)
 
 
 def agreement_p_value(*fits: tuple[ShotInformation, EffectFit]) -> float:

@@ -81,7 +81,10 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     scene, best = study.problem.scene, study.best
     gap, per_effect = _measure_gap(study, recordings, rng)
     was_systematic = study.unknown_evidence.has_systematic_residuals
-    study = replace(study, unknown_evidence=study.unknown_evidence.judge_by_predictions(gap.closure))
+    if not study.unknown_evidence.has_gap:
+        resolved = gap.closure.resolved
+        evidence = replace(study.unknown_evidence, has_gap=True) if resolved else study.unknown_evidence.without_gap()
+        study = replace(study, unknown_evidence=evidence)
     excess = _measure_excess(study)
     patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
     verdict, named_effects, film = _decide_verdict(study, patch_fit)
@@ -163,14 +166,13 @@ def _confirm_verdict(
     """
     evidence = study.unknown_evidence
     names, is_named = _format_names(study.best.names), verdict in ("effects", "group")
-    if study.best.names and closure.resolved and closure.interval[0] <= 0:
+    if is_named and closure.resolved and closure.interval[0] <= 0:
         low, high = closure.interval
         reason = (
             f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
             f" {low:.0%} to {high:.0%} that includes nothing"
         )
-        is_unknown = verdict == "unknown" or evidence.has_systematic_residuals or unexplained.is_clear
-        return ("unknown" if is_unknown else "undecidable"), (reason,)
+        return ("unknown" if evidence.has_systematic_residuals or unexplained.is_clear else "undecidable"), (reason,)
     if evidence.has_gap:
         return verdict, ()
     if is_named and not _do_shots_agree(named_effects.values()):

@@ -146,7 +146,7 @@ def build_sliding_scene(
         The scene.
     """
     untested: tuple[str, ...] = ("lens_distortion", "perspective")
-    offered = WALL_EFFECTS if walls else ()
+    offered: tuple[Effect, ...] = WALL_EFFECTS if walls else ()
     if walls and recordings is not None and not any(meets_wall(one, np.array(walls)) for one in recordings):
         untested += tuple(f"{one.name}: no body meets a wall" for one in WALL_EFFECTS)
         offered = WALL_EFFECTS if {one.name for one in WALL_EFFECTS} & set(simulator_effects) else ()

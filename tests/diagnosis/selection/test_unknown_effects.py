@@ -157,23 +157,26 @@ CLOSED = GapClosure(0.3, 0.05, 0.01, 0.975, (0.95, 0.99), True, 0.9)
 
 def test_residuals_alone_are_no_unknown_effect_where_every_prediction_is_as_good_as_noise_allows() -> None:
     """Noise that a filter left is correlated over many samples, so that residuals are not white."""
-    evidence = UnknownEvidence(1e-9, 5.0, 1e-9, has_gap=False)
+    evidence = UnknownEvidence(1e-9, 5.0, 1e-9).judge_by_predictions(UNKNOWN_CLOSURE)
     assert evidence.is_unknown
-    judged = evidence.judge_by_predictions(UNKNOWN_CLOSURE)
-    assert not judged.is_unknown
-    assert judged.probability < 0.1
-    assert evidence.judge_by_predictions(CLOSED).has_gap
-    assert replace(evidence, has_gap=True).judge_by_predictions(UNKNOWN_CLOSURE).is_unknown
+    assert not evidence.has_gap
+    assert not evidence.without_gap().is_unknown
+    assert evidence.without_gap().probability < 0.1
 
 
 def test_effects_that_close_nearly_all_of_the_gap_are_the_answer_unless_their_law_has_another_form() -> None:
-    contradicted = UnknownEvidence(1e-9, 5.0, 1e-9, 0.3, 0.1, False, float("nan"))
+    contradicted = UnknownEvidence(1e-9, 5.0, 1e-9, 0.98, 0.9, False)
     assert contradicted.is_unknown
     assert not contradicted.judge_by_predictions(CLOSED).is_unknown
     assert contradicted.judge_by_predictions(replace(CLOSED, closed=0.85)).is_unknown
     assert contradicted.judge_by_predictions(replace(CLOSED, interval=(-0.1, 0.99))).is_unknown
+    assert replace(contradicted, generic_law_share=0.8).judge_by_predictions(CLOSED).is_unknown
+    assert contradicted.judge_by_predictions(CLOSED).rest_probability > 0.99
+
+
+def test_effects_that_may_close_less_than_half_of_the_gap_are_no_answer_where_more_than_noise_remains() -> None:
     confirmed = UnknownEvidence(1e-9, 5.0, 1e-9, 0.8, 0.9)
     assert not confirmed.judge_by_predictions(replace(CLOSED, closed=0.75, interval=(0.6, 0.9))).is_unknown
     assert confirmed.judge_by_predictions(replace(CLOSED, closed=0.75, interval=(0.3, 0.9))).is_unknown
-    assert replace(contradicted, generic_law_share=0.8).judge_by_predictions(CLOSED).is_unknown
-    assert contradicted.judge_by_predictions(CLOSED).rest_probability > 0.99
+    noise = UnknownEvidence(0.5, 1.0, 0.5, 0.8, 0.9)
+    assert not noise.judge_by_predictions(replace(CLOSED, closed=0.75, interval=(0.3, 0.9))).is_unknown

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.reference_frames import FRAMES
@@ -21,6 +24,9 @@ PATCH = [0.2, 0.3, -0.1, 0.15, 0.05]
 SCENES = {
     "slide between walls": (
         build_sliding_scene((), WALLS), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 0.7, 0.1, *PATCH],
+    ),
+    "slide on a spring": (
+        build_sliding_scene(), 2, [0.1, -0.2, 1.2, 0.7], [0.1, 0.2, 0.1, 3.0, -2.0, 9.0, 0.9, -1.8, *PATCH],
     ),
     "flight": (build_flight_scene(2), 2, [0.0, 1.0, 8.0, 6.0], [0.1, 0.2, 0.3, 1.0]),
     "flight with a spin axis": (
@@ -210,6 +216,38 @@ def test_walls_that_no_body_meets_are_not_tested() -> None:
     assert "wall_friction" not in [effect.name for effect in far.effects]
     assert "wall_restitution" in [effect.name for effect in near.effects]
     assert far.walls == ((-9.0, 9.0), (-9.0, 9.0))
+
+
+def test_a_spring_swings_a_body_about_its_place_of_rest() -> None:
+    scene = build_sliding_scene()
+    shared = neutral_values(scene)
+    shared[5:8] = 9.0, 0.9, -1.8
+    piece = recording(2, 60)
+    places = scene.predict_positions(piece, np.array([0.3, 0.0, 0.0, 0.3]), shared, ())[:, 0]
+    exact = [0.1 + 0.2 * np.cos(3 * piece.t), -0.2 + 0.2 * np.cos(3 * piece.t) + 0.1 * np.sin(3 * piece.t)]
+    assert np.allclose(places, np.stack(exact, axis=1), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("path", "is_offered"),
+    [
+        pytest.param(lambda t: 0.3 * np.cos(9 * t), True, id="turns back twice"),
+        pytest.param(lambda t: 0.3 * np.cos(np.pi * t / t[-1]), True, id="half a swing"),
+        pytest.param(lambda t: 3 * t - t**2, False, id="brakes"),
+        pytest.param(lambda t: t - 3 * t**2, False, id="turns on a slope"),
+        pytest.param(lambda t: 0.3 * np.cos(9 * t) * 0.01, False, id="noise"),
+    ],
+)
+def test_a_spring_is_offered_where_a_body_swings_between_no_walls(
+    path: Callable[..., np.ndarray], is_offered: bool
+) -> None:
+    piece = recording(2, 60)
+    places = np.stack([path(piece.t), np.zeros(60)], axis=1)[:, None]
+    seen = replace(piece, positions=places, sigma=np.full((60, 1), 1e-3))
+    names = [effect.name for effect in build_sliding_scene((), (), (seen,)).effects]
+    assert ("spring" in names) is is_offered
+    assert "spring" not in [effect.name for effect in build_sliding_scene((), WALLS, (seen,)).effects]
+    assert any("spring" in one for one in build_sliding_scene((), WALLS, (seen,)).not_tested)
 
 
 def test_a_known_force_accelerates() -> None:
