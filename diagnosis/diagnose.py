@@ -1,4 +1,4 @@
-"""The whole diagnosis, from recordings to a report. Hold-out shots are used once, after the verdict is final."""
+"""The whole diagnosis, from recordings to a report. Hold-out shots only withdraw what they do not confirm."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import typer.main
 
 from models.estimation.gap_scenes.flight_scene import build_flight_scene
 from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
-from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
+from models.estimation.gap_scenes.sliding_scene import SPRING, build_sliding_scene
 from models.physics.billiards.contact_models import (
     BALL_MODEL_CHOICE,
     BALL_MODELS,
@@ -105,7 +105,8 @@ def all_effects() -> list[tuple[str, Effect]]:
         "flight": build_flight_scene(3, 9.81, ()).effects,
         "pendulum": build_pendulum_scene(2, ()).effects,
     }
-    return [(scene, effect) for scene, effects in scenes.items() for effect in effects if effect.kind != "probe"]
+    listed = [(scene, effect) for scene, effects in scenes.items() for effect in effects if effect.kind != "probe"]
+    return [*listed, ("slide", SPRING)]
 
 
 def effect_rows() -> dict[tuple[str, str], str]:

@@ -28,6 +28,11 @@ from models.core.typing import FloatArray, IntArray
 
 # Ratio to the squares of the floor from which an error exceeds noise: two standard deviations of its estimate.
 _NOISE_MARGIN = 1.15
+# Ratio of an error to the attainable one from which it is clearly more than noise: three quarters of the squared error
+# are then no noise.
+CLEAR_TIMES_FLOOR = 2.0
+# Ratio of the floor of a window to the median one from which it is left out: it would weigh as much as 16 others.
+_MAX_FLOOR_RATIO = 4.0
 # Number of bootstrap samples.
 _BOOTSTRAP_DRAWS = 2000
 # Quantile up to which the error of the starts may be chance.
@@ -45,7 +50,7 @@ class GapClosure:
     """How much of the gap one model closes relative to another."""
 
     before: float = float("nan")
-    """rms distance between prediction and observation, without the effects; windows are weighed by their floor."""
+    """rms distance between prediction and observation, without the effects."""
     after: float = float("nan")
     """The same with the effects."""
     floor: float = float("nan")
@@ -58,6 +63,8 @@ class GapClosure:
     """Whether the gap before exceeds the noise."""
     most_probability: float = float("nan")
     """Probability that more than half of the gap is closed; NaN where it is not resolved."""
+    is_absent: bool = False
+    """Whether the error before is surely not clearly larger than that of a right model."""
 
 
 UNKNOWN_CLOSURE = GapClosure()
@@ -84,6 +91,8 @@ def predict_shots(
 ) -> PredictedShots:
     """Predict shots that two models were not fitted to.
 
+    Windows in which a right model too would be far off, as near a point where the motion is unstable, are left out.
+
     Args:
         problem: Scene and priors.
         recordings: Other shots, with the noise estimate applied.
@@ -108,7 +117,12 @@ def predict_shots(
         floor[here] = _estimate_noise_floor(problem, own_windows, own, predictions)
         for k, one in zip(here, predictions, strict=True):
             after[k] = one
-    return PredictedShots(windows, predict_windows(problem, windows, base), tuple(filter(None, after)), floor)
+    counts = np.array([max(int(one.is_predicted.sum()), 1) for one in windows])
+    limit = _MAX_FLOOR_RATIO**2 * np.median(floor / counts) if len(windows) else 0.0
+    chosen = np.flatnonzero(~(floor / counts > limit))
+    windows = tuple(windows[k] for k in chosen)
+    better_predictions = tuple(one for one in (after[k] for k in chosen) if one is not None)
+    return PredictedShots(windows, predict_windows(problem, windows, base), better_predictions, floor[chosen])
 
 
 def sum_squares(predictions: tuple[Prediction, ...]) -> FloatArray:
@@ -170,9 +184,6 @@ def estimate_closure(
 ) -> GapClosure:
     """Estimate the closed part of the gap and its interval, by a block bootstrap over shots or windows.
 
-    Errors are weighed by how predictable a window is, by the inverse square of its floor: near a point where the motion
-    is unstable, as of a pendulum that stands on its head, a right model too is far off, and would decide alone.
-
     Args:
         windows: W prediction windows.
         before: (W,) sum of squared errors without the effects.
@@ -184,19 +195,17 @@ def estimate_closure(
     Returns:
         The closure; NaN where there is nothing to predict or the gap is not resolved.
     """
-    counts = np.array([float(one.is_predicted.sum()) for one in windows])
-    if not counts.sum():
+    total = sum(int(one.is_predicted.sum()) for one in windows)
+    if not total:
         return UNKNOWN_CLOSURE
-    attainable = floor / counts
-    weight = np.median(attainable) / attainable if (attainable > 0).all() else np.ones(len(windows))
-    before, after, floor, total = weight * before, weight * after, weight * floor, float(weight @ counts)
     b, a, f = (float(one.sum() / total) for one in (before, after, floor))
     rms_before, rms_after, rms_floor = (float(np.sqrt(max(square, 0.0))) for square in (b, a, f))
     if np.isnan(f):
         return GapClosure(rms_before, rms_after)
     drawn = _draw_bootstrap_weights(windows, rng)
     if not np.quantile(drawn @ (before - _NOISE_MARGIN * floor), _INTERVAL_QUANTILES[0]) > 0:
-        return GapClosure(rms_before, rms_after, rms_floor)
+        is_absent = bool(np.quantile(drawn @ (before - CLEAR_TIMES_FLOOR**2 * floor), _INTERVAL_QUANTILES[1]) < 0)
+        return GapClosure(rms_before, rms_after, rms_floor, is_absent=is_absent)
     closed = float(np.clip((b - a) / (b - f), -limit, limit))
     excess = drawn @ (before - floor) + (drawn @ floor) * (_NOISE_MARGIN - 1) / 2 * rng.standard_normal(len(drawn))
     ratios = np.clip(drawn @ (before - after) / np.maximum(excess, 1e-300), -limit, limit)

@@ -190,9 +190,11 @@ def _test_best(
     problem, base, full, (first, second) = search.problem, search.simulator_fit, best.fitted, shots
     if not best.names:
         share, most = estimate_explained_share(base, full, linearized.shot_information, None)
+        evidence = replace(evidence, explained_share=share, most_probability=most)
+        if not (second and evidence.has_systematic_residuals):
+            return evidence
         alone = refit_on_shots(problem, first, base)
-        has_gap = measure_closure(problem, second or first, alone, alone, rng).resolved
-        return replace(evidence, explained_share=share, most_probability=most, has_gap=has_gap)
+        return evidence.judge_by_predictions(measure_closure(problem, second, alone, alone, rng))
     before, after = refit_on_shots(problem, first, base), refit_on_shots(problem, first, full)
     gains = not second or cross_shot_gain(problem, full, second, before, after) > min_selection_gain(
         len(first), len(second)
@@ -201,7 +203,8 @@ def _test_best(
     ahead = measure_closure(problem, second or first, before, after, rng, body_after)
     share, most = estimate_explained_share(search.base.fitted, full, linearized.shot_information, ahead)
     evidence = replace(evidence, explained_share=share, most_probability=most, selection_gains=gains)
-    evidence = evidence.judge_by_predictions(ahead)
+    if second:  # else these shots estimated the strengths
+        evidence = evidence.judge_by_predictions(ahead)
     is_named = evidence.has_systematic_residuals and share > MIN_EXPLAINED_SHARE
     if not (is_named and second and problem.probes):
         return evidence

@@ -1,13 +1,15 @@
 """Evidence for an effect that the library lacks.
 
 There are three signs: the residuals of the best hypothesis are not noise; shots disagree about its parameters by more
-than their errors; other shots do not gain as much as the first ones predict.
+than their errors; other shots do not gain as much as the first ones predict. The first two count unless other shots are
+predicted as well as noise allows.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import e, log
+from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -25,8 +27,10 @@ NEARLY_EXPLAINED_SHARE = 0.995
 #
 # It then halves the error that they leave.
 MIN_LAW_SHARE = 0.75
-# Share of the gap of hold-out shots from which the named effects are the answer, whatever small part of it they leave.
+# Share of the gap of selection shots from which the named effects are the answer, whatever small part of it they leave.
 MOST_OF_GAP = 0.9
+# A gap that other shots show, that they would show and do not, or that they cannot show.
+GapState = Literal["shown", "absent", "unmeasured"]
 # Largest size of residuals that are noise, relative to its estimate: estimates are right to a tenth on most scenes.
 _MAX_NOISE_SCALE = 2.0
 # Odds of an effect that the library lacks, before the data: one scene in ten or so has one.
@@ -53,8 +57,8 @@ class UnknownEvidence:
     """Whether selection shots gained from the effects."""
     generic_law_share: float = float("nan")
     """Share of the misfit of selection shots that a generic law, fitted to others, explains; NaN without such a law."""
-    has_gap: bool = True
-    """Whether predictions of shots that estimated nothing are worse than noise explains, without the effects."""
+    gap: GapState = "unmeasured"
+    """Whether selection shots are predicted worse than noise explains, without the effects."""
 
     @property
     def noise_p_value(self) -> float:
@@ -102,30 +106,29 @@ class UnknownEvidence:
     def judge_by_predictions(self, ahead: GapClosure) -> UnknownEvidence:
         """Judge the effects by how much of the gap of selection shots they close.
 
-        Effects that close nearly all of it are the answer, unless a generic law shows that theirs has another form;
-        effects that may close less than half of it are not, where more than noise remains.
+        Effects that close nearly all of it, and surely the larger part, are the answer, unless a generic law shows that
+        theirs has another form; effects that may close less than half of it are not, where more than noise remains.
 
         Args:
             ahead: Closure of selection shots by the effects, with strengths from fitting shots.
 
         Returns:
-            The evidence, with `has_gap`.
+            The evidence, with the state of the gap.
         """
-        judged = replace(self, has_gap=ahead.resolved)
         if not ahead.resolved:
-            return judged
-        low, _ = ahead.interval
-        if ahead.closed >= MOST_OF_GAP and low > MIN_EXPLAINED_SHARE:
-            return replace(judged, selection_gains=True)
-        return replace(judged, explained_share=max(low, 0.0)) if low <= MIN_EXPLAINED_SHARE else judged
+            return replace(self, gap="absent" if ahead.is_absent else "unmeasured")
+        judged, (low, _) = replace(self, gap="shown"), ahead.interval
+        if low <= MIN_EXPLAINED_SHARE:
+            return replace(judged, explained_share=max(low, 0.0))
+        return replace(judged, selection_gains=True) if ahead.closed >= MOST_OF_GAP else judged
 
-    def without_gap(self) -> UnknownEvidence:
-        """Return the evidence where other shots are predicted as well as noise allows.
+    def without_residuals(self) -> UnknownEvidence:
+        """Return the evidence without that of residuals, where other shots are predicted as well as noise allows.
 
         Residuals of a fit that are not noise are no evidence then: noise that is correlated over many samples, as a
         filter leaves it, looks like that.
         """
-        return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0, has_gap=False)
+        return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0)
 
 
 def agreement_p_value(*fits: tuple[ShotInformation, EffectFit]) -> float:
@@ -170,7 +173,7 @@ def estimate_explained_share(
     systematic where it exceeds noise or shots contradict each other: parameters hide unexplained parts in the noise.
     """
     if not best.names and best.forms == base.forms:
-        # the next shot may differ from all so far: Laplace's rule of succession
+        # so few shots allow no certainty: the next one may be explained (Laplace's rule of succession)
         return 0.0, 1 / (len(shot_information.shots) + 2)
     if ahead is not None and ahead.resolved:
         return float(np.clip(ahead.closed, 0.0, 1.0)), ahead.most_probability

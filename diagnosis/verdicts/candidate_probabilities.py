@@ -23,6 +23,8 @@ from diagnosis.selection.unknown_effects import SUSPICIOUS_P_VALUE, UnknownEvide
 from diagnosis.verdicts.verdict import BodyStrength, Strength
 from models.core.typing import BoolArray, FloatArray
 
+# p-value from which readers may take an agreement for chance.
+SMALL_P_VALUE = 0.05
 # Largest number of names in a group.
 _MAX_GROUP = 3
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.fitting.display_names import format_cause
 from diagnosis.fitting.fit_residuals import compute_residuals
 from diagnosis.fitting.gap_closure import (
     GapClosure,
@@ -52,16 +50,11 @@ from diagnosis.verdicts.verdict import (
     Unexplained,
     Verdict,
 )
+from diagnosis.verdicts.verdict_decision import decide_verdict
 from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
 
-# Probability below which an answer is none: its contrary is more probable.
-_LEAST_PROBABILITY = 0.5
-# p-value from which readers may take an agreement for chance, and the fewest shots that can agree as well as that.
-_SMALL_P_VALUE, _ENOUGH_SHOTS = 0.05, 6
-# Share of the gap that rounds to 0 %.
-_LEAST_SHARE = 0.005
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 # Standard deviations that half of all strengths exceed.
 _MEDIAN_SIGMAS = 0.674
@@ -78,43 +71,31 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     Returns:
         The report.
     """
-    scene, best = study.problem.scene, study.best
+    scene, best, evidence = study.problem.scene, study.best, study.unknown_evidence
     gap, per_effect = _measure_gap(study, recordings, rng)
-    was_systematic = study.unknown_evidence.has_systematic_residuals
-    if not study.unknown_evidence.has_gap:
-        resolved = gap.closure.resolved
-        evidence = replace(study.unknown_evidence, has_gap=True) if resolved else study.unknown_evidence.without_gap()
-        study = replace(study, unknown_evidence=evidence)
+    if evidence.gap == "absent":
+        study = replace(study, unknown_evidence=evidence.without_residuals())
     excess = _measure_excess(study)
     patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
-    verdict, named_effects, film = _decide_verdict(study, patch_fit)
+    named_effects, apart = _describe_named_effects(study)
     unexplained = _describe_unexplained(study, gap.closure, excess, patch_fit, rng)
-    verdict, notes = _confirm_verdict(study, verdict, named_effects, gap.closure, unexplained, was_systematic)
-    named, unmeasured = _part_by_share(best.names if verdict in ("effects", "group") else frozenset(), per_effect)
+    probabilities = compute_probabilities(study.search, best, study.unknown_evidence)
+    decision = decide_verdict(
+        evidence, named_effects, probabilities, gap.closure, per_effect,
+        len({*study.usable_shots, *(one.shot for one in recordings)}),
+        patch_fit is not None and not best.names <= set(patch_fit.fitted.names), unexplained.is_clear,
+    )  # fmt: skip
+    verdict, named, notes = decision.verdict, decision.named, decision.notes
     # the candidates, among them `none` and `unknown`, that the verdict names
     answer = named or frozenset({verdict} & {"none", "unknown"})
     detectable = _detectable_strengths(study)
-    candidates = _build_candidates(study, named_effects, detectable, answer)
-    probability = sum(one.probability for one in candidates if one.effect in best.names)
-    shots = len({*study.usable_shots, *(one.shot for one in recordings)})
-    if verdict == "effects" and probability < _LEAST_PROBABILITY and shots < _ENOUGH_SHOTS:
-        verdict, named = "undecidable", frozenset()
-        notes = (
-            f"the most probable answer of {shots} shots, {_format_names(best.names)}, has a probability of"
-            f" {probability:.0%} only",
-        )
+    probabilities = decision.share_probabilities(probabilities)
+    candidates = _build_candidates(study, named_effects, detectable, probabilities, answer)
     film_next = (
-        f"Film more: {notes[0]}."
+        f"Film more: {decision.reason}."
         if verdict == "undecidable"
-        else _recommend_experiment(study, verdict, film, unexplained)
+        else _recommend_experiment(study, verdict, apart, unexplained)
     )
-    if named and unmeasured:
-        notes += (f"{_format_names(unmeasured)} was fitted beside them, without a measurable share of the gap",)
-    if verdict in ("effects", "group", "unknown") and shots < _ENOUGH_SHOTS:
-        notes += (
-            f"the agreement of {shots} shots alone cannot exclude chance: {_ENOUGH_SHOTS} are the fewest that agree"
-            f" by chance in less than {_SMALL_P_VALUE:.0%} of all cases",
-        )
     if np.isfinite(study.used_duration):  # of the search; hold-out shots are always predicted as a whole
         notes += (f"the search used the first {study.used_duration:.1f} s of each shot",)
     if patch_fit is not None:
@@ -138,7 +119,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         candidates=candidates,
         where=localise_gap(study.residuals_before, study.base.segments, phases) if verdict != "none" else (),
         gap=gap,
-        per_effect=per_effect,
+        per_effect=tuple(one for one in per_effect if one.effect not in decision.unmeasured),
         unexplained=unexplained,
         fitted=_summarize_all_strengths(study, study.full if patch_fit is None else patch_fit.fitted, detectable),
         forms=study.full.forms,
@@ -147,64 +128,8 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
         film_next=film_next,
         p_value=study.structure_before.p_value,
         notes=notes,
+        reason=decision.reason,
     )
-
-
-def _confirm_verdict(
-    study: Study,
-    verdict: Verdict,
-    named_effects: dict[str, CandidateEffect],
-    closure: GapClosure,
-    unexplained: Unexplained,
-    was_systematic: bool,
-) -> tuple[Verdict, tuple[str, ...]]:
-    """Confirm a verdict by predictions and by the agreement of shots, or withdraw it; return it, and why.
-
-    Where the gap of hold-out shots exceeds noise, something is missing: it is unknown where the effects may close
-    nothing and leave more than noise. Where no prediction is worse than noise allows, an effect needs shots that agree
-    about it: how they scatter does not depend on the size or the correlation of the noise.
-    """
-    evidence = study.unknown_evidence
-    names, is_named = _format_names(study.best.names), verdict in ("effects", "group")
-    if is_named and closure.resolved and closure.interval[0] <= 0:
-        low, high = closure.interval
-        reason = (
-            f"hold-out shots do not confirm {names}: {closure.closed:.0%} of the gap closed, with a 95 % interval of"
-            f" {low:.0%} to {high:.0%} that includes nothing"
-        )
-        return ("unknown" if evidence.has_systematic_residuals or unexplained.is_clear else "undecidable"), (reason,)
-    if evidence.has_gap:
-        return verdict, ()
-    if is_named and not _do_shots_agree(named_effects.values()):
-        return "undecidable", (
-            f"other shots are predicted as well as noise allows without {names}, and the shots do not agree about it"
-            " more than chance explains",
-        )
-    if verdict == "unknown":
-        return "undecidable", ("other shots are predicted as well as noise allows: no gap shows that could be named",)
-    if verdict == "none" and was_systematic:
-        return verdict, (
-            "residuals of the fit are not white noise, but other shots are predicted as well as noise allows: noise"
-            " that is correlated over many samples, as a filter leaves it, looks like this",
-        )
-    return verdict, ()
-
-
-def _format_names(names: frozenset[str]) -> str:
-    """Format the names of effects in a sentence."""
-    return " and ".join(format_cause(name) for name in sorted(names))
-
-
-def _do_shots_agree(effects: Iterable[CandidateEffect]) -> bool:
-    """Return whether shots agree about every effect that has a strength; fewer than `_ENOUGH_SHOTS` cannot."""
-    return all(one.sign_flip_limit <= _SMALL_P_VALUE and not one.sign_flip_p_value > _SMALL_P_VALUE for one in effects)
-
-
-def _part_by_share(names: frozenset[str], per_effect: tuple[EffectShare, ...]) -> tuple[frozenset[str], frozenset[str]]:
-    """Part effects into those that close a measurable share of the gap, and the others; a single one stays."""
-    unmeasured = {one.effect for one in per_effect if not one.is_measured and one.closed < _LEAST_SHARE}
-    rest = names - unmeasured
-    return (rest, names - rest) if rest else (names, frozenset())
 
 
 def _measure_excess(study: Study) -> ExcessAcceleration | None:
@@ -236,11 +161,8 @@ def _fit_patch(study: Study, excess: ExcessAcceleration) -> PatchFit | None:
     return min(fits, key=compute_criterion, default=None)
 
 
-def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, dict[str, CandidateEffect], str]:
-    """Return the verdict, what the shots say of every named effect, and the experiment that would separate a group.
-
-    A patch that explains more without the best effects refutes them.
-    """
+def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], str]:
+    """Return what the shots say of every effect of the best hypothesis, and what would separate those of a group."""
     problem, best = study.problem, study.best
     named_effects, film = {}, ""
     for name in best.names:
@@ -260,13 +182,7 @@ def _decide_verdict(study: Study, patch_fit: PatchFit | None) -> tuple[Verdict, 
         if len(alike) > 1 and not film:
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
             film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
-    is_refuted = patch_fit is not None and not best.names <= set(patch_fit.fitted.names)
-    if study.unknown_evidence.is_unknown or is_refuted:
-        return "unknown", named_effects, film
-    if not best.names:
-        return ("unknown" if study.unknown_evidence.has_systematic_residuals else "none"), named_effects, film
-    alone = len(best.names) == 1 and any(len(one.group) > 1 for one in named_effects.values())
-    return ("group" if alone else "effects"), named_effects, film
+    return named_effects, film
 
 
 def _recommend_experiment(study: Study, verdict: Verdict, apart: str, rest: Unexplained) -> str:
@@ -289,14 +205,17 @@ def _typical_strengths(problem: DiagnosisProblem) -> FloatArray:
 
 
 def _build_candidates(
-    study: Study, named_effects: dict[str, CandidateEffect], detectable: FloatArray, answer: frozenset[str]
+    study: Study,
+    named_effects: dict[str, CandidateEffect],
+    detectable: FloatArray,
+    probabilities: dict[str, float],
+    answer: frozenset[str],
 ) -> tuple[CandidateEffect, ...]:
     """Build the candidates, most probable first."""
     problem, body_fit = study.problem, study.body_fit
     shot_spreads, body_spreads = estimate_shot_spreads(study.linearized.shot_information, study.full), None
     if body_fit is not None:
         shot_spreads, body_spreads = np.where(body_fit.own, body_fit.shot_spread, shot_spreads), body_fit.spread
-    probabilities = compute_probabilities(study.search, study.best, study.unknown_evidence)
     probabilities = put_answer_first(probabilities, answer) if answer else probabilities
     candidates = []
     for name in sorted(probabilities, key=probabilities.__getitem__, reverse=True):
@@ -466,5 +385,6 @@ def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> Diagnos
         not_tested=scene.not_tested,
         film_next=f"Film more: {reason}.",
         p_value=1.0,
-        notes=(reason,),
+        notes=(),
+        reason=reason,
     )

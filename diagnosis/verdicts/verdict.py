@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from diagnosis.fitting.gap_closure import UNKNOWN_CLOSURE, GapClosure
+from diagnosis.fitting.gap_closure import CLEAR_TIMES_FLOOR, UNKNOWN_CLOSURE, GapClosure
 from diagnosis.fitting.prediction_windows import PredictionWindow
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
@@ -14,9 +14,6 @@ from models.core.answer import format_html
 from models.core.typing import FloatArray
 
 Verdict = Literal["effects", "group", "none", "unknown", "undecidable"]
-# Ratio of the remaining error to the attainable one from which a rest is stated as such: three quarters of the squared
-# error are then no noise.
-CLEAR_TIMES_FLOOR = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +185,8 @@ class DiagnosisReport:
     p_value: float
     """Probability that the residuals of the user's simulator are noise."""
     notes: tuple[str, ...]
+    reason: str = ""
+    """Why nothing is decided, or why effects were withdrawn; empty where neither is so."""
     shot_use: ShotUse = ShotUse()
 
     def __repr__(self) -> str:

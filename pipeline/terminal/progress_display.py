@@ -57,7 +57,7 @@ class StageDisplay:
         self._bars.stop_task(self._tasks[stage])
 
 
-COMPILING_NOTE = "compiling numerical code for this machine: once, it takes one to two minutes"
+COMPILING_NOTE = "compiling numerical code for this machine: once, it takes up to a minute"
 
 
 @contextmanager

@@ -139,8 +139,8 @@ def test_an_effect_that_may_close_nothing_of_the_gap_is_not_named(
     monkeypatch.setattr(diagnosis_report, "estimate_closure", lambda *_, **__: doubtful)
     report = diagnose_pucks(LACKING["slope"])
     assert (report.verdict, report.effects) == (verdict, ())
-    assert "hold-out shots do not confirm slope" in report.notes[0]
-    assert "-30%" in report.notes[0]
+    assert "hold-out shots do not confirm slope" in report.reason
+    assert "-30 %" in report.reason
 
 
 def test_too_little_is_undecidable() -> None:

@@ -45,7 +45,8 @@ EventKey = tuple[str, str, str]
 ENSEMBLE_SIZE = 256
 # Share of members with other events below which one order of contacts counts as certain.
 MAX_DIVERGED_SHARE = 0.01
-# m, m/s or a share: step of the derivatives of paths. It exceeds the micrometre by which gentle contacts part balls.
+# Step of the derivatives of paths, in the units of the state. It exceeds the micrometre by which gentle contacts part
+# balls.
 _DIFFERENCE_STEP = 1e-5
 # Cushion contacts of a shot, of all balls together, whose deviations from the model are drawn; later ones follow the
 # model.
@@ -228,17 +229,19 @@ def _propagate_linearly(
 
 
 def _differentiate_paths(state: StateEstimate, after: FloatArray, seconds: float) -> FloatArray:
-    """Return the derivatives (T, N, 2, D) of places by the state, as differences: few are needed, once per prediction.
+    """Return the derivatives (T, N, 2, D) of places by the state, as differences; NaN from where its contacts differ.
 
     Exact ones would have to be compiled first, which takes longer than some hundred simulations.
     """
     law, columns = state.most_probable_law, []
     for step in _DIFFERENCE_STEP * np.eye(len(state.mean)):
         ahead, behind = (
-            state.simulate_ahead(state.simulation_inputs(state.mean + side * step, law), law, seconds).states_at(after)
+            state.simulate_ahead(state.simulation_inputs(state.mean + side * step, law), law, seconds)
             for side in (1, -1)
         )
-        columns.append((ahead - behind)[..., :2] / (2 * _DIFFERENCE_STEP))
+        slope = (ahead.states_at(after) - behind.states_at(after))[..., :2] / (2 * _DIFFERENCE_STEP)
+        slope[after > _divergence_time(list_contacts(ahead), list_contacts(behind))] = np.nan
+        columns.append(slope)
     return np.stack(columns, axis=-1)
 
 

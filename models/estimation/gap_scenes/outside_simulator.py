@@ -219,15 +219,16 @@ def simulate_motions(
     states = np.full((len(starts), len(edges), starts.shape[1]), np.nan)
     states[:, 0] = starts
     runs = simulator.begin(starts, own, history.is_powered(span[0]), shot, span[0])
-    acceleration = np.zeros((len(starts), len(scales)))
+    acceleration = total = np.zeros((len(starts), len(scales)))
     for k in range(0, count, hold):
         q, v = np.split(states[:, k], 2, axis=1)
         given = laws.apply_dead_band(inputs[:, k : k + hold], q)
         dt = h * given.shape[1]
-        force, brake = laws.evaluate(q, v, acceleration, dt)
+        force, brake = laws.evaluate(q, v, acceleration, total, dt)
         states[:, k + 1 : k + 1 + hold] = runs.advance(given, force + brake)
+        total = (states[:, k + given.shape[1], len(scales) :] - v) / dt
         # what acts without the brakes, for the next interval
-        acceleration = (states[:, k + given.shape[1], len(scales) :] - v) / dt - brake / laws.inertia
+        acceleration = total - brake / laws.inertia
     return Motions(edges, states)
 
 
@@ -245,16 +246,16 @@ class _JointLaws:
         self.depend_on_motion = bool(self.laws) or self.band is not None
 
     def evaluate(
-        self, q: FloatArray, v: FloatArray, acceleration: FloatArray, dt: float
+        self, q: FloatArray, v: FloatArray, acceleration: FloatArray, total: FloatArray, dt: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate forces and brakes (C, N) of the next dt (s), given the acceleration that acts without brakes.
+        """Evaluate forces and brakes (C, N) of the next dt (s), given accelerations without and with the brakes.
 
         Laws are taken at the middle of the interval: at its start they would lag by half of it, and a spring would then
         drive the motion. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most,
         and holds it.
         """
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
-        q, middle = q + (v + acceleration * dt / 4) * dt / 2, v + acceleration * dt / 2
+        q, middle = q + (v + total * dt / 4) * dt / 2, v + total * dt / 2
         for effect, own in self.laws:
             # a generic brake is a law of the speed in multiples of the typical one
             is_generic = effect.site == "mechanism"

@@ -188,8 +188,11 @@ def meets_wall(recording: Recording, walls: FloatArray) -> bool:
 def _swings(recording: Recording) -> bool:
     """Return whether a body swings along a coordinate: it turns back at least twice, or is fastest midway.
 
-    Without a spring, a body between no walls is fastest where its path begins or ends, and turns once at most.
+    Without a spring, a body between no walls is fastest where its path begins or ends, and turns once at most. One that
+    is driven by known inputs is left out: they may swing it.
     """
+    if recording.inputs is not None:
+        return False
     for body in range(len(recording.bodies)):
         rows = np.flatnonzero(recording.is_observed[:, body])
         back = _TURN_SIGMAS * float(np.median(recording.sigma[rows, body])) if len(rows) else 0.0

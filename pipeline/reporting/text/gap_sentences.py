@@ -19,6 +19,7 @@ from diagnosis.fitting.display_names import (
 )
 from diagnosis.unexplained.force_law import ForceLaw
 from diagnosis.unexplained.local_patch import LocalPatch
+from diagnosis.verdicts.candidate_probabilities import SMALL_P_VALUE
 from diagnosis.verdicts.verdict import CandidateEffect, DiagnosisReport, Strength
 from models.core.number_format import (
     EXTREME_PROBABILITY,
@@ -37,8 +38,6 @@ MOST_OF_IT = 0.5
 _TREND, _MIN_TREND_POINTS = 0.7, 4
 # Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice.
 _NEAR_LIMIT = 8.0
-# p-value from which readers may take an agreement for chance.
-_SMALL_P_VALUE = 0.05
 # Quantities with which a force varies, as sentences name them.
 _VARIABLES = {
     "speed": "speed",
@@ -90,7 +89,7 @@ def format_verdict(report: DiagnosisReport) -> str:
         names = " and ".join(format_cause(one.effect) for one in report.per_effect)
         closed = max(sum(one.closed for one in report.per_effect), 0.0)
         return f"{sentence}; the best that it knows, {names}, would close {format_share(closed)} of it."
-    return f"These shots do not allow a verdict: {'; '.join(report.notes)}."
+    return f"These shots do not allow a verdict: {report.reason}."
 
 
 def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
@@ -116,7 +115,7 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         sentences.append(
             f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for"
             " a positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives"
-            f" an agreement as good as this in {share} of all cases{bound}.{'' if p < _SMALL_P_VALUE else weak}"
+            f" an agreement as good as this in {share} of all cases{bound}.{'' if p < SMALL_P_VALUE else weak}"
         )
     return tuple(sentences)
 
@@ -208,18 +207,18 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     place = f"most of it appears {format_phase(first.phase)}" if len(rest.where) > 1 else ""
     grows = f"it grows with {format_growth_variable(first.grows_with)}" if first.grows_with else ""
     details = "".join(f"; {one}" for one in (place, grows) if one)
-    certainty = f". It is more than noise with a probability of {format_probability(rest.probability)}"
-    if not math.isfinite(rest.probability):
-        certainty = ""
+    certainty = ""
+    if math.isfinite(rest.probability):
+        certainty = f" (with a probability of {format_probability(rest.probability)})"
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
         share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share), "the rest")
         sentences.append(
             f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
-            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{details}{certainty}."
+            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{certainty}{details}."
         )
     else:
-        sentences.append(f"What remains is more than noise{details}{certainty}.")
+        sentences.append(f"What remains is more than noise{certainty}{details}.")
     if rest.law is not None:
         sentences.append(_format_law_sentence(rest.law, report.gap.unit))
     if rest.patch is not None:

@@ -155,13 +155,15 @@ def test_shots_that_lose_by_much_contradict() -> None:
 CLOSED = GapClosure(0.3, 0.05, 0.01, 0.975, (0.95, 0.99), True, 0.9)
 
 
-def test_residuals_alone_are_no_unknown_effect_where_every_prediction_is_as_good_as_noise_allows() -> None:
+def test_residuals_are_no_evidence_where_other_shots_are_predicted_as_well_as_noise_allows() -> None:
     """Noise that a filter left is correlated over many samples, so that residuals are not white."""
-    evidence = UnknownEvidence(1e-9, 5.0, 1e-9).judge_by_predictions(UNKNOWN_CLOSURE)
+    evidence = UnknownEvidence(1e-9, 5.0, 1e-9)
     assert evidence.is_unknown
-    assert not evidence.has_gap
-    assert not evidence.without_gap().is_unknown
-    assert evidence.without_gap().probability < 0.1
+    assert evidence.judge_by_predictions(UNKNOWN_CLOSURE).gap == "unmeasured"
+    assert evidence.judge_by_predictions(replace(UNKNOWN_CLOSURE, is_absent=True)).gap == "absent"
+    assert evidence.judge_by_predictions(CLOSED).gap == "shown"
+    assert not evidence.without_residuals().is_unknown
+    assert evidence.without_residuals().probability < 0.1
 
 
 def test_effects_that_close_nearly_all_of_the_gap_are_the_answer_unless_their_law_has_another_form() -> None:

@@ -99,7 +99,7 @@ def differentiate_kinematics(
     """
     value, slope = np.empty((len(tau), 6)), np.empty((len(tau), 6, SEGMENT_STATE_SIZE + 3))
     _differentiate_segments(
-        np.ascontiguousarray(state, np.float64), np.ascontiguousarray(tau, np.float64), friction.sliding,
+        np.require(state, np.float64, ["C", "W"]), np.require(tau, np.float64, ["C", "W"]), friction.sliding,
         friction.rolling, value, slope,
     )  # fmt: skip
     return value, slope
