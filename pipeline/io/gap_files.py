@@ -97,8 +97,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
         "shot_use": asdict(report.shot_use),
         "film_next": report.film_next,
         "p_value": report.p_value,
-        "reason": report.reason,
-        "notes": report.notes,
+        "notes": (report.reason, *report.notes) if report.reason else report.notes,
     }
     strict: dict[str, Any] = replace_nonfinite(document)
     return strict
