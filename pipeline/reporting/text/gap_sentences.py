@@ -209,13 +209,14 @@ def format_unexplained(report: DiagnosisReport) -> tuple[str, ...]:
     details = "".join(f"; {one}" for one in (place, grows) if one)
     certainty = ""
     if math.isfinite(rest.probability):
-        certainty = f" (with a probability of {format_probability(rest.probability)})"
+        certainty = f", with a probability of {format_probability(rest.probability)}"
     if math.isfinite(rest.share) and rest.size > 0:
         before, after, floor = (format_error_size(one, metric) for one in _list_errors(report))
         share, left = ("All", "it") if rest.share >= 1 else (format_share(rest.share), "the rest")
         sentences.append(
             f"{share} of the gap (in squared errors) remains: the rms error goes from {before} to"
-            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}{certainty}{details}."
+            f" {after}, where {floor} is attainable. No effect that trueroll knows explains {left}, which is more"
+            f" than noise{certainty}{details}."
         )
     else:
         sentences.append(f"What remains is more than noise{certainty}{details}.")
