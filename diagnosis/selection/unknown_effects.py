@@ -122,12 +122,15 @@ class UnknownEvidence:
             return replace(judged, explained_share=max(low, 0.0))
         return replace(judged, selection_gains=True) if ahead.closed >= MOST_OF_GAP else judged
 
-    def without_residuals(self) -> UnknownEvidence:
-        """Return the evidence without that of residuals, where other shots are predicted as well as noise allows.
+    @property
+    def supported(self) -> UnknownEvidence:
+        """The evidence without that of residuals, where other shots are predicted as well as noise allows.
 
         Residuals of a fit that are not noise are no evidence then: noise that is correlated over many samples, as a
         filter leaves it, looks like that.
         """
+        if self.gap != "absent":
+            return self
         return replace(self, residual_p_value=1.0, residual_scale=1.0, agreement_p_value=1.0)
 
 

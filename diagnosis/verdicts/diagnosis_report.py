@@ -73,8 +73,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     """
     scene, best, evidence = study.problem.scene, study.best, study.unknown_evidence
     gap, per_effect = _measure_gap(study, recordings, rng)
-    if evidence.gap == "absent":
-        study = replace(study, unknown_evidence=evidence.without_residuals())
+    study = replace(study, unknown_evidence=evidence.supported)
     excess = _measure_excess(study)
     patch_fit = None if excess is None or not study.problem.places else _fit_patch(study, excess)
     named_effects, apart = _describe_named_effects(study)

@@ -74,7 +74,7 @@ def decide_verdict(
     """
     names = frozenset(named_effects)
     is_group = len(names) == 1 and any(len(one.group) > 1 for one in named_effects.values())
-    supported = evidence.without_residuals() if evidence.gap == "absent" else evidence
+    supported = evidence.supported
     verdict: Verdict = "none" if not names else ("group" if is_group else "effects")
     if supported.is_unknown or is_refuted:
         verdict = "unknown"
@@ -99,8 +99,9 @@ def decide_verdict(
     if reason and not is_withdrawn:
         verdict = "undecidable"
     is_named = verdict in ("effects", "group")
-    unmeasured = {one.effect for one in per_effect if not one.is_measured and one.closed < _LEAST_SHARE}
-    named = (names - unmeasured or names) if is_named else frozenset[str]()
+    small = {one.effect for one in per_effect if not one.is_measured and one.closed < _LEAST_SHARE}
+    named = (names - small or names) if is_named else frozenset[str]()
+    unmeasured = names - named if is_named else frozenset[str]()
     notes: list[str] = []
     if verdict == "none" and evidence.gap == "absent" and evidence.has_systematic_residuals:
         notes.append(
@@ -108,14 +109,14 @@ def decide_verdict(
             " predicted as well as noise allows: noise that is correlated over many samples, as a filter leaves it,"
             " looks like this"
         )
-    if is_named and names - named:
-        notes.append(f"{format_names(names - named)} was fitted beside them, without a measurable share of the gap")
+    if unmeasured:
+        notes.append(f"{format_names(unmeasured)} was fitted beside them, without a measurable share of the gap")
     if (is_named or verdict == "unknown") and shots < ENOUGH_SHOTS:
         notes.append(
             f"{shots} shots cannot agree better than chance: {ENOUGH_SHOTS} are the fewest that agree by chance in less"
             f" than {_format_share(SMALL_P_VALUE)} of all cases"
         )
-    return Decision(verdict, named, names - named if is_named else frozenset(), reason, tuple(notes))
+    return Decision(verdict, named, unmeasured, reason, tuple(notes))
 
 
 def _explain_missing_gap(verdict: Verdict, named_effects: Iterable[CandidateEffect]) -> str:

@@ -162,8 +162,9 @@ def test_residuals_are_no_evidence_where_other_shots_are_predicted_as_well_as_no
     assert evidence.judge_by_predictions(UNKNOWN_CLOSURE).gap == "unmeasured"
     assert evidence.judge_by_predictions(replace(UNKNOWN_CLOSURE, is_absent=True)).gap == "absent"
     assert evidence.judge_by_predictions(CLOSED).gap == "shown"
-    assert not evidence.without_residuals().is_unknown
-    assert evidence.without_residuals().probability < 0.1
+    assert evidence.supported.is_unknown
+    assert not replace(evidence, gap="absent").supported.is_unknown
+    assert replace(evidence, gap="absent").supported.probability < 0.1
 
 
 def test_effects_that_close_nearly_all_of_the_gap_are_the_answer_unless_their_law_has_another_form() -> None:
