@@ -40,6 +40,9 @@ from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views
 from pipeline.reporting.pages.certificate_page import write_cushion_page
 
+# Shots that are shared out between processes before the next message; one takes about a second.
+_SHOTS_TOGETHER = 6
+
 
 @dataclass(frozen=True, slots=True)
 class FittedTable:
@@ -83,13 +86,16 @@ def fit_table_of_shots(
         shots, refusals = _list_shots(sources)
     refusals = [*repetitions, *refusals]
     fits, names = [], []
-    for done, (name, source, number, _) in enumerate(shots):
-        on_activity(f"fitting shot {done + 1} of {len(shots)}")
-        try:
-            fits.append(prepare_shot(load_shot(source, number, cache)))
-            names.append(name)
-        except (TruerollError, ArithmeticError, ValueError) as error:
-            refusals.append(f"{name}: {error}")
+    for begin in range(0, len(shots), _SHOTS_TOGETHER):
+        together = shots[begin : begin + _SHOTS_TOGETHER]
+        on_activity(f"fitting shots {begin + 1} to {begin + len(together)} of {len(shots)}")
+        found = executor.map_tasks(cache, _fit_shot, [(source, number) for _, source, number, _ in together])
+        for (name, *_), fit in zip(together, found, strict=True):
+            if isinstance(fit, str):
+                refusals.append(f"{name}: {fit}")
+            else:
+                fits.append(fit)
+                names.append(name)
     on_activity("learning the table")
     if not fits:
         raise TrackError(f"physics could be fitted to none of the shots; {refusals[0]}")
@@ -205,6 +211,14 @@ def _require_one_table(shots: list[ListedShot], refusals: list[str]) -> Table:
                 f" {first.length:g} x {first.width:g} m"
             )
     return first
+
+
+def _fit_shot(cache: ResultCache, source: Path, number: int) -> tuple[JointSolution, Tracks] | str:
+    """Fit a shot or read its kept fit; return it as `prepare_shot` does, or why it could not be fitted."""
+    try:
+        return prepare_shot(load_shot(source, number, cache))
+    except (TruerollError, ArithmeticError, ValueError) as error:
+        return str(error)
 
 
 def prepare_shot(shot: Shot) -> tuple[JointSolution, Tracks]:

@@ -7,7 +7,6 @@ alone: a dozen numbers whatever the number of shots.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +16,8 @@ from models.core.scene import Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.table_learning.cushion_contacts import CushionContacts
 from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, ContactScatter, LearnedTable
-from models.estimation.table_learning.side_spin import Rebounds, filter_side_spin, predict_rebounds
+from models.estimation.table_learning.side_spin import filter_side_spin, predict_rebounds
+from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.contact_model import find_model
 from models.physics.billiards.contact_models import CUSHION_MODELS, REGISTERED_CUSHION_MODELS
 from models.physics.billiards.parameter_vector import (
@@ -41,12 +41,12 @@ MIN_OWN_CONTACTS = 2
 OWN_LAWS = ("mirror", "han_2005", "stronge")
 # m, least spread of nose offsets between shots: calibration is no better.
 MIN_NOSE_SIGMA = 1e-3
-# Predictions that are kept: scatter and decay change nothing in them.
-_REMEMBERED = 4
 # Of the search.
 _ITERATIONS = 40
-# Step of second differences, in prior standard deviations.
-_HESSIAN_STEP = 0.02
+# Step of second differences, in prior standard deviations; that of first ones, in those of the posterior.
+_HESSIAN_STEP, _SLOPE_STEP = 0.02, 1e-3
+# Slope of the cost by posterior standard deviations at which a search ends: that far from the greatest posterior.
+_LEAST_SLOPE = 0.05
 # Posterior over prior standard deviation from which the contacts did not determine a parameter.
 _PRIOR_DOMINATED = 0.8
 # The cloth is learned from free paths; the noses keep the height of their contact model.
@@ -89,6 +89,7 @@ def learn_cushions(
     mass: float,
     cloth: dict[str, float],
     laws: tuple[str, ...] = CUSHION_MODELS,
+    executor: Executor = SERIAL,
 ) -> tuple[CushionFit, ...]:
     """Fit every cushion model to the contacts of a table.
 
@@ -98,16 +99,17 @@ def learn_cushions(
         mass: kg, of the balls.
         cloth: Parameters of the cloth by `effect.parameter`; some cushion models read sliding friction.
         laws: Names of the cushion models to fit.
+        executor: Distributes the points at which the posterior is evaluated over processes.
 
     Returns:
         One fit per model, that of greatest evidence first. Of many contacts, a part decides between the models.
     """
     part, fits = _thin_chains(contacts), list[CushionFit]()
     for law in laws:
-        fits.append(_fit_model(law, part, radius, mass, cloth, fits[0] if fits else None))
+        fits.append(_fit_model(law, part, radius, mass, cloth, fits[0] if fits else None, executor))
         fits.sort(key=lambda one: -one.log_evidence)
     if len(part.t) < len(contacts.t):
-        best = _fit_model(fits[0].law, contacts, radius, mass, cloth, fits[0])
+        best = _fit_model(fits[0].law, contacts, radius, mass, cloth, fits[0], executor)
         fits[0] = replace(best, log_evidence=fits[0].log_evidence)
     return tuple(fits)
 
@@ -148,6 +150,88 @@ def refit_scatter(
     return replace(fit, scatter=ContactScatter(*np.exp(best.x).tolist()))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _CushionPosterior:
+    """Posterior of the coordinates of one cushion model: distances from the priors in prior standard deviations."""
+
+    law: str
+    contacts: CushionContacts
+    radius: float
+    mass: float
+    cloth: dict[str, float]
+    priors: tuple[Prior, ...]
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest coordinates."""
+        edges = np.array([[_coordinate(one, edge) for edge in one.bounds] for one in self.priors])
+        return edges[:, 0], edges[:, 1]
+
+    def decode(self, coordinates: FloatArray) -> tuple[FloatArray, ContactScatter]:
+        """Convert coordinates into the parameters (P,) of the engine and the scatter."""
+        physics, values = neutral_parameters(), _values(coordinates, self.priors)
+        named = zip((one.name for one in self.priors[: -len(_SCATTER_NAMES)]), values, strict=False)
+        for name, value in (*self.cloth.items(), *named):
+            physics[PARAMETER_NAMES.index(name)] = value
+        return physics, ContactScatter(*values[-len(_SCATTER_NAMES) :])
+
+    def measure_costs(self, points: FloatArray, executor: Executor) -> FloatArray:
+        """Compute the negative logarithm (N,) of the posterior at coordinates (N, M).
+
+        Beyond their bounds parameters stay at them, while the prior goes on: the greatest posterior is within them.
+        """
+        alike: dict[bytes, list[int]] = {}
+        inside = np.clip(points, *self.bounds)
+        for k, one in enumerate(inside):
+            physics, _ = self.decode(one)
+            physics[SPIN_DECAY] = 0.0  # what a contact does depends neither on the decay before it nor on the scatter
+            alike.setdefault(physics.tobytes(), []).append(k)
+        tasks = [(inside[rows],) for rows in alike.values()]
+        found = executor.map_tasks(self, _sum_likelihoods, tasks)
+        costs = 0.5 * np.sum(points * points, axis=1)
+        for rows, likelihoods in zip(alike.values(), found, strict=True):
+            costs[rows] -= likelihoods
+        return np.asarray(costs)
+
+    def measure_slope(self, point: FloatArray, steps: FloatArray, executor: Executor) -> tuple[float, FloatArray]:
+        """Compute the cost at coordinates (M,) and its gradient (M,), by differences over `steps` (M,)."""
+        first, *ahead = self.measure_costs(np.vstack([point, point + np.diag(steps)]), executor)
+        return float(first), (np.array(ahead) - first) / steps
+
+    def measure_curvature(self, point: FloatArray, executor: Executor) -> FloatArray:
+        """Compute the Hessian of the cost by central differences inside the bounds; at least that of the prior.
+
+        Returns:
+            (M, M), positive definite.
+        """
+        size, step = len(point), _HESSIAN_STEP
+        low, high = self.bounds
+        centre, shift = np.clip(point, low + step, high - step), step * np.eye(size)
+        i, j = np.tril_indices(size, -1)
+        moves = [np.zeros((1, size)), shift, -shift, shift[i] + shift[j], -shift[i] - shift[j]]
+        costs = self.measure_costs(centre + np.vstack(moves), executor)
+        middle, ahead, behind, *_ = np.split(costs, np.cumsum([len(one) for one in moves]))
+        both, neither = costs[1 + 2 * size :].reshape(2, len(i))
+        hessian = np.diag((ahead + behind - 2 * middle) / step**2)
+        rest = ahead[i] + ahead[j] + behind[i] + behind[j] - 2 * middle
+        hessian[i, j] = hessian[j, i] = (both + neither - rest) / (2 * step**2)
+        curvatures, vectors = np.linalg.eigh(hessian)
+        return np.asarray((vectors * np.maximum(curvatures, 1.0)) @ vectors.T)
+
+
+def _sum_likelihoods(posterior: _CushionPosterior, points: FloatArray) -> list[float]:
+    """Sum the log likelihoods of all contacts at points (N, M) that differ in scatter and decay alone."""
+    contacts, radius = posterior.contacts, posterior.radius
+    physics, _ = posterior.decode(points[0])
+    rebounds = predict_rebounds(contacts, CUSHION_MODELS.index(posterior.law), physics, radius, posterior.mass)
+    sums = []
+    for point in points:
+        physics, scatter = posterior.decode(point)
+        found = filter_side_spin(contacts, rebounds, radius, scatter, float(physics[SPIN_DECAY]))
+        sums.append(float(found.log_likelihood.sum()))
+    return sums
+
+
 def _fit_model(
     law: str,
     contacts: CushionContacts,
@@ -155,47 +239,41 @@ def _fit_model(
     mass: float,
     cloth: dict[str, float],
     neighbour: CushionFit | None,
+    executor: Executor,
 ) -> CushionFit:
-    """Find the greatest posterior of one model by L-BFGS, in prior standard deviations.
+    """Find the greatest posterior of one model by BFGS, in coordinates in which its Hessian at the start is 1.
 
     The search starts from the values of a neighbour, the best other model, else from the priors.
     """
     from scipy.optimize import minimize  # slow to import
 
     priors = _list_unknowns(law)
-    low, high = _coordinate_bounds(priors)
-    first = np.clip(_read_coordinates(neighbour, priors), low, high)
-    fixed = neutral_parameters()
-    for name, value in cloth.items():
-        fixed[PARAMETER_NAMES.index(name)] = value
+    posterior = _CushionPosterior(law, contacts, radius, mass, cloth, priors)
+    first = np.clip(_read_coordinates(neighbour, priors), *posterior.bounds)
+    root = np.linalg.cholesky(np.linalg.inv(posterior.measure_curvature(first, executor)))
+    steps = _SLOPE_STEP * np.sqrt(np.sum(root * root, axis=1))
 
-    @lru_cache(maxsize=_REMEMBERED)
-    def predict(values: bytes) -> Rebounds:
-        return predict_rebounds(contacts, CUSHION_MODELS.index(law), np.frombuffer(values), radius, mass)
+    def measure(moves: FloatArray) -> tuple[float, FloatArray]:
+        cost, slope = posterior.measure_slope(first + root @ moves, steps, executor)
+        return cost, root.T @ slope
 
-    def cost(coordinates: FloatArray) -> float:
-        physics, scatter = _decode(coordinates, priors, fixed)
-        decay, physics[SPIN_DECAY] = float(physics[SPIN_DECAY]), 0.0  # contacts do not depend on it
-        result = filter_side_spin(contacts, predict(physics.tobytes()), radius, scatter, decay)
-        return 0.5 * float(coordinates @ coordinates) - float(result.log_likelihood.sum())
-
-    best = minimize(
-        cost, first, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options={"maxiter": _ITERATIONS}
+    found = minimize(
+        measure, np.zeros(len(first)), method="BFGS", jac=True, options={"maxiter": _ITERATIONS, "gtol": _LEAST_SLOPE}
     )
-    hessian = _differentiate_twice(cost, best.x, low, high)
-    curvatures, vectors = np.linalg.eigh(hessian)
-    curvatures = np.maximum(curvatures, 1.0)  # that of the prior
-    covariance = (vectors / curvatures) @ vectors.T
+    best = np.clip(first + root @ found.x, *posterior.bounds)
+    curvature = posterior.measure_curvature(best, executor)
+    covariance = np.linalg.inv(curvature)
     spread = np.sqrt(np.diag(covariance))
-    physics, scatter = _decode(best.x, priors, fixed)
+    physics, scatter = posterior.decode(best)
+    values = _values(best, priors)
+    scale = np.array([_value_scale(one, v) for one, v in zip(priors, values, strict=True)])
     parameters = tuple(
-        Parameter(one.name, v, s * _value_scale(one, v), one.unit, bool(s > _PRIOR_DOMINATED))
-        for one, v, s in zip(priors, _values(best.x, priors), spread, strict=True)
+        Parameter(one.name, v, s * change, one.unit, bool(s > _PRIOR_DOMINATED))
+        for one, v, s, change in zip(priors, values, spread, scale, strict=True)
         if one.name not in _SCATTER_NAMES
     )
-    scale = np.array([_value_scale(one, v) for one, v in zip(priors, _values(best.x, priors), strict=True)])
     own = slice(0, len(parameters))
-    evidence = -float(best.fun) - 0.5 * float(np.log(curvatures).sum())
+    evidence = -float(found.fun) - 0.5 * float(np.linalg.slogdet(curvature)[1])
     return CushionFit(law, parameters, scatter, physics, (covariance * scale * scale[:, None])[own, own], evidence)
 
 
@@ -230,42 +308,11 @@ def _value_scale(prior: Prior, value: float) -> float:
     return prior.sigma * (value if prior.relative else 1.0)
 
 
-def _coordinate_bounds(priors: tuple[Prior, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds of the coordinates."""
-    edges = np.array([[_coordinate(one, edge) for edge in one.bounds] for one in priors])
-    return edges[:, 0], edges[:, 1]
-
-
 def _coordinate(prior: Prior, value: float) -> float:
     """Return the distance of a value from its prior, in prior standard deviations."""
     if prior.relative:
         return float(np.log(max(value, 1e-9) / prior.value)) / prior.sigma
     return (value - prior.value) / prior.sigma
-
-
-def _decode(coordinates: FloatArray, priors: tuple[Prior, ...], fixed: FloatArray) -> tuple[FloatArray, ContactScatter]:
-    """Convert coordinates into the parameters (P,) of the engine and the scatter."""
-    physics, values = fixed.copy(), _values(coordinates, priors)
-    for one, value in zip(priors[: -len(_SCATTER_NAMES)], values, strict=False):
-        physics[PARAMETER_NAMES.index(one.name)] = value
-    return physics, ContactScatter(*values[-len(_SCATTER_NAMES) :])
-
-
-def _differentiate_twice(cost, best: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]
-    """Compute the Hessian of a cost by central differences, inside its bounds."""
-    size, step = len(best), _HESSIAN_STEP
-    centre = np.clip(best, low + step, high - step)
-    middle, hessian = cost(centre), np.empty((size, size))
-    shift = step * np.eye(size)
-    ahead = [cost(centre + one) for one in shift]
-    behind = [cost(centre - one) for one in shift]
-    for i in range(size):
-        hessian[i, i] = (ahead[i] + behind[i] - 2 * middle) / step**2
-        for j in range(i):
-            cross = cost(centre + shift[i] + shift[j]) + cost(centre - shift[i] - shift[j])
-            rest = ahead[i] + ahead[j] + behind[i] + behind[j] - 2 * middle
-            hessian[i, j] = hessian[j, i] = (cross - rest) / (2 * step**2)
-    return hessian
 
 
 def learn_own_cushions(contacts: CushionContacts, solution: JointSolution, table: Table) -> LearnedTable | None:

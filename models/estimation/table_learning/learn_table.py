@@ -86,7 +86,7 @@ def learn_table(
     from models.estimation.table_learning.correction_training import train_correction  # torch is slow to import
 
     size = table.ball_radius, table.ball_mass
-    fits = learn_cushions(contacts, *size, {p.name: p.value for p in cloth}, laws)
+    fits = learn_cushions(contacts, *size, {p.name: p.value for p in cloth}, laws, executor)
     trained = train_correction(contacts, CUSHION_MODELS.index(fits[0].law), fits[0].physics, *size, fits[0].scatter)
     is_corrected = trained is not None and trained.is_worthwhile
     correction = trained.weights if trained is not None and is_corrected else NO_CORRECTION
