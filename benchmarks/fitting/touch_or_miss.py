@@ -26,7 +26,7 @@ from scipy.stats import norm
 from benchmarks.fitting.ball_pairs import LENGTH, WIDTH, Meeting, R, Truth, film_pair, simulate_meetings
 from benchmarks.support.figures import Figure, add_quick_option, estimate_mean, estimate_share, run_quick
 from models.core.tracks import Tracks
-from models.estimation.contact_test.contact_moment import PossibleContact, make_ball_window
+from models.estimation.contact_test.contact_motion import PossibleContact, make_ball_window
 from models.estimation.contact_test.contact_probability import evaluate_contact, predict_gap
 from models.estimation.segmentation.track_segmentation import BallSamples
 

@@ -14,7 +14,7 @@ from models.core.naming import Naming
 from models.core.number_format import format_probability, format_time
 from models.core.options import FitOptions
 from models.core.shot import Note, Shot
-from models.estimation.contact_test.contact_moment import ClothPriors
+from models.estimation.contact_test.contact_motion import ClothPriors
 from models.estimation.contact_test.shot_record import ShotRecord, make_shot_record
 from models.estimation.joint_fit.trust_level import add_warnings
 from models.estimation.reconstruction.explain_shot import list_close_passes

@@ -22,7 +22,7 @@ from scipy.special import logsumexp, ndtr
 
 from models.core.shot import ContactTestResult
 from models.core.typing import FloatArray
-from models.estimation.contact_test.contact_moment import (
+from models.estimation.contact_test.contact_motion import (
     CONTACT_COUNT,
     PathPrediction,
     PossibleContact,

@@ -19,7 +19,7 @@ from models.core.shot import ClosePass, ContactTestResult
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
 from models.core.typing import FloatArray
-from models.estimation.contact_test.contact_moment import (
+from models.estimation.contact_test.contact_motion import (
     USUAL_CLOTH,
     BallWindow,
     ClothPriors,

@@ -33,7 +33,7 @@ from models.core.shot import (
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_search import search_break, summarize_break
-from models.estimation.contact_test.contact_moment import (
+from models.estimation.contact_test.contact_motion import (
     USUAL_CLOTH,
     BallWindow,
     ClothPriors,

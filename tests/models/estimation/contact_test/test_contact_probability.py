@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from support.filmed_shots import RADIUS, film
 
-from models.estimation.contact_test.contact_moment import (
+from models.estimation.contact_test.contact_motion import (
     SHARED_COUNT,
     CushionLine,
     PossibleContact,
