@@ -24,12 +24,8 @@ from models.core.trajectory import CaptureClock
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.fit_solution import collect_observations
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
-from models.estimation.reconstruction.explain_shot import (
-    list_close_passes,
-    list_gaps,
-    refine_contact_times,
-    whiten_observed,
-)
+from models.estimation.reconstruction.contact_times import list_gaps, refine_contact_times
+from models.estimation.reconstruction.explain_shot import list_close_passes, whiten_observed
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.structure_search.contact_partners import collect_hypotheses
 from models.estimation.structure_search.structure_trials import StructureSearch

@@ -5,7 +5,8 @@ an impulse whose strength and direction follow from the geometry; restitution an
 priors. All states here are x, y, vx, vy and slip ux, uy: (6,).
 
 This module only predicts motion. `contact_probability.estimate_contact_time` fits it to find the time of a contact,
-`contact_probability.evaluate_contact` to find the probability that there was one.
+`contact_probability.evaluate_contact` to find the probability that there was one. Which time a contact gets in the end
+is decided in `models.estimation.reconstruction.contact_times`.
 """
 
 from __future__ import annotations

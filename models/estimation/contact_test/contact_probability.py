@@ -8,6 +8,8 @@ Information Theory, Inference, and Learning Algorithms, ch. 28). No weights are 
 and pays for them, and its impulse follows from where the paths lead, so that a graze, which hardly changes them, stays
 undecided. Errors of successive samples are correlated by an unknown amount, and their size is only roughly known: both
 are integrated over.
+
+Whether a contact gets the time found here or that of the joint fit is decided in `reconstruction.contact_times`.
 """
 
 from __future__ import annotations

@@ -1,21 +1,17 @@
 """Explanation of a recording: tracks in, contact graph with states, times and covariance out, as one `Shot`.
 
-A simulation replaces each ball's motion in a break shot until its last contact there. Contacts of two balls are timed
-last: the joint fit holds real tables with soft priors, which costs precision where a contact is observed well. Where
-the contact laws of two balls explain the samples around a contact, they time it to the Cramer-Rao bound; elsewhere the
-time of the joint fit stays.
+A simulation replaces each ball's motion in a break shot until its last contact there. Contacts are timed last:
+`contact_times` says how a contact gets its time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations, layout_parameters
+from models.core.contact_graph import Contact, ContactGraph, JointSolution, Observations
 from models.core.corrections import NO_CORRECTIONS, Corrections
 from models.core.fit_result import MarkOutcome
 from models.core.options import FitOptions
@@ -24,7 +20,6 @@ from models.core.scene import Scene, Table
 from models.core.shot import (
     ClosePass,
     ContactRivals,
-    ContactTestResult,
     Note,
     Shot,
     SimulatedBreak,
@@ -33,22 +28,8 @@ from models.core.shot import (
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
 from models.estimation.break_shot.break_search import search_break, summarize_break
-from models.estimation.contact_test.contact_motion import (
-    USUAL_CLOTH,
-    BallWindow,
-    ClothPriors,
-    PossibleContact,
-    make_ball_window,
-)
-from models.estimation.contact_test.contact_probability import estimate_contact_time
-from models.estimation.contact_test.shot_record import (
-    GUARD_SIGMAS,
-    WINDOW_TIME,
-    estimate_noise_scale,
-    estimate_reach_sigma,
-    find_close_passes,
-    make_shot_record,
-)
+from models.estimation.contact_test.contact_motion import USUAL_CLOTH, ClothPriors
+from models.estimation.contact_test.shot_record import find_close_passes, make_shot_record
 from models.estimation.hand_marks.graph_marks import (
     apply_marks,
     combine_marked_times,
@@ -56,11 +37,12 @@ from models.estimation.hand_marks.graph_marks import (
     settle_marks,
 )
 from models.estimation.hand_marks.resolved_marks import ResolvedMark, resolve_marks
-from models.estimation.joint_fit.contact_cascades import evaluate_state, find_segment_at
+from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times, refine_graph
 from models.estimation.joint_fit.trust_level import evaluate_segment_chi2
 from models.estimation.reconstruction.capture_times import estimate_capture_times
+from models.estimation.reconstruction.contact_times import list_gaps, refine_contact_times
 from models.estimation.reconstruction.plausibility import find_implausible_deceleration
 from models.estimation.reconstruction.shot_views import view_captured
 from models.estimation.segmentation.contact_classification import build_contact_graph, find_contact_opportunities
@@ -193,14 +175,6 @@ def _explain_tracks(
     return shot
 
 
-def list_gaps(solution: JointSolution, tests: Mapping[int, ContactTestResult]) -> FloatArray:
-    """List the gaps (C, 2) and their sigmas of contacts by their contact tests; NaN where there is none."""
-    gaps = np.full((len(solution.graph.contacts), 2), np.nan)
-    for number, one in tests.items():
-        gaps[number] = one.gap, one.gap_sigma
-    return gaps
-
-
 def whiten_observed(tracks: Tracks) -> FloatArray:
     """Return the whitening matrices (T, N, 2, 2) of the observed positions; NaN elsewhere."""
     return np.where(tracks.is_observed[..., None, None], tracks.whitening, np.nan)
@@ -286,93 +260,6 @@ def _running_median(values: FloatArray) -> FloatArray:
     padded = np.pad(values, ((half, half), (0, 0)), mode="reflect" if half < len(values) else "edge")
     medians: FloatArray = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0), axis=-1)
     return medians
-
-
-# Per degree of freedom: beyond, two ideal balls do not explain the samples.
-MAX_CHI2 = 1.6
-# Standard deviations of the joint fit that a time may move.
-MAX_MOVE_SIGMAS = 4.0
-# s: upper limit of that move.
-MAX_MOVE = 4e-3
-# Least number of samples of a ball on either side of a contact.
-MIN_SAMPLES = 3
-
-
-class _FittedShot(NamedTuple):
-    """What contacts are timed from."""
-
-    solution: JointSolution
-    observations: Observations
-    sigma: FloatArray
-    """(K,) m, of the observations, scaled to the scatter of their balls about the fitted paths."""
-    time_sigma: FloatArray
-    """(C,) s, of the contacts."""
-
-
-def refine_contact_times(
-    solution: JointSolution, observations: Observations, scene: Scene
-) -> dict[int, ContactTestResult]:
-    """Refine the times of all contacts of two balls where exact physics holds.
-
-    Args:
-        solution: A solution with its covariance.
-        observations: K observations.
-        scene: Table and camera.
-
-    Returns:
-        Result of the contact test by the number of the contact; its standard deviations include the lack of fit.
-    """
-    layout = layout_parameters(solution.graph)
-    variance = np.diag(solution.covariance)[layout.contact : layout.shared]
-    sigma = np.sqrt(np.trace(np.linalg.inv(observations.whiten.mT @ observations.whiten), axis1=1, axis2=2) / 2)
-    residual = np.einsum("kij,kj->ki", observations.whiten, evaluate_residuals(solution, observations))
-    for ball in np.unique(observations.ball):
-        is_own = observations.ball == ball
-        sigma[is_own] *= estimate_noise_scale(np.hypot(*residual[is_own].T))
-    shot = _FittedShot(solution, observations, sigma, np.sqrt(np.maximum(variance, 0.0)))
-    reach = 2 * scene.table.ball_radius, estimate_reach_sigma(scene.table, scene.camera)
-    refined = (
-        (k, _refine_contact_time(shot, k, *reach)) for k, c in enumerate(solution.graph.contacts) if c.kind == "ball"
-    )
-    return {k: result for k, result in refined if result is not None}
-
-
-def _refine_contact_time(shot: _FittedShot, number: int, reach: float, reach_sigma: float) -> ContactTestResult | None:
-    """Refine the time of a contact by exact physics; None where that does not hold."""
-    t = shot.solution.graph.contacts[number].t
-    try:
-        windows = tuple(_cut_ball_window(shot, number, ball) for ball in (0, 1))
-        if any(min(np.sum(ball.t < t), np.sum(ball.t > t)) < MIN_SAMPLES for ball in windows):
-            return None
-        result = estimate_contact_time(PossibleContact(windows, reach, reach_sigma), t)
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    is_near = abs(result.t - t) < min(MAX_MOVE_SIGMAS * float(shot.time_sigma[number]), MAX_MOVE)
-    holds = result.closing > 0 and result.chi2 < MAX_CHI2 and is_near
-    excess = float(np.sqrt(max(result.chi2, 1.0)))
-    inflated = replace(result, t_sigma=excess * result.t_sigma, gap_sigma=excess * result.gap_sigma)
-    return inflated if holds else None
-
-
-def _cut_ball_window(shot: _FittedShot, number: int, which: int) -> BallWindow:
-    """Cut the samples of a ball of a contact, from its contact before to its next one after."""
-    graph, observations = shot.solution.graph, shot.observations
-    contact = graph.contacts[number]
-    before, after = contact.before[which], contact.after[which]
-    begin = max(contact.t - WINDOW_TIME, float(observations.t.min()), _guard(shot, graph.segments[before].start, 1))
-    begin = min(begin, contact.t)
-    end = min(contact.t + WINDOW_TIME, _guard(shot, graph.segments[after].end, -1))
-    is_inside = (observations.t >= begin) & (observations.t <= max(end, contact.t))
-    rows = (observations.ball == graph.segments[before].ball) & is_inside
-    samples = BallSamples(observations.t[rows], observations.xy[rows], shot.sigma[rows])
-    return make_ball_window(samples, contact.t, begin, evaluate_state(graph, shot.solution.friction, before, begin))
-
-
-def _guard(shot: _FittedShot, number: int | None, sign: int) -> float:
-    """Return the time, s, that samples keep from another contact: after it (sign 1) or before it (-1)."""
-    if number is None:
-        return -sign * np.inf
-    return shot.solution.graph.contacts[number].t + sign * GUARD_SIGMAS * float(shot.time_sigma[number])
 
 
 # Per degree of freedom, robust: a simulation with a larger misfit explains nothing.

@@ -18,7 +18,7 @@ from models.estimation.hand_marks.graph_marks import combine_marked_times
 from models.estimation.hand_marks.resolved_marks import HAND_TIME_FRAMES, ResolvedMark
 from models.estimation.joint_fit.fit_solution import end_state
 from models.estimation.joint_fit.joint_refinement import add_covariance, condition_on_contact_times
-from models.estimation.reconstruction import explain_shot
+from models.estimation.reconstruction import contact_times
 from models.estimation.reconstruction.explain_shot import explain
 from models.estimation.reconstruction.shot_views import view_shot
 
@@ -138,8 +138,8 @@ def test_exact_physics_times_a_contact_only_where_it_explains_the_samples(
     solution, observations = collision()
     t = solution.graph.contacts[1].t + 1e-4
     result = ContactTestResult(0.99, t, 1e-3, -1e-3, 1e-4, chi2, 0.0, 0.5)
-    monkeypatch.setattr(explain_shot, "estimate_contact_time", lambda *_: result)
-    tests = explain_shot.refine_contact_times(solution, observations, SCENE)
+    monkeypatch.setattr(contact_times, "estimate_contact_time", lambda *_: result)
+    tests = contact_times.refine_contact_times(solution, observations, SCENE)
     assert list(tests) == ([1] if is_refined else [])
     for one in tests.values():
         assert (one.t, one.gap) == (t, -1e-3)
