@@ -18,7 +18,7 @@ from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
-from pipeline.io.shot_file import parse_shot, place_on_learned_table, read_shot_setup
+from pipeline.io.shot_setup import parse_shot, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene

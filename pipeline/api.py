@@ -34,7 +34,7 @@ from pipeline.chain import default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.run_views import view_run
-from pipeline.io.shot_folder import read_shot
+from pipeline.io.saved_shot import read_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.io.text_table import TEXT_COLUMNS
 from pipeline.recording_shots import ShotChoice, run_chosen_shot

@@ -28,7 +28,7 @@ from pipeline.engine.stage_graph import RunWatcher, StageGraph
 from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE, read_source
 from pipeline.io.run_views import view_inputs
-from pipeline.io.shot_folder import publish_shot
+from pipeline.io.saved_shot import publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.fit_sentences import format_corrections
 from pipeline.reporting.text.text_formatting import escape_text

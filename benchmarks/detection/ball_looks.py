@@ -29,7 +29,7 @@ from detectors.measurement.ball_paint import look_at_balls, select_clear_frames
 from models.core.tracks import Tracks
 from models.core.typing import ByteArray, FloatArray, IntArray
 from pipeline.editing.edited_clip import find_edited_clip
-from pipeline.io.shot_folder import read_shot
+from pipeline.io.saved_shot import read_shot
 from video.io.clip import open_clip, read_frames
 
 # Colours of the numbers 1 to 7, and of 9 to 15; 4 and 12 are pink in sets for television.

@@ -24,7 +24,7 @@ from models.estimation.contact_test.shot_record import REST_SPEED, ShotRecord
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
 from pipeline.io.run_folder import read_scene_document, read_source
-from pipeline.io.shot_folder import read_shot
+from pipeline.io.saved_shot import read_shot
 from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
 from pipeline.stages.read_stage import ReadOptions
 from video.io.clip import Clip, open_clip, read_frames

@@ -34,7 +34,7 @@ from pipeline.io.kept_values import load_shot
 from pipeline.io.observed_shot import list_shot_numbers, read_observed_shot
 from pipeline.io.profile_export import build_pooltool_parameters, describe_physics
 from pipeline.io.run_folder import drop_repeated_clips
-from pipeline.io.shot_folder import has_shot
+from pipeline.io.saved_shot import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.io.table_profile import SIZE_TOLERANCE
 from pipeline.io.view_profile import collect_views

@@ -23,7 +23,7 @@ from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.particle_files import read_particles
-from pipeline.io.shot_folder import SHOT_FOLDER, read_shot
+from pipeline.io.saved_shot import SHOT_FOLDER, read_shot
 from pipeline.io.text_table import Columns, require_tracks_file
 
 

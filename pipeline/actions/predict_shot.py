@@ -33,7 +33,7 @@ from pipeline.io.csv_tables import Columns, write_columns
 from pipeline.io.image_file import write_image
 from pipeline.io.kept_values import explain_tracks, load_shot
 from pipeline.io.observed_shot import read_observed_shot
-from pipeline.io.shot_folder import has_shot
+from pipeline.io.saved_shot import has_shot
 from pipeline.io.strict_json import write_json
 from pipeline.reporting.text.prediction_sentences import format_ball_prediction, stays_at_rest
 from pipeline.reporting.text.text_formatting import summarize_trust

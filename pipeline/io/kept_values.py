@@ -17,7 +17,7 @@ from pipeline.engine.source_fingerprint import hash_sources, library_versions
 from pipeline.engine.value_files import FORMAT, hash_value, load_value, save_value
 from pipeline.io.observed_shot import read_observed_shot
 from pipeline.io.run_folder import SOURCE_FILE
-from pipeline.io.shot_folder import SHOT_FOLDER, has_shot, read_shot
+from pipeline.io.saved_shot import SHOT_FOLDER, has_shot, read_shot
 
 KEPT_FOLDER = "kept"
 V = TypeVar("V")

@@ -11,7 +11,7 @@ from models.core.errors import OptionError
 from models.core.scene import Camera, Scene, Table
 from models.core.tracks import KINDS, Tracks
 from pipeline.io.run_folder import DEFAULT_SIGMA, parse_camera, parse_table, read_scene_document
-from pipeline.io.shot_folder import has_shot, read_shot
+from pipeline.io.saved_shot import has_shot, read_shot
 from pipeline.io.text_table import Columns, build_row_grid, read_text_table, require_tracks_file
 from pipeline.io.track_conventions import TrackRows, interpret_tracks
 from pipeline.io.track_folder import parse_scene_entry, require_positions_on_table

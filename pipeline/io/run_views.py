@@ -22,7 +22,7 @@ from models.estimation.reconstruction.plausibility import DECELERATION_RANGE, US
 from models.estimation.reconstruction.shot_views import view_shot
 from models.estimation.shot_numbers.measure_shots import add_shot_numbers
 from pipeline.engine.stage import Inputs
-from pipeline.io.shot_folder import read_shot
+from pipeline.io.saved_shot import read_shot
 from pipeline.io.view_profile import list_profile_misfits
 from pipeline.reporting.text.fit_sentences import format_outcomes
 from pipeline.reporting.text.text_formatting import format_meeting

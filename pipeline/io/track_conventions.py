@@ -27,7 +27,7 @@ from models.estimation.track_evidence import (
     measure_speed,
     unwrap_angles,
 )
-from pipeline.io.shot_folder import has_shot
+from pipeline.io.saved_shot import has_shot
 from pipeline.io.text_table import ALIASES, NUMERIC_COLUMNS, TEXT_COLUMNS, UNITS, TextTable
 from pipeline.reporting.text.text_formatting import escape_text
 

@@ -15,7 +15,7 @@ from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
 from pipeline.io.run_folder import drop_repeated_clips
-from pipeline.io.shot_folder import has_shot, read_shot
+from pipeline.io.saved_shot import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.surroundings import WallsEntry, build_inputs, find_input_columns
 from pipeline.io.text_table import TextTable, build_row_grid, read_text_table

@@ -15,7 +15,7 @@ from pipeline.engine.stage import Inputs, Stage
 from pipeline.io.csv_tables import write_events
 from pipeline.io.run_tables import write_scene, write_tracks, write_trajectory
 from pipeline.io.run_views import list_view_inputs, view_inputs
-from pipeline.io.shot_folder import write_shot
+from pipeline.io.saved_shot import write_shot
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from support.carom_start import Home
 import trueroll
 from models.estimation.reconstruction import explain_shot
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.shot_folder import publish_shot, read_shot, write_shot
+from pipeline.io.saved_shot import publish_shot, read_shot, write_shot
 
 ANSWERS = (
     ("call", "contact", "white", "yellow"), ("put-back",), ("compare",), ("what-if", "--speed", "+10%"),

@@ -17,7 +17,7 @@ from models.core.scene import Camera, Scene, Table
 from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.trajectory import CaptureClock, Trajectory
-from pipeline.io.shot_folder import publish_shot, write_shot
+from pipeline.io.saved_shot import publish_shot, write_shot
 from video.io.clip import Clip, open_clip
 from video.io.video_writer import VideoWriter
 

@@ -15,7 +15,7 @@ from models.core.trajectory import State
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import write_events, write_states
 from pipeline.io.image_file import write_image
-from pipeline.io.shot_file import ShotSetup, place_on_learned_table, read_shot_setup
+from pipeline.io.shot_setup import ShotSetup, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.reporting.text.text_formatting import name_event, start_sentence
 from pipeline.terminal import command_line as cli

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli.execute import execute_command_line
-from pipeline.io.shot_file import read_shot_setup
+from pipeline.io.shot_setup import read_shot_setup
 
 SHOT: dict[str, Any] = {
     "scene": "billiards",

@@ -18,7 +18,7 @@ from pipeline.chain import build_run_graph
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.stage_graph import load_stage_output
 from pipeline.io.run_folder import read_looks_text
-from pipeline.io.shot_folder import read_shot
+from pipeline.io.saved_shot import read_shot
 from pipeline.run_options import build_options
 
 LOOKS = (BallLook("yellow stripe", (250, 192, 47), 0, True), BallLook("red 3", (214, 59, 59), 3))

@@ -25,7 +25,7 @@ from models.physics.billiards.parameter_vector import (
 )
 from models.physics.effects.catalogue import find_prior
 from pipeline.actions.fit_table import write_learned_profile
-from pipeline.io.shot_file import ShotSetup, parse_shot, place_on_learned_table
+from pipeline.io.shot_setup import ShotSetup, parse_shot, place_on_learned_table
 from pipeline.io.table_profile import parse_cloth_priors, parse_learned_table, parse_table_prior, read_profile_text
 
 NOSES = 1e-6 * np.array([[4.0, 1.0, 0, 0], [1.0, 2.0, 0, 0], [0, 0, 17.0, 0], [0, 0, 0, 3.0]])

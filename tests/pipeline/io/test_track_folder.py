@@ -13,7 +13,7 @@ from support import staged_shot
 from models.core.errors import OptionError
 from models.core.shot import Shot
 from models.core.trajectory import CaptureClock
-from pipeline.io.shot_folder import write_shot
+from pipeline.io.saved_shot import write_shot
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 

@@ -1,6 +1,6 @@
-"""SHOT.json, the input of `trueroll simulate`: a shot by its initial state, validated with one-sentence errors.
+"""A shot to simulate, `ShotSetup`: read from SHOT.json, the input of `trueroll simulate`, with one-sentence errors.
 
-What a run saves of the shot in a clip is in `pipeline.io.shot_folder`.
+It states initial states, table and physics. What a run saves of the shot in a clip is in `pipeline.io.saved_shot`.
 """
 
 from __future__ import annotations

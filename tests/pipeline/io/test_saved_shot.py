@@ -26,7 +26,7 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value, load_shot
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import read_shot_record, view_run
-from pipeline.io.shot_folder import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
+from pipeline.io.saved_shot import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
 from pipeline.io.shot_laws import find_laws, keep_laws
 
 
