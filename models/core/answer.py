@@ -1,4 +1,11 @@
-"""The answer to a question: one value, which terminal, JSON, page, image and Python show."""
+"""The answer to a question: one value, which terminal, JSON, page, image and Python show.
+
+A new answer is a new question, and a question is a command: a file `pipeline/cli/commands/NAME_command.py` with a
+function under `@answer_command("NAME")` that returns an `Answer`; what it does lies in `pipeline/actions/`, numbers in
+`models/`. The name is then listed in `COMMAND_NAMES` of `pipeline/cli/commands/__init__.py`, the function exported in
+`pipeline/cli/answer_api.py` and `trueroll/__init__.py`, and the command described in docs/reference/commands.md.
+Printing and `--json` need no code. docs/how-to/extend.md gives the details.
+"""
 
 from __future__ import annotations
 
