@@ -52,9 +52,10 @@ from pipeline.stages.report_stage import ReportOptions, report_stage
 from pipeline.stages.shot_stages import ClipShot, shot_stage
 from pipeline.stages.track_stage import track_stage
 from video.calibration.view_prior import MOTION_NOTE, PROFILE_NOTE
-from video.io.clip import Clip, require_readable_file
+from video.io.clip import Clip
 from video.io.clip_digest import compute_clip_digest, read_file_state
 from video.io.frame_memory import FrameMemory
+from video.io.refused_files import require_readable_file
 
 # Files of a run folder by the stage that writes them.
 STAGE_FILES: Mapping[str, tuple[str, ...]] = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from models.core.errors import ClipError
 from models.core.typing import BoolArray, FloatArray, ImageArray
-from video.io.clip import DEFAULT_FPS, MIN_DISTINCT_FRAMES, Clip, open_clip, require_readable_file
+from video.io.clip import DEFAULT_FPS, MIN_DISTINCT_FRAMES, Clip, open_clip
 from video.io.decoder import (
     DecodingDamage,
     decode_frames,
@@ -28,6 +28,7 @@ from video.io.decoder import (
 from video.io.duplicate_frames import FrameChangeMeter, classify_frames
 from video.io.frame_layout import read_layout
 from video.io.image_sequence import ImageSequence
+from video.io.refused_files import require_readable_file
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock, nominal_fps
 
 # Pixels that are decoded: 108 frames of 720p or 48 of 1080p, half a second on one core.

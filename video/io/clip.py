@@ -1,4 +1,8 @@
-"""The clip: metadata of a video file and sequential access to its frames."""
+"""The clip: metadata of a video file and sequential access to its frames.
+
+Files that are no video at all are refused in `refused_files`; videos without enough frames, or with frames of a wrong
+size or rate, here.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ from video.io.decoder import (
 from video.io.duplicate_frames import FrameChangeMeter, classify_frames
 from video.io.frame_layout import STORED_LAYOUT, FrameLayout, extract_stored_luma, read_layout
 from video.io.frame_memory import FrameMemory
-from video.io.image_sequence import open_image_sequence
+from video.io.refused_files import require_readable_file
 from video.io.timestamps import compute_presentation_times, even_times, find_camera_clock
 from video.io.view_changes import ViewMeter
 
@@ -436,23 +440,3 @@ def _last_frame_end(scan: _FileScan, t: FloatArray) -> float:
     """Return the time at which the last frame ends, s of the container's clock."""
     first = float((scan.pts[0] or 0) * scan.time_base)
     return max(first, 0.0) + float(t[-1] + (t[-1] - t[-2]))
-
-
-def require_readable_file(path: Path) -> None:
-    """Check that a path is a non-empty file or a folder of numbered images; a device would be read forever.
-
-    Args:
-        path: the path to check.
-
-    Raises:
-        ClipError: it is neither; the message is one sentence for the user.
-    """
-    if path.is_dir():
-        open_image_sequence(path)
-        return
-    if not path.exists():
-        raise ClipError(f"{path} does not exist; give a video file")
-    if not path.is_file():
-        raise ClipError(f"{path} is not a regular file; give a video file")
-    if path.stat().st_size == 0:
-        raise ClipError(f"{path.name} is empty (0 bytes); copy or download it again")

@@ -1,4 +1,7 @@
-"""Decoding of video files with PyAV: containers to frames in presentation order."""
+"""Decoding of video files with PyAV: containers to frames in presentation order.
+
+Text, still images and sound are refused in `refused_files`.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,7 @@ from video.io.image_sequence import (
     describe_error,
     open_image_sequence,
 )
+from video.io.refused_files import select_video_stream
 
 av.logging.set_level(None)  # decoder errors are reported as notes and exceptions, never on stderr
 
@@ -45,9 +49,6 @@ HEADER_BYTES = 1 << 22
 
 # Codecs whose packets hold a shown frame each, where there are no fields; others hide frames in packets of their own.
 ONE_FRAME_CODECS = ("h264", "hevc")
-
-# Formats as which FFmpeg would read a text file or a still image.
-NON_VIDEO_FORMATS = ("tty", "png_pipe", "jpeg_pipe", "image2", "bmp_pipe", "webp_pipe", "tiff_pipe", "svg_pipe")
 
 
 @dataclass(slots=True)
@@ -119,22 +120,9 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
             f"{path.name} is not a readable video, or its index is truncated: {describe_error(error)}"
         ) from error
     with container:
-        yield container, _select_video_stream(container, path)
-
-
-def _select_video_stream(container: Any, path: Path) -> Any:
-    if container.format.name in NON_VIDEO_FORMATS:
-        raise ClipError(f"{path.name} is not a video but {container.format.long_name}; give a clip of the shot")
-    streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
-    if not streams:
-        content = "audio but no video" if container.streams.audio else "no video"
-        raise ClipError(f"{path.name} contains {content}; give a clip of the shot")
-    streams = [s for s in streams if s.codec_context is not None and s.codec_context.codec is not None]
-    if not streams:
-        raise ClipError(f"{path.name} is truncated or uses an unsupported codec; convert it to H.264")
-    stream = max(streams, key=lambda s: (s.width or 0) * (s.height or 0))
-    stream.thread_type, stream.codec_context.thread_count = "AUTO", DECODER_THREADS
-    return stream
+        stream = select_video_stream(container, path)
+        stream.thread_type, stream.codec_context.thread_count = "AUTO", DECODER_THREADS
+        yield container, stream
 
 
 def demux_packets(container: Any, stream: Any) -> Iterator[Any]:
