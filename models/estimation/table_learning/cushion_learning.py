@@ -1,4 +1,8 @@
-"""Cushion model of a table learned from its contacts: parameters, scatter and decay of side spin by maximum posterior.
+"""Choice of the cushion law of a table by its evidence from contacts, with parameters by maximum posterior.
+
+`learn_cushions` fits every law: its parameters, the scatter of contacts about it and the decay of side spin. The law of
+greatest evidence comes first, and is the table's. `models.estimation.whole_shot.table_fit.search_laws` chooses from
+whole shots instead.
 
 The side spin of every contact is summed over (`side_spin`), so that the likelihood depends on the shared parameters
 alone: a dozen numbers whatever the number of shots.

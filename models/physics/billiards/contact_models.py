@@ -1,4 +1,18 @@
-"""Registry of the contact models: it finds every file in `ball_ball` and `ball_cushion` that defines `MODEL`."""
+"""Registry of the contact models: it finds every file in `ball_ball` and `ball_cushion` that defines `MODEL`.
+
+It chooses none of them. The cushion law of a table is the one of greatest evidence, in two places below
+`models.estimation`:
+
+- `table_learning.cushion_learning.learn_cushions` compares the laws by cushion contacts alone: of many shots for
+  `trueroll fit-table` and `certify` (`table_learning.learn_table`), of a single shot for a prediction without a profile
+  (`learn_own_cushions`, with three of the laws);
+- `whole_shot.table_fit.search_laws` compares them by whole shots, from strike to rest, for `trueroll run --laws`
+  (`pipeline.stages.laws_stage`) and `trueroll what-if`, both through `pipeline.io.shot_laws`; a profile of the table
+  states the law instead.
+
+`trueroll diagnose` tests the laws like effects, as forms of `CUSHION_MODEL_CHOICE`; the input of `trueroll simulate`
+states one.
+"""
 
 from __future__ import annotations
 
