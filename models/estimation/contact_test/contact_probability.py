@@ -212,7 +212,9 @@ SLOPE_SIGMA = 0.01
 TOUCH_SIGMA = 1e-5
 # m: successive values on the way there.
 LOOSE_TOUCH_SIGMAS = (1e-3, 1e-4)
-# Impulse of friction over the normal one, one standard deviation: Alciatore, technical proof A.14; Han 2005.
+# Impulse of friction over the normal one, one standard deviation about 0: Alciatore, technical proof A.14; Han 2005. It
+# has a sign and is fitted itself, so these are not the coefficients mu of the effects `ball_friction` and
+# `cushion_friction`, which bound its size.
 BALL_FRICTION, CUSHION_FRICTION = 0.06, 0.2
 # Of the parameters of a hypothesis.
 SEARCH = SearchOptions(

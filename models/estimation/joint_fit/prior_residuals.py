@@ -2,6 +2,11 @@
 
 Real cushions and cloths obey no single law: paths are continuous, balls touch at two radii, cushions at one, equal
 masses share momentum, spin survives a contact with another ball, and coefficients are typical of tables.
+
+Usual values and widths of the coefficients of friction and restitution are in `models/physics/effects/`, one file per
+effect: cloth/sliding_friction.py, cloth/rolling_resistance.py, contacts/ball_restitution.py,
+contacts/cushion_restitution.py; the width of nose offsets is in `models/physics/billiards/tables.py`. All else, such as
+how far real contacts scatter about the laws, stands here.
 """
 
 from __future__ import annotations
