@@ -1,4 +1,16 @@
-"""The whole diagnosis, from recordings to a report. Hold-out shots only withdraw what they do not confirm."""
+"""The whole diagnosis, from recordings to a report. Hold-out shots only withdraw what they do not confirm.
+
+Which effects exist the diagnosis learns from the scene (`GapScene.effects`), and each scene in
+`models/estimation/gap_scenes/` from its catalogue:
+
+- `billiards_scene`: `models.physics.effects.catalogue`, and the contact models of
+  `models.physics.billiards.contact_models` as `GapScene.alternatives`;
+- `simulator_scene`, a simulator from outside: `models.physics.mechanisms.mechanism_catalogue`;
+- `sliding_scene`, `flight_scene` and `pendulum_scene`: the list in their own file.
+
+`pipeline.io.track_folder_scene` builds the scene of a track folder, `pipeline.simulator_diagnosis` that of a simulator
+from outside. Effects that recordings cannot show are left out by the scene (`GapScene.not_tested`).
+"""
 
 from __future__ import annotations
 

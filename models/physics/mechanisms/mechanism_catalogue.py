@@ -1,4 +1,8 @@
-"""The catalogue of effects of mechanisms: every file below `models.physics.mechanisms.laws` that defines `EFFECT`."""
+"""The catalogue of effects of mechanisms: every file below `models.physics.mechanisms.laws` that defines `EFFECT`.
+
+`models.estimation.gap_scenes.simulator_scene` reads it and offers its effects to the diagnosis of a simulator from
+outside; billiards has its own, `models.physics.effects.catalogue`. `diagnosis.diagnose` lists those of all scenes.
+"""
 
 from __future__ import annotations
 
