@@ -5,6 +5,9 @@ changes the slip: u' = -7/2 mu g u/|u|, a constant direction, so the path is a p
 Pocket Billiards). When the slip is 0 the ball rolls straight on, decelerates at mu_r g, and stops. Side spin decays at
 a constant rate in every phase, and does not act on the path. All this has a closed form.
 
+The accelerations by all effects are in `forces.py`, that of side spin in `motion_pieces.py`; here are the paths that
+follow from them.
+
 Three more effects act on the centre of a moving ball. The paths under slope and drag are integrated,
 and so are those under the generic law of the cloth, see `models.physics.effects.cloth.cloth_force`.
 Slope: g s, of which a rolling ball spends 2/7 on rotation; a ball at rest stays while rolling resistance exceeds it.
