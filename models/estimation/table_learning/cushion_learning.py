@@ -72,6 +72,9 @@ class CushionFit:
     """(M, M) of `parameters`."""
     log_evidence: float
     """Laplace approximation."""
+    curvature: FloatArray
+    """(M + 3, M + 3) Hessian of the logarithm of the posterior, by `parameters` and scatter in prior units."""
+    contact_count: int
 
     @property
     def indices(self) -> IntArray:
@@ -254,7 +257,11 @@ def _fit_model(
     priors = _list_unknowns(law)
     posterior = _CushionPosterior(law, contacts, radius, mass, cloth, priors)
     first = np.clip(_read_coordinates(neighbour, priors), *posterior.bounds)
-    root = np.linalg.cholesky(np.linalg.inv(posterior.measure_curvature(first, executor)))
+    if neighbour is not None and neighbour.law == law:  # of fewer contacts
+        start = neighbour.curvature * (len(contacts.t) / neighbour.contact_count)
+    else:
+        start = posterior.measure_curvature(first, executor)
+    root = np.linalg.cholesky(np.linalg.inv(start))
     steps = _SLOPE_STEP * np.sqrt(np.sum(root * root, axis=1))
 
     def measure(moves: FloatArray) -> tuple[float, FloatArray]:
@@ -278,7 +285,8 @@ def _fit_model(
     )
     own = slice(0, len(parameters))
     evidence = -float(found.fun) - 0.5 * float(np.linalg.slogdet(curvature)[1])
-    return CushionFit(law, parameters, scatter, physics, (covariance * scale * scale[:, None])[own, own], evidence)
+    covariance = (covariance * scale * scale[:, None])[own, own]
+    return CushionFit(law, parameters, scatter, physics, covariance, evidence, curvature, len(contacts.t))
 
 
 def _list_unknowns(law: str) -> tuple[Prior, ...]:
