@@ -16,6 +16,7 @@ the function imports, directly or indirectly.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -95,7 +96,15 @@ class _SourceCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = IndexDataCacheFile(
             self.cache_path, self._impl.filename_base, _hash_source_tree(function.__module__)
         )
-        self._lock = FileLock(f"{self.cache_path}/{self._impl.filename_base}.lock")
+        self._locks: dict[int, FileLock] = {}
+
+    @property
+    def _lock(self) -> FileLock:
+        """Lock of the function, one of its own in every process: a lock that a fork inherits cannot be used."""
+        process = os.getpid()
+        if process not in self._locks:
+            self._locks[process] = FileLock(f"{self.cache_path}/{self._impl.filename_base}.lock")
+        return self._locks[process]
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Load compiled code; without any, wait while another process compiles the function.

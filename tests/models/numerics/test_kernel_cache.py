@@ -77,6 +77,14 @@ from models.billiards.callee import inner
 closures = [build(inner, factor) for factor in (10, 100)]
 print(*(closure(1) for closure in closures), *(sum(closure.stats.cache_hits.values()) for closure in closures))
 """
+FORK = """
+import os
+from models.billiards.caller import outer
+child = os.fork()
+if not child:
+    os._exit(outer(1) != 20)
+print(os.waitpid(child, 0)[1], outer(1))
+"""
 COPIED = ("core/module_discovery.py", "numerics/jit.py")
 
 
@@ -150,3 +158,9 @@ def test_closures_that_enclose_different_values_have_names_of_their_own() -> Non
     assert one.py_func.__qualname__ == again.py_func.__qualname__ != two.py_func.__qualname__
     assert (one(1.0), two(1.0)) == (2.0, 3.0)
     assert one.overloads.popitem()[1].fndesc.mangled_name != two.overloads.popitem()[1].fndesc.mangled_name
+
+
+def test_a_process_that_was_forked_after_the_import_compiles_too(tmp_path: Path, call_in_new_process: Call) -> None:
+    """As the workers of `multiprocessing` are on Linux: locks of the parent must not be theirs."""
+    copy_package(tmp_path, CALLEE.format(number=1))
+    assert call_in_new_process(tmp_path, FORK) == [0, 20]
