@@ -44,8 +44,8 @@ def diagnose_mechanism(
     shots = read_mechanism_shots(inputs, simulator)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     report = diagnose(scene, shots.recordings, seed, on_progress, executor)
-    origins = dict(shots.origins) if len(inputs) > 1 else {}
-    return replace(report, notes=(*_describe_coefficients(scene, report), *report.notes, *shots.notes)), origins
+    origins = shots.origins if len(inputs) > 1 or shots.is_cut else {}
+    return replace(report, notes=(*_describe_coefficients(scene, report), *report.notes, *shots.notes)), dict(origins)
 
 
 def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.outside_simulator import InputHistory, Joint, OutsideSimulator
+from pipeline.io.long_recordings import cut_long_recordings, describe_times
 from pipeline.io.simulators.function_simulator import read_function, try_function
 from pipeline.io.simulators.mujoco_simulator import read_mujoco_file
 from pipeline.io.simulators.recorded_simulator import RecordedSimulator
@@ -56,7 +57,9 @@ class MechanismShots:
     notes: tuple[str, ...]
     """What was assumed, in sentences without a full stop."""
     origins: Mapping[int, str]
-    """File and number there by shot."""
+    """File and number there by shot, and times where shots are pieces of a recording."""
+    is_cut: bool = False
+    """Whether shots are pieces of recordings."""
 
 
 def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
@@ -72,6 +75,26 @@ def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> Mechanis
     Raises:
         OptionError: Something cannot be read, or the columns do not fit the simulator.
     """
+    shots = _read_shots(paths, simulator_name)
+    pieces, note = cut_long_recordings(shots.recordings)
+    if not note:
+        return shots
+    simulator = shots.simulator
+    if isinstance(simulator, RecordedSimulator):
+        paths_by_piece = {piece.shot: simulator.paths[source] for source, piece in pieces}
+        simulator = RecordedSimulator(simulator.joints, paths_by_piece)
+    return MechanismShots(
+        simulator,
+        tuple(piece for _, piece in pieces),
+        {piece.shot: shots.histories[source] for source, piece in pieces},
+        (*shots.notes, note),
+        {piece.shot: f"{shots.origins[source]}, {describe_times(piece)}" for source, piece in pieces},
+        is_cut=True,
+    )
+
+
+def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
+    """Read recordings as they are."""
     tables = [_read_table(path) for path in paths]
     place = Path(simulator_name)
     if place.suffix.lower() in (".xml", ".urdf"):

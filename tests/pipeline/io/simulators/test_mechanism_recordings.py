@@ -180,3 +180,26 @@ def test_simulators_reach_another_process(tmp_path: Path, simulator: str, monkey
             for each in (one, other)
         ]
         np.testing.assert_array_equal(*paths)
+
+
+def test_a_long_recording_is_cut_into_shots_that_keep_what_was_asked_before(tmp_path: Path, simulator: str):
+    shots = read_mechanism_shots(write(tmp_path, "t,q,command", swing_rows(400)), simulator)
+    assert [len(one.t) for one in shots.recordings] == [80] * 5
+    assert [one.shot for one in shots.recordings] == list(shots.histories) == list(range(5))
+    assert shots.recordings[4].t[0] == pytest.approx(3.2)
+    assert shots.histories[4].t[0] == 0.0
+    assert shots.origins[4] == "real.csv, shot 0, 3.20 to 3.99 s"
+    assert any("cut into 5 shots" in note for note in shots.notes)
+
+
+def test_a_recording_that_is_cut_meets_its_own_simulation_in_every_shot(tmp_path: Path):
+    simulated = write(tmp_path, "t,q", [row[:2] for row in swing_rows(400)], "simulated.csv")
+    shots = read_mechanism_shots(write(tmp_path, "t,q", [row[:2] for row in swing_rows(400)]), str(simulated[0]))
+    last = shots.recordings[-1]
+    path = shots.simulator.read_path(last.shot, last.t)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(path[:, 0], last.positions[:, 0, 0], atol=1e-9)
+
+
+def test_many_shots_are_not_cut(tmp_path: Path, simulator: str):
+    rows = [[shot, *row] for shot in range(8) for row in swing_rows(200)]
+    assert len(read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator).recordings) == 8
