@@ -16,13 +16,13 @@ the function imports, directly or indirectly.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from multiprocessing import current_process
 from typing import Any
 
 import numba
@@ -101,7 +101,7 @@ class _SourceCache(FunctionCache):  # type: ignore[misc]
     @property
     def _lock(self) -> FileLock:
         """Lock of the function, one of its own in every process: a lock that a fork inherits cannot be used."""
-        process = os.getpid()
+        process = current_process().pid or 0
         if process not in self._locks:
             self._locks[process] = FileLock(f"{self.cache_path}/{self._impl.filename_base}.lock")
         return self._locks[process]

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.signal import lfilter
 
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from models.physics.mechanisms.mechanism_effect import Scale
 
@@ -32,6 +32,20 @@ class Joint:
     """kg m2 or kg about the joint alone; 1 where the simulator takes accelerations instead of forces."""
     limit: float = float("inf")
     """Largest position that it can have, in size."""
+    body: str = ""
+    """Of the three coordinates of a place, or of a turn, of a free body: what they have in common, such as `ball` or
+    `ball.turn`. Friction and drag then act against its velocity, whatever its direction."""
+
+
+def group_joints(joints: Sequence[Joint]) -> tuple[tuple[str, ...], IntArray]:
+    """Group the coordinates of free bodies; any other joint is a group of its own.
+
+    Returns:
+        Names of the groups, and the group (N,) of every joint.
+    """
+    names = [joint.body or joint.name for joint in joints]
+    groups = tuple(dict.fromkeys(names))
+    return groups, np.array([groups.index(name) for name in names], np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,6 +257,8 @@ class _JointLaws:
         self.speed, self.strength = np.array([s.speed for s in scales]), np.array([s.force for s in scales])
         self.band = _stack_values("dead_band", values, scales)[0] if "dead_band" in names else None
         self.servo = np.array(simulator.servo_joints, np.int64)
+        groups = group_joints(simulator.joints)[1]
+        self.is_alike = (groups[:, None] == groups).astype(np.float64)
         self.depend_on_motion = bool(self.laws) or self.band is not None
 
     def evaluate(
@@ -252,7 +268,7 @@ class _JointLaws:
 
         Laws are taken at the middle of the interval: at its start they would lag by half of it, and a spring would then
         drive the motion. A brake is the mean force of v' = acceleration - rate v; dry friction stops a joint at most,
-        and holds it.
+        and holds it. What brakes a free body depends on the size of its velocity, and acts against it.
         """
         force, rate, dry = np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
         q, middle = q + (v + total * dt / 4) * dt / 2, v + total * dt / 2
@@ -262,6 +278,7 @@ class _JointLaws:
             speed, strength = (middle / self.speed, self.strength) if is_generic else (middle, 1.0)
             if effect.force is not None:
                 force += effect.force(q, middle, own)
+            speed = self._measure_sizes(speed)
             if effect.brake is not None:
                 rate += effect.brake(q, speed, own) * (strength / self.speed if is_generic else 1.0)
             if effect.dry is not None:
@@ -271,7 +288,13 @@ class _JointLaws:
         lasting = -np.divide(decay, x, out=-np.ones_like(x), where=x != 0) - 1
         brake = self.inertia * (v * decay / dt + acceleration * lasting)
         end = v + (acceleration + brake / self.inertia) * dt
-        return force, brake - np.sign(end) * np.minimum(dry, np.abs(end) * self.inertia / dt)
+        size = self._measure_sizes(end)
+        direction = np.divide(end, size, out=np.zeros_like(end), where=size > 0)
+        return force, brake - direction * np.minimum(dry, size * self.inertia / dt)
+
+    def _measure_sizes(self, v: FloatArray) -> FloatArray:
+        """Return the size (C, N) of the velocity of the body that each joint belongs to."""
+        return np.asarray(np.sqrt(np.square(v) @ self.is_alike))
 
     def apply_dead_band(self, inputs: FloatArray, q: FloatArray) -> FloatArray:
         """Reduce inputs (C, M, I), or errors of asked places, by the width of a band in which nothing happens."""

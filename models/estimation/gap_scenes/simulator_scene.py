@@ -22,6 +22,7 @@ from models.estimation.gap_scenes.outside_simulator import (
     EffectValues,
     InputHistory,
     OutsideSimulator,
+    group_joints,
     simulate_motions,
 )
 from models.estimation.multiple_shooting.shooting_windows import LinearizedWindow, SimulatedWindow, Window
@@ -80,6 +81,18 @@ class SimulatorScene:
             sites += [(effect.name, first + k * size, size) for k in range(count)]
             first += len(effect.parameters)
         return tuple(sites)
+
+    @cached_property
+    def members(self) -> Mapping[str, IntArray]:
+        """By site: which parameters of an effect each joint (N,) or body of the recordings (B,) has; -1 for none."""
+        joints = self.simulator.joints
+        groups, is_line = group_joints(joints)[1], np.array([not joint.body for joint in joints])
+        return {
+            "joint": groups,
+            "line": np.where(is_line, np.cumsum(is_line) - 1, -1),
+            "sensor": np.arange(len(self.observed)),
+            "sensor_body": np.unique(groups[self.observed], return_inverse=True)[1],
+        }
 
     @cached_property
     def owners(self) -> tuple[str, ...]:
@@ -185,13 +198,22 @@ class SimulatorScene:
         values: dict[str, tuple[FloatArray, ...]] = {}
         for name, first, size in self.parameter_sites:
             if name in changed:
-                values[name] = (*values.get(name, ()), shared[first : first + size])
+                values[name] = (*values.get(name, ()), self._spread(name, shared[first : first + size]))
         return values
+
+    def _spread(self, name: str, values: FloatArray) -> FloatArray:
+        """Spread the values of a parameter of an effect over all joints, or bodies of the recordings."""
+        members = self.members.get(MECHANISM_EFFECTS[name].site)
+        return values if members is None else np.where(members < 0, 0.0, values[members])
 
     def _observe(self, states: FloatArray, shared: FloatArray) -> FloatArray:
         """Return what sensors measure (T, B, 1) of states (T, 2N)."""
         places = states[:, self.observed]
-        sensor = {name: shared[first : first + size] for name, first, size in self.parameter_sites}
+        sensor = {
+            name: self._spread(name, shared[first : first + size])
+            for name, first, size in self.parameter_sites
+            if MECHANISM_EFFECTS[name].kind == "observation"
+        }
         places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
 
@@ -267,9 +289,17 @@ def build_simulator_scene(
     observed = np.array([joints.index(name) for name in recordings[0].bodies], np.int64)
     input_scales = _measure_input_scales(simulator, histories)
     scales = _add_drives(simulator, _measure_joint_scales(simulator, recordings, observed), input_scales)
+    names, groups = group_joints(simulator.joints)
+    # the fastest coordinate stands for a free body
+    bodies = [
+        max((scales[k] for k in np.flatnonzero(groups == g)), key=lambda one: one.speed) for g in range(len(names))
+    ]
+    scales = tuple(bodies[g] for g in groups)
     by_site = {
-        "joint": dict(zip(joints, scales, strict=True)),
+        "joint": dict(zip(names, bodies, strict=True)),
+        "line": {joint.name: scale for joint, scale in zip(simulator.joints, scales, strict=True) if not joint.body},
         "sensor": {joints[k]: scales[k] for k in observed},
+        "sensor_body": {names[g]: bodies[g] for g in np.unique(groups[observed])},
         "actuator": input_scales,
         "mechanism": {"": Scale("", inertia=simulator.last_mass)},
     }
@@ -280,6 +310,9 @@ def build_simulator_scene(
         else:
             effect = one.for_mechanism(by_site[one.site], name in simulator.own_effects)
             stated = simulator.own_effects.get(name, effect.neutral)
+            if one.site == "joint" and name in simulator.own_effects:  # stated for every joint
+                firsts = np.unique(groups, return_index=True)[1]
+                stated = tuple(np.reshape(stated, (-1, len(joints)))[:, firsts].ravel().tolist())
             if tuple(stated) != effect.neutral:
                 present.append(name)
                 effect = _take_stated(effect, stated)

@@ -14,8 +14,9 @@ from typing import Literal, final
 from models.core.typing import FloatArray
 from models.physics.effect import Effect, EffectKind, Prior
 
-# What an effect has one set of parameters for: each joint, each input, or the whole mechanism.
-MechanismSite = Literal["joint", "actuator", "sensor", "mechanism"]
+# What an effect has one set of parameters for: each joint or free body, each joint of one coordinate, each input, each
+# observed joint, each observed joint or free body, or the whole mechanism.
+MechanismSite = Literal["joint", "line", "actuator", "sensor", "sensor_body", "mechanism"]
 # Places and velocities (N,) of the joints, and one array (N,) per parameter, to a value (N,) for each joint.
 JointLaw = Callable[[FloatArray, FloatArray, tuple[FloatArray, ...]], FloatArray]
 # Share of the typical acceleration of a joint that an effect of usual strength changes.

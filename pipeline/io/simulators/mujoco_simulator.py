@@ -158,17 +158,23 @@ class MujocoSimulator:
             first = int(self.model.jnt_dofadr[j])
             body = self._name("body", int(self.model.jnt_bodyid[j]))
             if kind == int(kinds.mjJNT_FREE):
-                entries = [(f"{body}.{axis}", "rad" if axis[0] == "r" else "m") for axis in FREE_NAMES]
+                entries = [
+                    (f"{body}.{axis}", *(("rad", f"{body}.turn") if axis[0] == "r" else ("m", body)))
+                    for axis in FREE_NAMES
+                ]
                 places.append(("free", address, first))
             elif kind == int(kinds.mjJNT_BALL):
-                entries = [(f"{body}.{axis}", "rad") for axis in _BALL_NAMES]
+                entries = [(f"{body}.{axis}", "rad", f"{body}.turn") for axis in _BALL_NAMES]
                 places.append(("ball", address, first))
             else:
-                entries = [(self._name("joint", j), "m" if kind == int(kinds.mjJNT_SLIDE) else "rad")]
+                entries = [(self._name("joint", j), "m" if kind == int(kinds.mjJNT_SLIDE) else "rad", "")]
                 places.append(("line", address, first))
             inertia = self.model.dof_M0[first : first + len(entries)]
             limit = float(np.abs(self.model.jnt_range[j]).max()) if self.model.jnt_limited[j] else float("inf")
-            joints += [Joint(name, unit, float(one), limit) for (name, unit), one in zip(entries, inertia, strict=True)]
+            joints += [
+                Joint(name, unit, float(one), limit, group)
+                for (name, unit, group), one in zip(entries, inertia, strict=True)
+            ]
         return tuple(joints), places
 
     def _is_servo(self, actuator: int) -> bool:

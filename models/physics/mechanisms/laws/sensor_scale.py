@@ -6,7 +6,7 @@ from models.physics.mechanisms.mechanism_effect import MechanismEffect, Mechanis
 
 EFFECT = MechanismEffect(
     name="sensor_scale",
-    site="sensor",
+    site="sensor_body",
     strengths=(
         MechanismStrength("factor", lambda scale: "1", lambda scale: 1.0, lambda scale: 1.0, lower=-0.9, upper=5.0),
     ),

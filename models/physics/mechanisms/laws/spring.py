@@ -6,7 +6,7 @@ from models.physics.mechanisms.mechanism_effect import MechanismEffect, Mechanis
 
 EFFECT = MechanismEffect(
     name="spring",
-    site="joint",
+    site="line",
     strengths=(
         MechanismStrength("stiffness", *per(1, "position"), lower=-1.0),
         MechanismStrength("rest_force", in_force, lambda scale: scale.force, lower=-30.0),
