@@ -54,7 +54,7 @@ class KernelPreparation:
 
 def _has_kernels() -> bool:
     """Return whether the last kernels to be compiled are on disk."""
-    from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
+    from models.estimation.joint_fit.pseudo_observations import evaluate_prior_rows
     from models.numerics.jit import is_compiled
 
     return is_compiled(evaluate_prior_rows)
@@ -83,7 +83,7 @@ def prepare_fit_kernels() -> None:
     from models.core.contact_graph import SHARED_COUNT, ContactGraph, Observations
     from models.estimation.joint_fit.fit_solution import FitParameters, build_graph_arrays
     from models.estimation.joint_fit.joint_refinement import refine_graph
-    from models.estimation.joint_fit.prior_residuals import evaluate_priors
+    from models.estimation.joint_fit.pseudo_observations import evaluate_priors
     from models.physics.billiards.tables import TABLE_PRESETS
 
     table, graph = TABLE_PRESETS["pool-9ft"], ContactGraph((), ())

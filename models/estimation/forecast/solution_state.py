@@ -25,7 +25,7 @@ from models.estimation.forecast.state_estimate import (
 )
 from models.estimation.joint_fit.contact_cascades import find_segment_at
 from models.estimation.joint_fit.fit_solution import assign_observations, collect_observations, evaluate_residuals
-from models.estimation.joint_fit.prior_residuals import (
+from models.estimation.joint_fit.pseudo_observations import (
     BALL_RESTITUTION,
     NOSE_SCATTER,
     SHARED_SIGMA,

@@ -1,7 +1,7 @@
 """Joint refinement of all segments, contacts and coefficients of a clip: damped least squares (Levenberg-Marquardt).
 
-Observations are weighted by their noise with a robust (Huber) loss; `models.estimation.joint_fit.prior_residuals` adds
-the physics as pseudo-observations.
+Observations are weighted by their noise with a robust (Huber) loss;
+`models.estimation.joint_fit.pseudo_observations` adds the physics.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from models.estimation.joint_fit.fit_solution import (
     extract_parameters,
     start_times,
 )
-from models.estimation.joint_fit.prior_residuals import (
+from models.estimation.joint_fit.pseudo_observations import (
     ROLLING_PRIOR,
     RUBBER_PRIOR,
     SLIDING_PRIOR,
@@ -216,7 +216,7 @@ def _hold_parameters(equations: NormalEquations, fixed: IntArray) -> NormalEquat
 
 @compile_kernel
 def _add_prior_rows(residual, derivative, column, first, normal, gradient):  # type: ignore[no-untyped-def]
-    """Add the pseudo-observations, see `prior_residuals.PriorRows`, to the normal equations."""
+    """Add the pseudo-observations, see `pseudo_observations.PriorRows`, to the normal equations."""
     for row in range(len(residual)):
         for i in range(first[row], first[row + 1]):
             gradient[column[i]] += derivative[i] * residual[row]

@@ -12,7 +12,7 @@ from models.core.fit_result import Parameter
 from models.core.scene import BallSize, Scene, Table, find_contradictions
 from models.core.tracks import Tracks
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.prior_residuals import DIAMETER_SIGMA
+from models.estimation.joint_fit.pseudo_observations import DIAMETER_SIGMA
 from models.physics.billiards.tables import TABLE_PRESETS, format_contradiction
 
 # Distance at which balls touch over two radii of the table's balls.

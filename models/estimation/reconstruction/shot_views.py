@@ -20,7 +20,7 @@ from models.core.trajectory import CaptureClock, Trajectory
 from models.core.typing import FloatArray
 from models.estimation.hand_marks.resolved_marks import resolve_marks, weigh_marks
 from models.estimation.joint_fit.fit_solution import DIAMETER_COLUMN, end_state
-from models.estimation.joint_fit.prior_residuals import ROLLING_PRIOR, SLIDING_PRIOR
+from models.estimation.joint_fit.pseudo_observations import ROLLING_PRIOR, SLIDING_PRIOR
 from models.estimation.joint_fit.trust_level import (
     add_warnings,
     assess_noise,

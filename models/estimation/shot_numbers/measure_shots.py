@@ -21,7 +21,7 @@ from models.estimation.forecast.solution_state import (
     estimate_lack_of_fit,
     inflate_covariance,
 )
-from models.estimation.joint_fit.prior_residuals import STRUCK_SLIP
+from models.estimation.joint_fit.pseudo_observations import STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import LinearState, PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import FirstMeeting, ShotCourse, list_shot_courses

@@ -17,7 +17,7 @@ import numpy as np
 from models.core.contact_graph import Observations
 from models.core.fit_result import ShotNumber, WholeShotSolution
 from models.core.typing import FloatArray
-from models.estimation.joint_fit.prior_residuals import EXTRA_ACCELERATION_SIGMA, LEAST_SLIP, STRUCK_SLIP
+from models.estimation.joint_fit.pseudo_observations import EXTRA_ACCELERATION_SIGMA, LEAST_SLIP, STRUCK_SLIP
 from models.estimation.multiple_shooting.shooting_fit import PRIOR_DOMINATED
 from models.estimation.shot_numbers.posterior_view import PosteriorView, turn_angle
 from models.estimation.shot_numbers.shot_course import ShotCourse

@@ -19,7 +19,7 @@ from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray
 from models.estimation.joint_fit.contact_cascades import MIN_CONTACT_INTERVAL, MIN_CONTACT_SPEED
 from models.estimation.joint_fit.fit_solution import end_state, evaluate_path
-from models.estimation.joint_fit.prior_residuals import CUSHION_RESTITUTION
+from models.estimation.joint_fit.pseudo_observations import CUSHION_RESTITUTION
 from models.estimation.segmentation.contact_classification import CUSHION_TOLERANCE, INWARD_NORMALS, cushion_distances
 from models.estimation.structure_search.structure_trials import StructureSearch, copy_refined_states
 from models.physics.billiards.cloth.closed_form_motion import evaluate_kinematics
@@ -56,7 +56,7 @@ def _set_rebounds(solution: JointSolution, rubber: FloatArray) -> JointSolution:
         n, before = INWARD_NORMALS[CUSHIONS.index(contact.cushion)], end_state(solution, contact.before[0])
         approach_velocity, slip = float(n @ before[2:4]), float(n @ before[4:6])
         exit_velocity = (restitution - restitution_slope * approach_velocity) * -approach_velocity
-        stopped_slip = grip * (slip - restitution * approach_velocity)  # as in `prior_residuals`
+        stopped_slip = grip * (slip - restitution * approach_velocity)  # as in `pseudo_observations`
         state = graph.segments[k].state.copy()
         _set_normal_motion(state, n, exit_velocity, slip + (exit_velocity - approach_velocity) - stopped_slip)
         state[6:8] = 0.0
@@ -311,5 +311,5 @@ def _propose_cushion_before(
 
 
 def _slip_after_sticking(approach_speed: float, exit_speed: float) -> float:
-    """Return the slip along the normal, m/s, after a nose that sticks, as in `joint_fit.prior_residuals`."""
+    """Return the slip along the normal, m/s, after a nose that sticks, as in `joint_fit.pseudo_observations`."""
     return exit_speed - (1 - CUSHION_RESTITUTION[0]) * approach_speed

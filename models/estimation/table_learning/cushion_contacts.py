@@ -16,7 +16,7 @@ from models.core.contact_graph import SEGMENT_STATE_SIZE, SHARED_COUNT, JointSol
 from models.core.scene import CUSHIONS, Table
 from models.core.typing import FloatArray, IntArray
 from models.estimation.joint_fit.fit_solution import build_graph_arrays, extract_parameters
-from models.estimation.joint_fit.prior_residuals import evaluate_priors
+from models.estimation.joint_fit.pseudo_observations import evaluate_priors
 from models.estimation.segmentation.contact_classification import INWARD_NORMALS
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics
 

@@ -10,7 +10,7 @@ import pytest
 
 from models.core.contact_graph import Contact, ContactGraph, Observations, Segment
 from models.estimation.joint_fit.joint_refinement import refine_graph
-from models.estimation.joint_fit.prior_residuals import evaluate_prior_rows
+from models.estimation.joint_fit.pseudo_observations import evaluate_prior_rows
 from models.numerics.jit import is_compiled
 from models.physics.billiards.tables import TABLE_PRESETS
 from pipeline.engine.process_setup import available_cores

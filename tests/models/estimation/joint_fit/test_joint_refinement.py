@@ -17,7 +17,7 @@ from models.estimation.joint_fit.fit_solution import (
     start_times,
 )
 from models.estimation.joint_fit.joint_refinement import _apply_step, _has_valid_order, _linearize_fit
-from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR, PriorRows, evaluate_priors
+from models.estimation.joint_fit.pseudo_observations import RUBBER_PRIOR, PriorRows, evaluate_priors
 
 
 def state(x: float, y: float, vx: float, vy: float) -> np.ndarray:

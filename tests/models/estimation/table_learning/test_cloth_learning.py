@@ -7,7 +7,7 @@ from scipy.stats import norm
 
 from models.core.contact_graph import ClothFriction, Contact, ContactGraph, JointSolution, Segment, layout_parameters
 from models.core.tracks import Tracks
-from models.estimation.joint_fit.prior_residuals import RUBBER_PRIOR
+from models.estimation.joint_fit.pseudo_observations import RUBBER_PRIOR
 from models.estimation.table_learning.learn_table import CONTACT_MARGIN, extract_free_segments
 
 
