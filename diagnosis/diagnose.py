@@ -3,7 +3,7 @@
 Which effects exist the diagnosis learns from the scene (`GapScene.effects`), and each scene in
 `models/estimation/gap_scenes/` from its catalogue:
 
-- `billiards_scene`: `models.physics.effects.catalogue`, and the contact models of
+- `billiards_scene`: `models.physics.effects.billiards_catalogue`, and the contact models of
   `models.physics.billiards.contact_models` as `GapScene.alternatives`;
 - `simulator_scene`, a simulator from outside: `models.physics.mechanisms.mechanism_catalogue`;
 - `sliding_scene`, `flight_scene` and `pendulum_scene`: the list in their own file.

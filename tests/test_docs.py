@@ -23,7 +23,7 @@ from models.physics.billiards.contact_models import (
 )
 from models.physics.billiards.tables import TABLE_PRESETS
 from models.physics.effect import Effect
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from models.physics.mechanisms.mechanism_effect import MechanismEffect
 from pipeline.cli.commands import COMMAND_NAMES, load_command

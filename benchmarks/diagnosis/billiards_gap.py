@@ -36,7 +36,7 @@ from models.estimation.gap_scenes.billiards_scene import build_billiards_scene
 from models.estimation.gap_scenes.gap_scene import GapScene
 from models.numerics.executor import SERIAL, Executor
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 from pipeline.engine.helper_executor import open_executor
 from pipeline.experiments.gapcheck.billiards_cases import FOREIGN_EFFECTS, Effects
 from pipeline.experiments.gapcheck.blind_case import build_oracle, is_separable

@@ -26,7 +26,7 @@ from models.physics.billiards.cloth.closed_form_motion import differentiate_kine
 from models.physics.billiards.parameter_vector import CUSHION_E, CUSHION_MU, SLIDING_MU, neutral_parameters
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # A cushion contact model: vn, vt, wn, wt, wz, radius, mass and p to the first five after the contact.
 CushionLaw = Callable[..., tuple[complex, complex, complex, complex, complex]]

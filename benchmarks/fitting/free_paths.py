@@ -27,7 +27,7 @@ from models.physics.billiards.cloth.closed_form_motion import (
     evaluate_kinematics,
 )
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # m/s: slower balls stop within the window; a window that begins at rest would push a resting ball.
 MIN_WINDOW_SPEED = 0.05

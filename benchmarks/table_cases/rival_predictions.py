@@ -14,7 +14,7 @@ from models.estimation.table_learning.learned_table import DEFAULT_SCATTER, Lear
 from models.neural.common.method_interface import MIN_SAMPLES, TrainingBudget
 from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTION
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES, neutral_parameters
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 from pipeline.io.table_profile import NEUTRAL_BY_DEFAULT
 
 # s before the cut, at most, on which a network without physics is trained: a contact would be a kink in its motion.

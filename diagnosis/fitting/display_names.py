@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 
 # Effects, gauges and verdicts whose identifier is not a readable name.
 CAUSES: Mapping[str, str] = {

@@ -27,7 +27,7 @@ from models.estimation.table_learning.learn_table import TableLesson, learn_tabl
 from models.estimation.table_learning.learned_table import fit_restitution_formula
 from models.numerics.executor import Executor
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 from models.tracking.track_noise import apply_noise, estimate_noise
 from pipeline.engine.result_cache import ResultCache
 from pipeline.io.kept_values import load_shot

@@ -42,7 +42,7 @@ from models.physics.billiards.parameter_vector import (
 from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import ModelChoice, Prior
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS, find_prior
 
 
 class ProfileNumberEntry(BaseModel):

@@ -30,7 +30,7 @@ from models.physics.billiards.simulation.parametrised_shot import (
     simulate_start,
 )
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 
 @dataclass(frozen=True, slots=True)

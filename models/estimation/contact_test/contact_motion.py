@@ -21,7 +21,7 @@ from models.core.typing import FloatArray
 from models.estimation.segmentation.track_segmentation import BallSamples, SegmentFit, fit_segment
 from models.physics.billiards.cloth.closed_form_motion import differentiate_kinematics, evaluate_kinematics
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 Complex = NDArray[np.complex128]
 

@@ -34,7 +34,7 @@ from models.estimation.contact_test.contact_motion import (
 )
 from models.numerics.least_squares import SearchOptions, minimize_residuals
 from models.numerics.statistics import estimate_norm_sigma
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Correlations of the errors of successive samples (AR(1)), equally probable before.
 CORRELATIONS = (0.0, 0.35, 0.6, 0.8)

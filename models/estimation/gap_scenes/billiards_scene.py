@@ -34,7 +34,7 @@ from models.physics.billiards.simulation.parametrised_shot import ContactModels,
 from models.physics.billiards.simulation.simulated_shot import SimulatedShot
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect, Prior
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 
 # Effects of a simulator that is not specified.
 DEFAULT_EFFECTS = (

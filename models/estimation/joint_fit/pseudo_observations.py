@@ -39,7 +39,7 @@ from models.estimation.joint_fit.fit_solution import (
 from models.numerics.jit import compile_kernel
 from models.physics.billiards.cloth.closed_form_motion import differentiate_segment
 from models.physics.billiards.tables import NOSE_SIGMA
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 _PRIORS = {
     name: find_prior(name, parameter)

@@ -33,7 +33,7 @@ from models.physics.billiards.parameter_vector import (
     neutral_parameters,
 )
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Prior standard deviation of the logarithm of each scatter about `DEFAULT_SCATTER`.
 SCATTER_SPREAD = 0.7

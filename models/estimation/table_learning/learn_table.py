@@ -30,7 +30,7 @@ from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Cushion contacts from which a table can be learned.
 MIN_CONTACTS = 8

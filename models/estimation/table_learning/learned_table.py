@@ -14,7 +14,7 @@ from models.physics.billiards.ball_cushion.rebound_correction import NO_CORRECTI
 from models.physics.billiards.contact_models import CUSHION_MODELS
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import rebound_with_slip
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Standard deviation of ln friction from one shot to the next: cloth, dust and direction (measured on 91 recorded
 # three-cushion shots: 0.05 of sliding friction).

@@ -8,7 +8,7 @@ from models.physics.billiards.parameter_vector import TABLE_PARAMETERS
 from models.physics.billiards.simulation.parametrised_shot import ContactModels
 from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Least prior sigma, as a share of the default: a table is not the same on two days.
 MIN_RELATIVE_SIGMA = 0.01

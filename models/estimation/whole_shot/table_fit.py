@@ -34,7 +34,7 @@ from models.physics.billiards.simulation.parametrised_shot import (
 from models.physics.billiards.simulation.table_physics import contact_parameters
 from models.physics.billiards.tables import NOSE_SIGMA
 from models.physics.effect import Prior
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 
 # Pairs of contact models; first those that came nearest to recorded tables.
 CANDIDATE_LAWS = tuple(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.core.typing import FloatArray
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 
 # m/s^2.
 GRAVITY = 9.81

@@ -1,7 +1,8 @@
-"""The catalogue of effects of mechanisms: every file below `models.physics.mechanisms.laws` that defines `EFFECT`.
+"""The effects of mechanisms: it finds every file below `models.physics.mechanisms.laws` that defines `EFFECT`.
 
 `models.estimation.gap_scenes.simulator_scene` reads it and offers its effects to the diagnosis of a simulator from
-outside; billiards has its own, `models.physics.effects.catalogue`. `diagnosis.diagnose` lists those of all scenes.
+outside. Billiards has a catalogue of its own, `models.physics.effects.billiards_catalogue`; `diagnosis.diagnose` lists
+where each scene has its effects.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from models.estimation.gap_scenes.pendulum_scene import build_pendulum_scene
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from models.physics.mechanisms.mechanism_effect import Scale
 

@@ -15,7 +15,7 @@ import pytest
 from models.core.module_discovery import find_discovered_packages
 from models.physics.billiards.contact_model import collect_models, find_model
 from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
-from models.physics.effects.catalogue import collect_effects
+from models.physics.effects.billiards_catalogue import collect_effects
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -56,7 +56,7 @@ from models.physics.billiards.contact_models import CUSHION_MODEL_CHOICE, CUSHIO
 from models.physics.billiards.parameter_vector import PARAMETER_NAMES
 from models.physics.billiards.simulation.contact_resolution import resolve_cushion_contact
 from models.physics.billiards.simulation.table_physics import Physics
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS, find_prior
 
 def error(**arguments):
     try:
@@ -142,7 +142,7 @@ def test_an_unknown_model_is_named_with_the_others() -> None:
 
 
 def test_caches_see_the_packages_that_registries_discover() -> None:
-    registries = ("effects/catalogue", "billiards/contact_models")
+    registries = ("effects/billiards_catalogue", "billiards/contact_models")
     sources = [(ROOT / "models" / "physics" / f"{name}.py").read_bytes() for name in registries]
     assert [find_discovered_packages(source) for source in sources] == [
         ("models.physics.effects",),

@@ -23,7 +23,7 @@ from models.physics.billiards.parameter_vector import (
     SLIDING_MU,
     neutral_parameters,
 )
-from models.physics.effects.catalogue import find_prior
+from models.physics.effects.billiards_catalogue import find_prior
 from pipeline.actions.fit_table import write_learned_profile
 from pipeline.io.shot_setup import ShotSetup, parse_shot, place_on_learned_table
 from pipeline.io.table_profile import parse_cloth_priors, parse_learned_table, parse_table_prior, read_profile_text

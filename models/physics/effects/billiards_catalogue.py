@@ -1,4 +1,9 @@
-"""The catalogue of billiards effects: it finds every file below `models.physics.effects` that defines `EFFECT`."""
+"""The effects of billiards: it finds every file below `models.physics.effects` that defines `EFFECT`.
+
+A diagnosis of billiards also tests the contact laws of `models.physics.billiards.contact_models`. Mechanisms have a
+catalogue of their own, `models.physics.mechanisms.mechanism_catalogue`; `diagnosis.diagnose` lists where each scene has
+its effects.
+"""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from models.physics.billiards.parameter_vector import ENGINE_EFFECTS, PARAMETER_
 from models.physics.billiards.simulation.parametrised_shot import IMAGE_PARAMETERS
 from models.physics.billiards.simulation.table_physics import BILLIARDS_MODEL_CHOICES
 from models.physics.effect import Effect, Prior
-from models.physics.effects.catalogue import BILLIARDS_EFFECTS, find_prior
+from models.physics.effects.billiards_catalogue import BILLIARDS_EFFECTS, find_prior
 from pipeline.engine.source_fingerprint import ROOT, hash_sources
 
 EFFECTS = ROOT / "models" / "physics" / "effects"
