@@ -77,7 +77,7 @@ class MechanismStrength:
         """Build the prior for a joint or actuator."""
         usual, neutral = self.usual(scale), self.neutral(scale)
         bounds = (neutral + self.lower * usual, neutral + self.upper * usual)
-        return Prior(self.name + suffix, self.unit(scale), neutral, USUAL_SHARE * usual, False, bounds)
+        return Prior(self.name + suffix, self.unit(scale), neutral, USUAL_SHARE * usual, relative=False, bounds=bounds)
 
 
 @final

@@ -8,7 +8,7 @@ EFFECT = BilliardsEffect(
     name="air_drag",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
-    parameters=(Prior("k", "1/m", 0.0, 0.03, False, (0.0, 1.0)),),
+    parameters=(Prior("k", "1/m", value=0.0, sigma=0.03, relative=False, bounds=(0.0, 1.0)),),
     neutral=(0.0,),
     partners=("viscous_drag", "cushion_restitution_speed"),
     bends_path=True,

@@ -14,7 +14,7 @@ EFFECT = BilliardsEffect(
     name="nap",
     site="cloth",
     phases=("free_roll",),
-    parameters=(Prior("mu", "1", 0.0, 0.002, False, (-0.02, 0.02)),),
+    parameters=(Prior("mu", "1", value=0.0, sigma=0.002, relative=False, bounds=(-0.02, 0.02)),),
     neutral=(0.0,),
     partners=("slope", "rolling_shutter"),
     phrase="nap of the cloth",

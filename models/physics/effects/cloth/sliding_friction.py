@@ -11,7 +11,7 @@ EFFECT = BilliardsEffect(
     name="sliding_friction",
     site="cloth",
     phases=("after_strike", "ball_contact", "cushion_contact"),
-    parameters=(Prior("mu", "1", 0.2, 0.25, True, (0.05, 0.5)),),
+    parameters=(Prior("mu", "1", value=0.2, sigma=0.25, relative=True, bounds=(0.05, 0.5)),),
     neutral=(0.0,),
     reference="Alciatore, billiards.colostate.edu, physical properties of billiard equipment: 0.15 to 0.25",
     rank=1,

@@ -15,8 +15,8 @@ EFFECT = BilliardsEffect(
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
     parameters=(
-        Prior("slope_x", "mm/m", 0.0, 2.0, False, (-20.0, 20.0)),
-        Prior("slope_y", "mm/m", 0.0, 2.0, False, (-20.0, 20.0)),
+        Prior("slope_x", "mm/m", value=0.0, sigma=2.0, relative=False, bounds=(-20.0, 20.0)),
+        Prior("slope_y", "mm/m", value=0.0, sigma=2.0, relative=False, bounds=(-20.0, 20.0)),
     ),
     neutral=(0.0, 0.0),
     partners=("rolling_resistance", "nap", "perspective"),

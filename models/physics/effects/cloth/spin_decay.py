@@ -11,7 +11,7 @@ EFFECT = BilliardsEffect(
     name="spin_decay",
     site="cloth",
     phases=("cushion_contact", "ball_contact"),
-    parameters=(Prior("rate", "rad/s2", 10.0, 0.5, True, (0.1, 60.0)),),
+    parameters=(Prior("rate", "rad/s2", value=10.0, sigma=0.5, relative=True, bounds=(0.1, 60.0)),),
     neutral=(0.0,),
     partners=("cushion_friction",),
     phrase="decay of side spin",

@@ -8,7 +8,7 @@ EFFECT = BilliardsEffect(
     name="viscous_drag",
     site="cloth",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
-    parameters=(Prior("k", "1/s", 0.0, 0.05, False, (0.0, 2.0)),),
+    parameters=(Prior("k", "1/s", value=0.0, sigma=0.05, relative=False, bounds=(0.0, 2.0)),),
     neutral=(0.0,),
     partners=("air_drag", "rolling_resistance"),
     bends_path=True,

@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     name="ball_friction",
     site="ball",
     phases=("ball_contact",),
-    parameters=(Prior("mu", "1", 0.05, 0.5, True, (0.001, 0.4)),),
+    parameters=(Prior("mu", "1", value=0.05, sigma=0.5, relative=True, bounds=(0.001, 0.4)),),
     neutral=(0.0,),
     partners=("ball_law",),
     reference="Alciatore, technical proof A-14: 0.01 to 0.11, falling with the speed of the slip",

@@ -8,7 +8,7 @@ EFFECT = BilliardsEffect(
     name="ball_restitution",
     site="ball",
     phases=("ball_contact",),
-    parameters=(Prior("e", "1", 0.94, 0.05, False, (0.7, 1.0)),),
+    parameters=(Prior("e", "1", value=0.94, sigma=0.05, relative=False, bounds=(0.7, 1.0)),),
     neutral=(1.0,),
     partners=("unequal_mass",),
     limits=(0.0, 1.0),

@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     kind="detail",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("factor", "1", 1.0, 0.3, True, (0.2, 5.0)),),
+    parameters=(Prior("factor", "1", value=1.0, sigma=0.3, relative=True, bounds=(0.2, 5.0)),),
     neutral=(1.0,),
     partners=("cushion_law",),
     phrase="friction of the cloth under the nose",

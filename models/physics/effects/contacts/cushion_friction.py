@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     name="cushion_friction",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("mu", "1", 0.17, 0.4, True, (0.01, 0.6)),),
+    parameters=(Prior("mu", "1", value=0.17, sigma=0.4, relative=True, bounds=(0.01, 0.6)),),
     neutral=(0.0,),
     partners=("spin_decay", "cushion_law"),
     reference=(

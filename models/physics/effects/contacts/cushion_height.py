@@ -13,7 +13,7 @@ EFFECT = BilliardsEffect(
     name="cushion_height",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("ratio", "1", 1.27, 0.1, False, (1.0, 1.5)),),
+    parameters=(Prior("ratio", "1", value=1.27, sigma=0.1, relative=False, bounds=(1.0, 1.5)),),
     neutral=(0.0,),
     partners=("cushion_restitution", "cushion_friction", "cushion_law"),
     phrase="height of the cushion nose",

@@ -11,7 +11,7 @@ EFFECT = BilliardsEffect(
     name="cushion_restitution",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("e", "1", 0.75, 0.2, False, (0.2, 1.0)),),
+    parameters=(Prior("e", "1", value=0.75, sigma=0.2, relative=False, bounds=(0.2, 1.0)),),
     neutral=(1.0,),
     partners=("cushion_restitution_speed",),
     limits=(0.0, 1.0),

@@ -14,7 +14,7 @@ EFFECT = BilliardsEffect(
     kind="detail",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("power", "1", 0.0, 0.1, False, (-0.2, 0.6)),),
+    parameters=(Prior("power", "1", value=0.0, sigma=0.1, relative=False, bounds=(-0.2, 0.6)),),
     neutral=(0.0,),
     partners=("cushion_restitution_speed",),
     phrase="power of that fall",

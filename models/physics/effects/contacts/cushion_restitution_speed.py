@@ -13,7 +13,7 @@ EFFECT = BilliardsEffect(
     name="cushion_restitution_speed",
     site="cushion",
     phases=("cushion_contact",),
-    parameters=(Prior("slope", "s/m", 0.0, 0.05, False, (-0.2, 0.2)),),
+    parameters=(Prior("slope", "s/m", value=0.0, sigma=0.05, relative=False, bounds=(-0.2, 0.2)),),
     neutral=(0.0,),
     partners=("air_drag", "cushion_restitution"),
     phrase="cushion restitution that falls with speed",

@@ -11,7 +11,7 @@ EFFECT = BilliardsEffect(
     name="unequal_mass",
     site="set",
     phases=("ball_contact",),
-    parameters=(Prior("ratio", "1", 1.0, 0.05, False, (0.5, 2.0)),),
+    parameters=(Prior("ratio", "1", value=1.0, sigma=0.05, relative=False, bounds=(0.5, 2.0)),),
     neutral=(1.0,),
     partners=("ball_restitution",),
     phrase="unequal masses of balls",

@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     name="unequal_radius",
     site="set",
     phases=("ball_contact", "cushion_contact"),
-    parameters=(Prior("ratio", "1", 1.0, 0.02, False, (0.8, 1.25)),),
+    parameters=(Prior("ratio", "1", value=1.0, sigma=0.02, relative=False, bounds=(0.8, 1.25)),),
     neutral=(1.0,),
     partners=("scale", "lens_distortion"),
     phrase="unequal sizes of balls",

@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     kind="observation",
     site="camera",
     phases=("time_jump",),
-    parameters=(Prior("frames", "1", 0.0, 2.0, False, (-20.0, 20.0)),),
+    parameters=(Prior("frames", "1", value=0.0, sigma=2.0, relative=False, bounds=(-20.0, 20.0)),),
     neutral=(0.0,),
     reference="Screen recorders and phones under load drop single frames",
     rank=22,

@@ -14,7 +14,7 @@ EFFECT = BilliardsEffect(
     kind="observation",
     site="camera",
     phases=("image_region",),
-    parameters=(Prior("k1", "1", 0.0, 0.02, False, (-0.3, 0.3)),),
+    parameters=(Prior("k1", "1", value=0.0, sigma=0.02, relative=False, bounds=(-0.3, 0.3)),),
     neutral=(0.0,),
     partners=("scale", "unequal_radius"),
     reference="Brown 1971, Close-range camera calibration, Photogrammetric Engineering 37: the first radial term",

@@ -14,7 +14,7 @@ EFFECT = BilliardsEffect(
     kind="detail",
     site="camera",
     phases=("image_region",),
-    parameters=(Prior("k2", "1", 0.0, 0.01, False, (-0.3, 0.3)),),
+    parameters=(Prior("k2", "1", value=0.0, sigma=0.01, relative=False, bounds=(-0.3, 0.3)),),
     neutral=(0.0,),
     partners=("lens_distortion",),
     phrase="second term of the lens",

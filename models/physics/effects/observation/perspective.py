@@ -15,7 +15,10 @@ EFFECT = BilliardsEffect(
     kind="observation",
     site="camera",
     phases=("image_region",),
-    parameters=(Prior("p_x", "1", 0.0, 0.01, False, (-0.3, 0.3)), Prior("p_y", "1", 0.0, 0.01, False, (-0.3, 0.3))),
+    parameters=(
+        Prior("p_x", "1", value=0.0, sigma=0.01, relative=False, bounds=(-0.3, 0.3)),
+        Prior("p_y", "1", value=0.0, sigma=0.01, relative=False, bounds=(-0.3, 0.3)),
+    ),
     neutral=(0.0, 0.0),
     partners=("slope", "lens_distortion"),
     phrase="perspective of the camera",

@@ -13,7 +13,7 @@ EFFECT = BilliardsEffect(
     kind="observation",
     site="camera",
     phases=("free_roll", "after_strike", "ball_contact", "cushion_contact"),
-    parameters=(Prior("readout", "s", 0.0, 0.005, False, (-0.05, 0.05)),),
+    parameters=(Prior("readout", "s", value=0.0, sigma=0.005, relative=False, bounds=(-0.05, 0.05)),),
     neutral=(0.0,),
     partners=("nap",),
     reference="Liang, Chang, Chen 2008, doi:10.1109/TIP.2008.925384: 10 to 30 ms for a phone",

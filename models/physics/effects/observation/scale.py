@@ -12,7 +12,7 @@ EFFECT = BilliardsEffect(
     kind="observation",
     site="camera",
     phases=("image_region",),
-    parameters=(Prior("seen", "1", 1.0, 0.01, False, (0.8, 1.25)),),
+    parameters=(Prior("seen", "1", value=1.0, sigma=0.01, relative=False, bounds=(0.8, 1.25)),),
     neutral=(1.0,),
     partners=("lens_distortion", "unequal_radius"),
     phrase="wrong scale of the image",
