@@ -1,6 +1,18 @@
 """Rejection of tracklets that are no balls.
 
-Hands, cues, chalk, shadows and projected lines come, go, jitter or look like cloth.
+Hands, cues, chalk, shadows and projected lines come, go, jitter or look like cloth. What the tracker followed is a ball
+if it passes these tests, which `build_tracks._find_balls` applies in this order:
+
+1. `looks_like_ball` to every part, before parts of one track are linked: colour and streaks;
+2. `moves_like_ball` to every part: changes of its velocity;
+3. `is_ball` to every linked track: length, look, and where and how often it is not detected;
+4. `moves_like_ball` to every linked track as a whole.
+
+A track with a detection that a person placed passes without a test. Then the number is limited: on a table without
+pockets, tracks beyond the three longest are balls only if they have a detection in more than half of the frames; and
+`options.balls`, unless it is 0, keeps the longest tracks. Balls that a person placed are kept beyond these limits.
+Where a person marked a ball as false, its detections are removed and everything is repeated
+(`build_tracks.build_tracks`).
 """
 
 from __future__ import annotations
@@ -63,7 +75,7 @@ POCKET_REACH = 0.2
 
 
 def looks_like_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scene: Scene) -> bool:
-    """Return whether a tracklet may be a ball by colour and streaks, before linking."""
+    """Return whether a tracklet may be a ball by colour and streaks."""
     is_cloth_like = float(np.hypot.reduce(tracklet.colour - scene.cloth_lab)) < CLOTH_COLOUR_DISTANCE
     if is_cloth_like and not (
         len(tracklet.frame_index) > STEADY_SHARE * len(t)
@@ -74,7 +86,7 @@ def looks_like_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArr
 
 
 def is_ball(tracklet: Tracklet, detections: TableDetections, t: FloatArray, scene: Scene) -> bool:
-    """Return whether a tracklet lasts, looks and moves like a ball."""
+    """Return whether a linked tracklet lasts and looks like a ball, and comes and goes only as one does."""
     count = len(tracklet.frame_index)
     lasting = count >= MIN_FRAME_SHARE * len(t) or ends_in_pocket(tracklet, scene.table)
     if count < MIN_DETECTIONS or not lasting:
