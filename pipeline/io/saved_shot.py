@@ -1,9 +1,8 @@
 """The saved shot of a run folder: what every answer reads, and of which the tables of the folder are exports.
 
-What is saved is one value, `models.core.shot.Shot`, with all its fields: scene, tracks, clock of the frames, errors of
-the used positions, contact graph with states and covariance, simulated breaks, rival causes, gaps, close passes,
-corrections and notes. Events, trajectory and trust level are views, computed from it when they are needed. The file
-SHOT.json that `trueroll simulate` reads is something else: `pipeline.io.shot_setup`.
+What is saved is one value, a `models.core.shot.Shot` with all its fields. Events, trajectory and trust level are views,
+computed from it when they are needed. The file SHOT.json that `trueroll simulate` reads is something else:
+`pipeline.io.shot_setup`.
 
 shot/shot.json      format, version of the program, options of the run, and the value without its arrays
 shot/HASH.npz       the arrays, under the hash that shot.json names

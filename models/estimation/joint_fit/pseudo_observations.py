@@ -6,7 +6,8 @@ masses share momentum, spin survives a contact with another ball, and coefficien
 Usual values and widths of the coefficients of friction and restitution are in `models/physics/effects/`, one file per
 effect: cloth/sliding_friction.py, cloth/rolling_resistance.py, contacts/ball_restitution.py,
 contacts/cushion_restitution.py; the width of nose offsets is in `models/physics/billiards/tables.py`. All else, such as
-how far real contacts scatter about the laws, stands here.
+how far real contacts scatter about the laws, stands here; the test of a single contact has friction widths of its own,
+`BALL_FRICTION, CUSHION_FRICTION` in `models.estimation.contact_test.contact_probability`.
 """
 
 from __future__ import annotations

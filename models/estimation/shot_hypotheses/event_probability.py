@@ -1,8 +1,10 @@
 """Probability of an event from its evidence: a logistic model, learned on shots of another engine.
 
-No probability is set by hand. `benchmarks/calibrate_events.py` simulates shots, damages their detections, and fits the
-coefficients to what was true; its seeds are none of the stress test's. A probability is never nearer to 0 or 1 than the
-number of such shots allows.
+No probability is set by hand, with one exception: the odds of contacts that a person marked or deleted are then
+multiplied or divided by `HAND_ODDS` (`models.estimation.hand_marks.resolved_marks.weigh_marks`).
+`benchmarks/calibrate_events.py` simulates shots, damages their detections, and fits the coefficients to what was true;
+its seeds are none of the stress test's. A learned probability is never nearer to 0 or 1 than the number of such shots
+allows.
 
 Evidence for and against an event is numbers that the fit of the shot yields, without any judgement.
 
@@ -38,8 +40,8 @@ class EventRow:
     b: str
     xy: FloatArray
     category: str
-    """What it is concluded from, see `models.estimation.shot_hypotheses.event_probability`; empty for the contacts of
-    a simulated break, whose probability is known."""
+    """What it is concluded from, see `CATEGORIES`; empty for the contacts of a simulated break, whose probability is
+    known."""
     contact: int = -1
     """Contact of the graph that it belongs to; -1 for none."""
     probability: float = np.nan
