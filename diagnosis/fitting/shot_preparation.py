@@ -292,7 +292,10 @@ def apply_noise_estimate(recordings: tuple[Recording, ...], noise: NoiseEstimate
 
 
 def _find_outliers(recording: Recording) -> BoolArray:
-    """Return a mask (T, N) of samples far from the polynomials through their neighbours, on each side and on both."""
+    """Return a mask (T, N) of outliers: samples far from the polynomials through those before, after and around them.
+
+    A good sample at a kink of the path still fits the polynomial of its own side.
+    """
     bad = np.zeros(recording.is_observed.shape, bool)
     side = np.arange(1, _SIDE_SAMPLES + 1)
     for body in range(len(recording.bodies)):
@@ -314,9 +317,9 @@ def _find_outliers(recording: Recording) -> BoolArray:
 def _is_off_polynomial(
     recording: Recording, body: int, rows: IntArray, near: IntArray, order: int, longest: float
 ) -> BoolArray:
-    """Return which samples (M,) are far from a polynomial through other rows (M, K), at a kink on one side at most.
+    """Return a mask (M,) of the samples `rows` that are far from the polynomial through K neighbours, `near` (M, K).
 
-    Rows that are more than `longest` (s) and two sides of frames apart say nothing of a sample.
+    Neighbours that span more than `longest` (s) and more than 2 `_SIDE_SAMPLES` frames say nothing of a sample.
     """
     frame, t = recording.frame[near], recording.t[near]
     span = t[:, -1] - t[:, 0]

@@ -151,9 +151,10 @@ def find_local_patch(excess: ExcessAcceleration, rng: np.random.Generator) -> Lo
 def _list_discs(
     position: FloatArray, shares: tuple[float, ...], least: int
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """List discs around pieces of motion: centres (C, 2), radii (C,), and which pieces are inside (C, M).
+    """List C discs that may be the patch, each around the mean place of neighbouring pieces of motion, M in all.
 
-    The radii are `shares` of the extent; at least this number of pieces is inside, and outside.
+    Returns centres (C, 2), radii (C,), and which pieces are inside (C, M). The radii are `shares` of the extent of all
+    pieces; at least `least` pieces are inside a disc, and outside it.
     """
     extent = float(np.ptp(position, axis=0).max())
     apart = np.linalg.norm(position[:, None] - position[None], axis=2)

@@ -28,7 +28,7 @@ def save_value(value: object, folder: Path) -> None:
         folder: An existing folder.
 
     Raises:
-        TypeError: A field holds something else.
+        TypeError: A field holds a value of a type that cannot be saved.
     """
     arrays: dict[str, AnyArray] = {}
     tree = encode_value(value, "", arrays)
@@ -79,7 +79,7 @@ def encode_value(value: Any, path: str, arrays: dict[str, AnyArray]) -> Any:
     """Convert a value to a JSON tree; its arrays are added to `arrays` under their paths.
 
     Raises:
-        TypeError: A field holds something that cannot be saved.
+        TypeError: A field holds a value of a type that cannot be saved.
     """
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:

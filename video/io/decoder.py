@@ -55,7 +55,8 @@ ONE_FRAME_CODECS = ("h264", "hevc")
 class DecodingDamage:
     """Damage of a video, found while its frames are decoded.
 
-    Frames decoded after a damaged packet refer to it, directly or not, up to the next intact key frame.
+    Most frames store only their difference from other frames; a damaged packet therefore spoils the frames after it, up
+    to the next intact key frame, which is stored whole.
     """
 
     errors: list[str] = field(default_factory=list)

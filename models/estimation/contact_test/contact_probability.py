@@ -164,7 +164,10 @@ def combine_hypotheses(hypotheses: list[WeightedHypothesis]) -> ContactTestResul
 
 
 def _free_path_gap(contact: PossibleContact, fitted: _HypothesisFit) -> tuple[float, float]:
-    """Return the gap of the free paths that begin like this fit, and its sigma, m."""
+    """Return the gap, and its sigma, m: the least distance of the surfaces if the bodies of this fit passed freely.
+
+    It is negative where they would overlap.
+    """
     size = contact.contact_column
     paths = predict_nearest_approach(contact, fitted.parameters[:size])
     variance = float(paths.gap_gradient @ fitted.covariance[:size, :size] @ paths.gap_gradient)

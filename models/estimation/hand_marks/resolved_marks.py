@@ -110,7 +110,7 @@ def update_ball_names(corrections: Corrections, tracks: Tracks) -> Corrections:
         tracks: Tracks of N balls over T frames.
 
     Returns:
-        The corrections with ids of `tracks`.
+        The corrections, in which every ball that is still found has the id that it has in `tracks`.
     """
 
     def update(place: BallPlace) -> BallPlace:

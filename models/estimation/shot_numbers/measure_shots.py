@@ -228,7 +228,7 @@ def select_whole_shot(whole: WholeShotSolution | None, cue: str, begin: float) -
         begin: s, presentation time of the strike.
 
     Returns:
-        The fit; None if it begins elsewhere, or has no samples.
+        The fit; None if there is none, it does not begin with this strike, or it has no samples of its posterior.
     """
     if whole is None or not len(whole.start_samples) or cue not in whole.ids:
         return None

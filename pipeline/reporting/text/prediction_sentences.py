@@ -80,7 +80,10 @@ def format_ball_prediction(prediction: ShotPrediction, k: int, naming: Naming) -
 
 
 def stays_at_rest(prediction: ShotPrediction, k: int) -> bool:
-    """Return whether a ball rests and is rather not touched: it ends where it lies, not at the mean of all plays."""
+    """Return whether a ball rests and probably nothing touches it.
+
+    Its predicted place is then where it lies, not the mean over all simulated plays, a few of which may move it.
+    """
     return not prediction.state.moving[k] and sum(p for _, p in prediction.first_contacts[k]) < 0.5
 
 
