@@ -59,7 +59,7 @@ def detect_in_still(rgb: ByteArray, name: str, detect: DetectOptions, calibrate:
         The balls.
 
     Raises:
-        TableNotFound: There is no table, and the options do not request a network, which needs none.
+        TableNotFound: There is no table, and the options do not request a network, which would need no table.
         ModelError: The file of the network cannot be used.
     """
     try:

@@ -114,7 +114,7 @@ def select_compatible(detections: FrameDetections, is_compatible: BoolArray) -> 
 
 
 def select_shaded(rgb: ByteArray, detections: FrameDetections) -> FrameDetections:
-    """Select the detections that are not drawn: sharp discs of one level are graphics over the image.
+    """Select the detections that are no graphics drawn over the image, which are sharp discs of one brightness.
 
     Args:
         rgb: Image (H, W, 3) of the frame.

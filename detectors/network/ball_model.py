@@ -269,7 +269,7 @@ def recognize_layout(shape: tuple[int, ...], side: tuple[int, int]) -> Layout | 
 
 
 def count_classes(shape: tuple[int, ...], layout: Layout) -> int:
-    """Count the classes of an output; 0 if the shape does not show it."""
+    """Count the classes of an output by its shape; 0 if the shape does not show their number."""
     return {
         "rows with objectness": shape[2] - 5,
         "columns of classes": shape[1] - 4,

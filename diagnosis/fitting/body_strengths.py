@@ -1,10 +1,10 @@
 """Strengths that differ between bodies: whether they do, and the strength of each body under a common prior.
 
 In a scene without contacts every body moves on its own, so that a strength of each body can be fitted together with all
-that the bodies share. Whether the strengths differ is Cochran's test between bodies; their variance beyond their errors
-is that of DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2. The scatter of one body's shots counts as an
-error, or shots that differ would make bodies differ. The common prior is normal; its mean and width come from the
-bodies themselves (empirical Bayes).
+that the bodies share. Cochran's test between bodies decides whether the strengths differ; their variance beyond their
+errors is estimated as by DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2. The scatter of one body's shots
+counts as an error, or shots that differ would make bodies differ. The common prior is normal; its mean and width come
+from the bodies themselves (empirical Bayes).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def measure_scatter(values: FloatArray, weights: FloatArray) -> Scatter:
 def estimate_shot_steps(
     shot_information: ShotInformation, parameter: int, lack_of_fit: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Estimate by how much each shot alone would change a fitted strength, by its gradient near the fit.
+    """Estimate by how much each shot alone would change a fitted strength: one Newton step from the fit to all shots.
 
     Args:
         shot_information: Information of each shot.

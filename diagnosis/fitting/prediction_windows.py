@@ -89,7 +89,7 @@ def build_prediction_windows(
 def _is_usable(problem: DiagnosisProblem, one: PredictionWindow) -> bool:
     """Return whether a body moves, every one is observed at the start, and start states have the layout of the whole.
 
-    A body may be at rest in the first rows and move in later ones.
+    The layouts differ where a body rests in the first rows and moves in later ones.
     """
     start = one.segment.select_rows(0, one.start_rows)
     if not start.is_observed.any(axis=0).all() or _find_displacements(one.segment).sum() < MIN_ROWS:

@@ -10,7 +10,8 @@ clock that is wrong by dt adds speed times dt: the numbers of an unevenly sample
 one where they are rounded to milliseconds.
 
 Noise with a correlation rho from frame to frame is a first-order autoregression: the residual minus rho times the
-previous one is white (Prais and Winsten 1954). Jacobians are transformed alike, so that a fit needs no change.
+previous one is white (Prais and Winsten 1954). Jacobians are transformed like residuals, so that a fit by least
+squares stays as it is.
 """
 
 from __future__ import annotations

@@ -253,8 +253,8 @@ def find_contradictions(estimates: Sequence[BallSize]) -> list[tuple[BallSize, B
         estimates: Independent estimates.
 
     Returns:
-        Pairs in the order of the estimates that differ by more than `CONTRADICTION_SIGMAS` standard deviations and by
-        more than `CONTRADICTION_SHARE`.
+        Pairs that differ by more than `CONTRADICTION_SIGMAS` standard deviations and by more than the share
+        `CONTRADICTION_SHARE`, in the order of the estimates.
     """
     return [pair for pair in combinations(estimates, 2) if _contradict(*pair)]
 

@@ -71,7 +71,7 @@ def find_ball(balls: Sequence[Tracklet], place: BallPlace, pixels: TrackPixels) 
 
 
 def _measure_distance(ball: Tracklet, at: int, place: BallPlace, pixels: TrackPixels) -> float:
-    """Return the distance of a ball from a place in frame index `at`, in ball radii; infinite long before and after."""
+    """Return the distance of a ball from a place at frame index `at`, in ball radii; infinite far outside its track."""
     if not ball.frame_index[0] - END_FRAMES <= at <= ball.frame_index[-1] + END_FRAMES:
         return np.inf
     rows = pixels.table_detections.row[ball.row]
@@ -81,7 +81,7 @@ def _measure_distance(ball: Tracklet, at: int, place: BallPlace, pixels: TrackPi
 def find_false_detections(
     balls: Sequence[Tracklet], marks: Sequence[BallMark], pixels: TrackPixels
 ) -> NDArray[np.bool_]:
-    """Find the detections of what a person marked as no ball.
+    """Find the detections of the tracks that a person marked as false balls.
 
     Args:
         balls: The tracks.

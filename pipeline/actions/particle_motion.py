@@ -123,7 +123,7 @@ def predict_particles(
         fps: Frame rate (1/s) for files without times; None for the one of scene.json.
 
     Returns:
-        The fitted motion and how far it can be predicted.
+        The fitted physics, and the standard deviation of a coordinate at the end of the prediction.
     """
     path = require_tracks_file(source)
     shots, notes = read_particles(path, fps)

@@ -144,7 +144,7 @@ class SupervisedProcess:
             child.terminate_once()
 
     def close(self) -> None:
-        """End the process for good, also from another thread; a running clip is not retried."""
+        """End the process for good, so that a running clip is not retried; any thread may call this."""
         self.request_exit()
         self.end()
 

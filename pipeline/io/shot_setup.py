@@ -115,7 +115,7 @@ def read_shot_setup(path: Path) -> ShotSetup:
         The shot, ready for simulation.
 
     Raises:
-        OptionError: One sentence on the first mistake.
+        OptionError: It is no valid shot; the message is one sentence on its first mistake.
     """
     return parse_shot(read_json(path, "A shot was expected"), str(path))
 
@@ -131,7 +131,7 @@ def parse_shot(document: Any, name: str = "the shot") -> ShotSetup:
         The shot, ready for simulation.
 
     Raises:
-        OptionError: One sentence on the first mistake.
+        OptionError: It is no valid shot; the message is one sentence on its first mistake.
     """
     try:
         entry = ShotEntry.model_validate(document)

@@ -272,7 +272,10 @@ def add_view(profile: dict[str, Any], scene: dict[str, Any]) -> list[str]:
 
 
 def _add_cloth(profile: dict[str, Any], scene: dict[str, Any], prior: ViewPrior | None, notes: list[str]) -> None:
-    """Average the colour of the cloth over the shots; another colour begins it anew, and the friction with it."""
+    """Average the colour of the cloth over the shots.
+
+    Another colour is another cloth: a new average begins and the friction is dropped, except one of `fit-table`.
+    """
     lab = scene["table"].get("cloth_lab")
     if lab is None:
         return

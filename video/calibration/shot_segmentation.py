@@ -1,8 +1,8 @@
 """Segmentation of a recording into shots: still balls, a strike, motion, and rest again.
 
-The views between cuts and fades are segmented one by one. A view is divided where balls jump: a fixed camera was cut to
-itself. A view without a table contains no shot, and a replay of an earlier shot is none: its frames show the same balls
-at the same places, in the same order.
+The views between cuts and fades are segmented one by one. A view is also divided where balls jump: there something was
+cut out although the camera stayed where it was. A view without a table contains no shot, and a replay of an earlier
+shot is none: its frames show the same balls at the same places, in the same order.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ class FlowPair:
     """Whether the better candidate is used alone."""
 
     def interpolate(self, share: float) -> ImageArray:
-        """Return the image (H, W, 3) at a share of the time.
+        """Return the image (H, W, 3) at a share, 0 to 1, of the time from the first image to the second.
 
         Where the ends of a displacement disagree, the nearer image is used: it is right more often than a mixture.
         """

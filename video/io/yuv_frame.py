@@ -72,7 +72,7 @@ class YuvFrame:
         return type(self)((bright, blue, red))
 
     def crop_rows(self, rows: int) -> Self:
-        """Return the upper rows, an even number, which share their memory with this frame."""
+        """Return the upper `rows` rows, an even number; they share their memory with this frame."""
         bright, blue, red = self.planes
         return type(self)((bright[:rows], blue[: rows // 2], red[: rows // 2]))
 

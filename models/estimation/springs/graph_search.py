@@ -283,8 +283,8 @@ def _residual_unevenness(off: FloatArray) -> float:
 def _estimate_compliance(series: Recording, fit: SpringFit) -> tuple[FloatArray, FloatArray]:
     """Estimate the lengthening (R,) of every rod per force on it, and its standard deviation.
 
-    Observed lengths are compared with the tension that the fitted motion requires: it is slow with respect to the
-    oscillation of a stiff spring, whose length is therefore that at rest.
+    Observed lengths are compared with the tension that the fitted motion requires. It changes slowly compared with the
+    oscillation of a stiff spring, whose length is therefore always that of equilibrium.
     """
     graph = fit.graph
     i, j = graph.pairs[graph.rods].T

@@ -42,7 +42,7 @@ def insert_initial_rests(solution: JointSolution, search: StructureSearch, track
     Args:
         solution: A refined solution.
         search: Observations, table and prices.
-        tracks: Tracks that the observations come from, for their streaks.
+        tracks: Tracks that the observations come from; detections without a streak are signs of a rest.
 
     Returns:
         The refined solution of least total cost.

@@ -131,7 +131,7 @@ def _estimate_rest_place(observations: Observations, rows: IntArray) -> tuple[Fl
 
 
 def _select_racks(resting: list[_RestingBall], leaving: set[int], reach: float) -> list[_RestingBall]:
-    """Select the balls of groups that lie together and from which enough of the balls `leaving` start."""
+    """Select the balls of the groups that lie together, are large enough, and contain enough of the balls `leaving`."""
     places = np.array([one.place for one in resting]).reshape(-1, 2)
     is_near = np.linalg.norm(places[:, None] - places, axis=2) < reach
     _, group = connected_components(is_near, directed=False)

@@ -279,8 +279,8 @@ def contact_inclination(p, standard_height):  # type: ignore[no-untyped-def]
 
     Args:
         p: (P,) physical parameters.
-        standard_height: Height of the contact over the radius where `cushion_height.ratio` is 0. Values near 0, below
-            any real height, are added to it, so that there is a derivative at 0.
+        standard_height: Height of the contact over the radius where `cushion_height.ratio` is 0. Ratios near 0, below
+            any real height, are deviations from it, so that the height has a derivative by the ratio there.
 
     Returns:
         sin(theta) and cos(theta).

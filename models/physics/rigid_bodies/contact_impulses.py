@@ -144,8 +144,8 @@ def apply_impulse(v, inverse_inertia, i, j, ax, ay, bx, by, px, py):  # type: ig
 def prepare_contacts(q, v, places, owners, contact_count, inverse_inertia, world, h, work, impulses):  # type: ignore[no-untyped-def]
     """Prepare the passes over contacts, and apply the impulses of the step before.
 
-    work (C, 8) receives lever arms (4), inverse masses along and across, wanted separation speed, and speed that
-    removes overlap.
+    work (C, 8) receives the lever arms of both bodies (4), the inverse masses for impulses along and across the normal,
+    the separation speed that restitution asks for, and the speed that removes overlap.
     """
     for c in range(contact_count):
         i, j = owners[c, 0], owners[c, 1]

@@ -80,7 +80,7 @@ def simulate_case(kind: CaseKind, seed: int, shots: int, fps: float, sealed: Pat
 
 
 def simulate_experiment(kind: CaseKind, drawn: Mapping[str, Any], sealed: Path, folder: Path) -> None:
-    """Simulate an experiment that was already drawn."""
+    """Simulate an experiment whose random values are drawn already; files as in `simulate_case`."""
     sealed.write_text(json.dumps(drawn), encoding="utf-8")
     command = [sys.executable, str(WORLDS / f"{kind.world}.py"), str(sealed), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

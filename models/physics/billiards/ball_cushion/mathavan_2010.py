@@ -18,7 +18,7 @@ follows the inputs too: with fixed lengths, the error of a derivative would be t
 Internally, speeds and impulses per mass are in units of vn, so the model is the same at every speed.
 The functions share these arguments: y (6,) the integrated vector with the rows below, `contact` (8,) the slips at
 P = 0, the friction of nose and cloth, and the inclination of the contact, `work` (11, 6) workspace. A nose below the
-centre would lift the ball; the cloth then carries nothing, and the ball stays at its height all the same.
+centre would lift the ball; in this model the cloth then carries nothing, and the ball still keeps its height.
 """
 
 from __future__ import annotations

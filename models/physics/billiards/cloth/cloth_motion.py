@@ -17,7 +17,7 @@ as one that rolls, and keeps its spin.
 
 Arguments that the functions share: s (7,) is x, y (m), vx, vy (m/s), wx, wy (rad/s) and the clock (s), changed in
 place; radius in m; p (P,) physical parameters; rows (K, PIECE_WIDTH) and phases (K,) receive pieces, K as
-`count_pieces` returns it; count is their number.
+`count_pieces` returns it; count is the number of those written so far.
 
 Paths under slope and drag are integrated with steps of variable length. The method is 5(4) of Dormand and Prince (1980,
 doi:10.1016/0771-050X(80)90013-3).
