@@ -89,8 +89,8 @@ def fit_table_of_shots(
     for begin in range(0, len(shots), _SHOTS_TOGETHER):
         together = shots[begin : begin + _SHOTS_TOGETHER]
         on_activity(f"fitting shots {begin + 1} to {begin + len(together)} of {len(shots)}")
-        found = executor.map_tasks(cache, _fit_shot, [(source, number) for _, source, number, _ in together])
-        for (name, *_), fit in zip(together, found, strict=True):
+        outcomes = executor.map_tasks(cache, _fit_shot, [(source, number) for _, source, number, _ in together])
+        for (name, *_), fit in zip(together, outcomes, strict=True):
             if isinstance(fit, str):
                 refusals.append(f"{name}: {fit}")
             else:

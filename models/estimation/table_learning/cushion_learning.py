@@ -194,9 +194,9 @@ class _CushionPosterior:
             physics[SPIN_DECAY] = 0.0  # what a contact does depends neither on the decay before it nor on the scatter
             alike.setdefault(physics.tobytes(), []).append(k)
         tasks = [(inside[rows],) for rows in alike.values()]
-        found = executor.map_tasks(self, _sum_likelihoods, tasks)
+        sums = executor.map_tasks(self, _sum_likelihoods, tasks)
         costs = 0.5 * np.sum(points * points, axis=1)
-        for rows, likelihoods in zip(alike.values(), found, strict=True):
+        for rows, likelihoods in zip(alike.values(), sums, strict=True):
             costs[rows] -= likelihoods
         return np.asarray(costs)
 
@@ -234,8 +234,8 @@ def _sum_likelihoods(posterior: _CushionPosterior, points: FloatArray) -> list[f
     sums = []
     for point in points:
         physics, scatter = posterior.decode(point)
-        found = filter_side_spin(contacts, rebounds, radius, scatter, float(physics[SPIN_DECAY]))
-        sums.append(float(found.log_likelihood.sum()))
+        side_spin = filter_side_spin(contacts, rebounds, radius, scatter, float(physics[SPIN_DECAY]))
+        sums.append(float(side_spin.log_likelihood.sum()))
     return sums
 
 
@@ -268,10 +268,10 @@ def _fit_model(
         cost, slope = posterior.measure_slope(first + root @ moves, steps, executor)
         return cost, root.T @ slope
 
-    found = minimize(
+    minimum = minimize(
         measure, np.zeros(len(first)), method="BFGS", jac=True, options={"maxiter": _ITERATIONS, "gtol": _LEAST_SLOPE}
     )
-    best = np.clip(first + root @ found.x, *posterior.bounds)
+    best = np.clip(first + root @ minimum.x, *posterior.bounds)
     curvature = posterior.measure_curvature(best, executor)
     covariance = np.linalg.inv(curvature)
     spread = np.sqrt(np.diag(covariance))
@@ -284,7 +284,7 @@ def _fit_model(
         if one.name not in _SCATTER_NAMES
     )
     own = slice(0, len(parameters))
-    evidence = -float(found.fun) - 0.5 * float(np.linalg.slogdet(curvature)[1])
+    evidence = -float(minimum.fun) - 0.5 * float(np.linalg.slogdet(curvature)[1])
     covariance = (covariance * scale * scale[:, None])[own, own]
     return CushionFit(law, parameters, scatter, physics, covariance, evidence, curvature, len(contacts.t))
 
