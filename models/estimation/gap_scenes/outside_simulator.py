@@ -35,6 +35,9 @@ class Joint:
     body: str = ""
     """Of the three coordinates of a place, or of a turn, of a free body: what they have in common, such as `ball` or
     `ball.turn`. Friction and drag then act against its velocity, whatever its direction."""
+    tree: int = 0
+    """Number that is the same for joints whose motions depend on each other: not so for the legs of a robot that is
+    held, unless they touch."""
 
 
 def group_joints(joints: Sequence[Joint]) -> tuple[tuple[str, ...], IntArray]:

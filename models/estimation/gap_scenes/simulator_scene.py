@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 import numpy as np
 
@@ -95,6 +95,27 @@ class SimulatorScene:
         }
 
     @cached_property
+    def trees(self) -> IntArray:
+        """(N,) trees of the joints."""
+        return np.array([joint.tree for joint in self.simulator.joints])
+
+    @cached_property
+    def parameter_trees(self) -> IntArray:
+        """(P,) tree whose motion alone a parameter changes; -1 for several."""
+        trees = np.full(len(self.neutral), -1)
+        driven = np.array([drive.joint for drive in self.simulator.drives], np.int64)
+        for name, first, size in self.parameter_sites:
+            site = MECHANISM_EFFECTS[name].site
+            if site == "actuator" and len(driven) == size:
+                trees[first : first + size] = np.where(driven < 0, -1, self.trees[driven])
+            elif site in self.members:
+                joints = self.trees if len(self.members[site]) == len(self.trees) else self.trees[self.observed]
+                for one in range(size):
+                    own = np.unique(joints[self.members[site] == one])
+                    trees[first + one] = own[0] if len(own) == 1 else -1
+        return trees
+
+    @cached_property
     def owners(self) -> tuple[str, ...]:
         """(P,) effect of each parameter."""
         return tuple(effect.name for effect in self.effects for _ in effect.parameters)
@@ -174,15 +195,26 @@ class SimulatorScene:
         steps = np.array([_STRENGTH_PART * priors[k].sigma for k in needed])
         high = np.array([priors[k].bounds[1] for k in needed])
         steps = np.where(shared[needed] + steps > high, -steps, steps)
-        moved = [shared + step * (np.arange(len(shared)) == k) for k, step in zip(needed, steps, strict=True)]
-        starts = np.concatenate([[start], start + np.diag(_STATE_PART * typical), np.tile(start, (len(needed), 1))])
-        values = [shared] * (1 + len(start)) + moved
-        states = self._simulate(segment, starts, values)
-        places = np.stack([self._observe(one, value) for one, value in zip(states, values, strict=True)], axis=-1)
-        # a run beside this one that fails says nothing of the derivative
-        changes = np.nan_to_num(places[..., 1:] - places[..., :1], posinf=0.0, neginf=0.0)
-        by_start = changes[..., : len(start)] / (_STATE_PART * typical)
-        return places[..., 0], by_start, changes[..., len(start) :] / steps
+        changes = np.concatenate([_STATE_PART * typical, steps])
+        trees = np.concatenate([self.trees, self.trees, self.parameter_trees[needed]])
+        runs = _share_runs(trees)
+        starts, values = np.tile(start, (1 + len(runs), 1)), np.tile(shared, (1 + len(runs), 1))
+        for k, columns in enumerate(runs, 1):
+            for one in columns:
+                if one < len(start):
+                    starts[k, one] += changes[one]
+                else:
+                    values[k, needed[one - len(start)]] += changes[one]
+        states = self._simulate(segment, starts, list(values))
+        places = [self._observe(one, value) for one, value in zip(states, values, strict=True)]
+        derivatives = np.zeros((*places[0].shape, len(changes)))
+        for k, columns in enumerate(runs, 1):
+            # a run beside this one that fails says nothing of the derivative
+            moved = np.nan_to_num(places[k] - places[0], posinf=0.0, neginf=0.0)
+            for one in columns:
+                own = (self.trees[self.observed] == trees[one]) | (trees[one] < 0)
+                derivatives[..., one] = moved * own[:, None] / changes[one]
+        return places[0], derivatives[..., : len(start)], derivatives[..., len(start) :]
 
     def _simulate(self, segment: Recording, starts: FloatArray, shared: list[FloatArray]) -> FloatArray:
         """Simulate states (C, T, 2N) from starts (C, 2N) with parameters (P,) each."""
@@ -216,6 +248,17 @@ class SimulatorScene:
         }
         places = places * sensor.get("sensor_scale", 1.0) + sensor.get("sensor_offset", 0.0)
         return np.asarray(places[:, :, None])
+
+
+def _share_runs(trees: IntArray) -> list[list[int]]:
+    """Share runs between changes (C,) of different trees, for what one does to its joints the others do not change.
+
+    Returns:
+        Numbers of the changes of each run; a change of several trees (-1) has one to itself.
+    """
+    alone = [[column] for column in np.flatnonzero(trees < 0).tolist()]
+    of_trees = [np.flatnonzero(trees == tree).tolist() for tree in np.unique(trees[trees >= 0])]
+    return [[one for one in columns if one is not None] for columns in zip_longest(*of_trees)] + alone
 
 
 @dataclass(frozen=True)

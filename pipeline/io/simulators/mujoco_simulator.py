@@ -172,7 +172,7 @@ class MujocoSimulator:
             inertia = self.model.dof_M0[first : first + len(entries)]
             limit = float(np.abs(self.model.jnt_range[j]).max()) if self.model.jnt_limited[j] else float("inf")
             joints += [
-                Joint(name, unit, float(one), limit, group)
+                Joint(name, unit, float(one), limit, group, int(self.model.dof_treeid[first]))
                 for (name, unit, group), one in zip(entries, inertia, strict=True)
             ]
         return tuple(joints), places
