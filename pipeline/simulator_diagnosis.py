@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 
 from diagnosis.diagnose import diagnose
@@ -13,7 +14,9 @@ from diagnosis.verdicts.verdict import DiagnosisReport
 from models.core.number_format import format_unit, format_with_sigma
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.numerics.executor import SERIAL, Executor
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
+from pipeline.reporting.text.gap_sentences import format_error_size
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
@@ -45,6 +48,8 @@ def diagnose_mechanism(
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     report = diagnose(scene, shots.recordings, seed, on_progress, executor)
     origins = shots.origins if len(inputs) > 1 or shots.is_cut else {}
+    if len(inputs) == 1:  # the times alone
+        origins = {shot: name.rpartition(", ")[2] for shot, name in origins.items()}
     return replace(report, notes=(*_describe_coefficients(scene, report), *report.notes, *shots.notes)), dict(origins)
 
 
@@ -56,13 +61,28 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
         if effect.name in scene.simulator_effects
         for prior in effect.parameters
     }
-    wrong = (
-        one
-        for one in report.fitted
-        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma
+    wrong: dict[tuple[str, str], list[str]] = {}
+    for one in report.fitted:
+        if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma:
+            effect, _, parameter = one.name.partition(".")
+            strength = next(s.name for s in MECHANISM_EFFECTS[effect].strengths if parameter.startswith(s.name))
+            # one sentence for all joints whose file states the same
+            says = f"your {format_parameter(f'{effect}.{strength}')} is {stated[one.name]:.4g}"
+            joint = parameter.removeprefix(strength).removeprefix("_")
+            place = f" ({format_parameter(joint)})" if joint else ""
+            wrong.setdefault((says, one.unit), []).append(f"{format_with_sigma(one.value, one.sigma)}{place}")
+    if not wrong:
+        return ()
+    sentences = tuple(
+        f"{says}{'' if unit == '1' else f' {format_unit(unit)}'}, the recordings say {', '.join(values)}"
+        for (says, unit), values in wrong.items()
     )
-    return tuple(
-        f"your {format_parameter(one.name)} is {stated[one.name]:.4g} {format_unit(one.unit)}, the recordings say"
-        f" {format_with_sigma(one.value, one.sigma)}"
-        for one in wrong
+    gap = report.gap
+    if not (isfinite(gap.as_stated) and isfinite(gap.closure.before)):
+        return sentences
+    errors = [format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before)]
+    return (
+        f"with the coefficients of its file your simulator errs by {errors[0]} rms, with those that the recordings say"
+        f" by {errors[1]}: correct them first",
+        *sentences,
     )

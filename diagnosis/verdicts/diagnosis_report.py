@@ -16,7 +16,7 @@ from diagnosis.fitting.gap_closure import (
     sum_squares,
 )
 from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
-from diagnosis.fitting.prediction_windows import HORIZON_S, predict_windows
+from diagnosis.fitting.prediction_windows import HORIZON_S, PredictionWindow, predict_windows
 from diagnosis.fitting.shot_preparation import SEGMENT_FRAMES
 from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
@@ -91,7 +91,7 @@ def build_report(study: Study, recordings: tuple[Recording, ...], rng: np.random
     probabilities = decision.share_probabilities(probabilities)
     candidates = _build_candidates(study, named_effects, detectable, probabilities, answer)
     film_next = (
-        f"Film more: {decision.reason}."
+        f"Record more: {decision.reason}."
         if verdict == "undecidable"
         else _recommend_experiment(study, verdict, apart, unexplained)
     )
@@ -287,8 +287,21 @@ def _measure_gap(
     gap = Gap(
         f"rms_{reference.unit}", min(horizon, HORIZON_S), tuple(sorted({one.segment.shot for one in windows})), closure,
         windows, before, after, reason, reference.coordinates if windows else (),
+        _measure_error_as_stated(study, windows),
     )  # fmt: skip
     return gap, _share_closure(study, shots, closure, rng)
+
+
+def _measure_error_as_stated(study: Study, windows: tuple[PredictionWindow, ...]) -> float:
+    """Measure the rms distance of predictions with the coefficients of the simulator's file; NaN without a file."""
+    problem = study.problem
+    if not problem.scene.has_stated_values or not problem.scene.simulator_effects or not windows:
+        return float("nan")
+    values = np.array([one.value for one in problem.priors])
+    stated = np.where(problem.mask(problem.scene.simulator_effects), values, study.base.shared)
+    predicted = predict_windows(problem, windows, replace(study.base, shared=stated))
+    count = sum(int(one.is_predicted.sum()) for one in windows)
+    return float(np.sqrt(sum_squares(predicted).sum() / count))
 
 
 def _explain_unknown_floor(study: Study, recordings: tuple[Recording, ...]) -> str:
@@ -382,7 +395,7 @@ def build_undecidable_report(scene: GapScene, unit: str, reason: str) -> Diagnos
         forms=tuple(choice.simulator_form for choice in scene.alternatives),
         unidentifiable=scene.gauges,
         not_tested=scene.not_tested,
-        film_next=f"Film more: {reason}.",
+        film_next=f"Record more: {reason}.",
         p_value=1.0,
         notes=(),
         reason=reason,

@@ -140,9 +140,11 @@ def design_separating_experiment(
     more = int(np.ceil(missing / apart[best])) if apart[best] > 0 else 0
     names = " from ".join(format_cause(name) for name in group[:2])
     if apart[best] <= 0 or more > 50:
-        return f"No shot like these separates {names}: film other speeds and directions, also at right angles to these."
+        return (
+            f"No shot like these separates {names}: record other speeds and directions, also at right angles to these."
+        )
     shot = _describe_shot(residuals, int(shot_information.shots[best]))
-    return f"To separate {names}, film {max(more, 1)} more like {shot}."
+    return f"To separate {names}, record {max(more, 1)} more like {shot}."
 
 
 def design_detecting_experiment(
@@ -177,12 +179,12 @@ def design_detecting_experiment(
         if min(left) <= 1:
             like = _describe_shot(residuals, int(shot_information.shots[int(np.argmin(left))]))
             return (
-                f"This answer needs no more film. These shots would not have shown {format_cause(name)} of usual"
+                f"This answer needs no more recordings. These shots would not have shown {format_cause(name)} of usual"
                 f" strength; {more} more like {like} would."
             )
     return (
-        f"This answer needs no more film. To test {format_cause(name)} of usual strength, film much slower and much"
-        " faster motion, and for longer; more shots like these would not reveal it."
+        f"This answer needs no more recordings. To test {format_cause(name)} of usual strength, record much slower and"
+        " much faster motion, and for longer; more shots like these would not reveal it."
     )
 
 
@@ -196,11 +198,13 @@ def design_unknown_experiment(problem: DiagnosisProblem, residuals: FitResiduals
     }
     most, shot = max(sums, key=lambda one: sums[one])
     place = _describe_shot(residuals, shot)
-    first = f"Most of the unexplained gap is {format_phase(most)}, in {place}: film that shot again at half the speed,"
+    first = f"Most of the unexplained gap is {format_phase(most)}, in {place}: record that shot again at half the speed"
+    if problem.scene.name == "mechanism":
+        return f"{first}; what then stays the same does not depend on the speed."
     if residuals.reference.unit == "rad":
-        return f"{first} and once with the camera in another place; what changes with the camera comes from it."
+        return f"{first}, and once with the camera in another place; what changes with the camera comes from it."
     surroundings = "table" if problem.scene.name == "billiards" else "surroundings"
-    return f"{first} and once in another place; what stays with the place comes from the {surroundings} or the camera."
+    return f"{first}, and once in another place; what stays with the place comes from the {surroundings} or the camera."
 
 
 def _add_repetitions(shot_information: ShotInformation, k: int, more: int) -> ShotInformation:

@@ -140,6 +140,9 @@ class Gap:
     """Why the floor is unknown; empty where it is known."""
     coordinates: tuple[str, ...] = ()
     """Names of the coordinates; empty without windows."""
+    as_stated: float = float("nan")
+    """rms distance with the coefficients that the file of the simulator states, before they are fitted; NaN without a
+    file."""
 
     @property
     def unit(self) -> str:

@@ -80,6 +80,7 @@ def build_gap_document(report: DiagnosisReport) -> dict[str, Any]:
             "metric": report.gap.metric,
             "horizon_s": report.gap.horizon,
             "held_out_shots": report.gap.shots,
+            "as_stated": report.gap.as_stated,
             "before": closing.before,
             "after": closing.after,
             "floor": closing.floor,

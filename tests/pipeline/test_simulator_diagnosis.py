@@ -92,6 +92,8 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     assert report.verdict == "none"
     note = next(note for note in report.notes if "the recordings say" in note)
     assert "viscous is 0.05" in note
+    assert report.gap.as_stated > 3 * report.gap.closure.before
+    assert report.notes[0].startswith("with the coefficients of its file your simulator errs by")
     fitted = {one.name: one for one in report.fitted}["joint_friction.viscous"]
     assert fitted.value == pytest.approx(0.02, abs=4 * fitted.sigma)
     assert fitted.sigma < 0.001

@@ -115,6 +115,7 @@ class Pucks:
     gauges: tuple[str, ...] = ("frame_rate",)
     is_smooth: bool = False
     least_gain: float = LEAST_GAIN
+    has_stated_values: bool = False
     not_tested: tuple[str, ...] = ()
 
     @property

@@ -76,6 +76,7 @@ class BilliardsScene:
     not_tested: tuple[str, ...] = ()
     is_smooth: bool = False
     least_gain: float = LEAST_GAIN
+    has_stated_values: bool = False
     _segment_cache: dict[tuple[int, bool], tuple[Recording, ShotSegment]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

@@ -60,6 +60,7 @@ class ContactFreeScene:
     is_smooth: bool = False
     """Whether a path is a smooth function of its start and of the parameters: no wall, no standstill, no chaos."""
     least_gain: float = LEAST_GAIN
+    has_stated_values: bool = False
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the whole recording, or nothing where a body was never observed."""

@@ -87,6 +87,10 @@ class GapScene(Protocol):
         """Whether fits need no measures against jumps of the cost: no wall, no standstill and no chaos in a window."""
 
     @property
+    def has_stated_values(self) -> bool:
+        """Whether the priors of the effects that the simulator has are what its file states."""
+
+    @property
     def least_gain(self) -> float:
         """Relative gain of a step below which a fit ends."""
 

@@ -69,6 +69,7 @@ class SimulatorScene:
     is_smooth: bool = True
     # A simulator from outside is slow, and where something large is missing, robust fits creep.
     least_gain: float = 1e-3
+    has_stated_values: bool = True
 
     @cached_property
     def parameter_sites(self) -> tuple[tuple[str, int, int], ...]:

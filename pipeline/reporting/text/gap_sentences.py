@@ -28,6 +28,7 @@ from models.core.number_format import (
     format_value,
     format_with_sigma,
 )
+from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.reporting.text.text_formatting import format_law
 
 # Share of the gap below which an effect that may close nothing is called small.
@@ -38,6 +39,8 @@ MOST_OF_IT = 0.5
 _TREND, _MIN_TREND_POINTS = 0.7, 4
 # Ratio to the smallest possible p-value up to which that is stated: three shots more would halve it thrice.
 _NEAR_LIMIT = 8.0
+# Strengths of an effect that are listed; of more, only the least and the greatest are.
+_MOST_STRENGTHS = 6
 # Quantities with which a force varies, as sentences name them.
 _VARIABLES = {
     "speed": "speed",
@@ -473,9 +476,12 @@ def list_causes(report: DiagnosisReport) -> tuple[Cause, ...]:
 
 
 def _build_cause(one: CandidateEffect, scene: str) -> Cause:
-    strengths = (format_strength(s) for s in one.strengths)
+    is_long = len(one.strengths) > _MOST_STRENGTHS and one.effect in MECHANISM_EFFECTS
+    strengths = _format_strength_ranges(one) if is_long else (format_strength(s) for s in one.strengths)
     detectable = (
-        f"{format_parameter(s.name)} {_format_detectable(s)}" for s in one.strengths if math.isfinite(s.detectable_from)
+        f"{format_parameter(s.name)} {_format_detectable(s)}"
+        for s in one.strengths
+        if math.isfinite(s.detectable_from) and not is_long
     )
     rivals = (format_cause(name) for name in one.group[1:])
     return Cause(
@@ -486,6 +492,24 @@ def _build_cause(one: CandidateEffect, scene: str) -> Cause:
         ", ".join(rivals),
         FORMULAS.get(scene, {}).get(one.effect, ""),
     )
+
+
+def _format_strength_ranges(one: CandidateEffect) -> list[str]:
+    """Format the least and the greatest strength of an effect with one for each of many joints; gap.json has all."""
+    phrases = []
+    for strength in MECHANISM_EFFECTS[one.effect].strengths:
+        own = [s for s in one.strengths if s.name == strength.name or s.name.startswith(f"{strength.name}_")]
+        fitted = sorted((s for s in own if s.sigma > 0 and not s.prior_only), key=lambda s: s.value)
+        if fitted:
+            ends = " to ".join(
+                f"{format_with_sigma(s.value, s.sigma)} ({format_parameter(s.name.removeprefix(f'{strength.name}_'))})"
+                for s in (fitted[0], fitted[-1])
+            )
+            unit = "" if fitted[0].unit == "1" else f", {format_unit(fitted[0].unit)}"
+            phrases.append(f"{format_parameter(strength.name)} of {len(fitted)} joints = {ends}{unit}")
+        if len(own) > len(fitted):
+            phrases.append(f"{format_parameter(strength.name)} of {len(own) - len(fitted)} joints: not identifiable")
+    return phrases
 
 
 def format_strength(one: Strength) -> str:

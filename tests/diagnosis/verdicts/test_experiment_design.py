@@ -62,7 +62,9 @@ def test_the_shots_that_are_asked_for_show_the_effect(
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, usual, ("air_drag",), 1.0
     )
-    assert sentence.startswith("This answer needs no more film."), "the sentence states that this film is optional"
+    assert sentence.startswith("This answer needs no more recordings."), (
+        "the sentence states that this film is optional"
+    )
     words = sentence.split()
     more, shot = int(words[words.index("more", words.index("strength;")) - 1]), int(words[words.index("shot") + 1])
     number = [segment.shot for segment in fit.segments].index(shot)
@@ -82,7 +84,7 @@ def test_what_no_number_of_such_shots_can_show_needs_other_shots(
     sentence = design_detecting_experiment(
         problem, linearized.shot_information, residuals, fit.free, tiny, ("air_drag",), 1.0
     )
-    assert "To test air drag of usual strength, film much slower and much faster motion" in sentence
+    assert "To test air drag of usual strength, record much slower and much faster motion" in sentence
     assert "more shots like these would not reveal it" in sentence
 
 
