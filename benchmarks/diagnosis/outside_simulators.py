@@ -2,7 +2,7 @@
 
     python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--seeds 1] [--first 0] [--worlds arm] [--effects delay]
 
-Worlds are pendulums of one and two links, a cart with a pole, and an arm of two driven joints. The truth is MuJoCo with
+Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The truth is MuJoCo with
 one effect, played at 100 Hz with noise of 1 mrad or 1 mm; the simulator is the same file without it. Eight runs of
 three seconds each. Effects that MuJoCo does not have (delay, lag, drag) act step by step outside of it. Prints verdict
 and gap of every case, and the counts. A run with the same DIR continues. Takes about a
@@ -42,6 +42,10 @@ class World:
     actuators: str
     spread: float
     push: tuple[float, ...]
+    flies: bool = False
+    """Whether a body flies freely."""
+    effects: tuple[str, ...] = ()
+    """Effects that are withheld in it; all where there are none."""
 
     def write(self, joint: str = "") -> str:
         """Write the file, with attributes for every joint."""
@@ -66,6 +70,10 @@ WORLDS = {
         '<body><joint name="cart" type="slide" axis="1 0 0"@/><geom type="box" size="0.1 0.05 0.05" mass="1"'
         f' contype="0" conaffinity="0"/>{hang("pole", 0.4, 0.2)}</body>',
         '<actuator><motor name="motor_1" joint="cart"/></actuator>', 0.5, (2.0,),
+    ),
+    "thrown ball": World(
+        '<body name="ball"><freejoint/><geom type="sphere" size="0.05" mass="0.1"/></body>', "", 0.0, (), True,
+        ("none", "air_drag", "gravity"),
     ),
 }  # fmt: skip
 
@@ -135,24 +143,30 @@ def play(world: World, hidden: Withheld, rng: np.random.Generator) -> list[str]:
     model = mujoco.MjModel.from_xml_string(world.write(hidden.joint))
     model.opt.gravity[:] += hidden.gravity
     joints = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, k) for k in range(model.njnt)]
+    joints = ["ball.x", "ball.y", "ball.z"] if world.flies else joints
     lines = [",".join(["shot", "t", *joints, *(f"motor_{k + 1}" for k in range(model.nu))])]
     for shot in range(RUNS):
         data: Any = mujoco.MjData(model)
-        data.qpos[:] = rng.uniform(-world.spread, world.spread, model.nq)
+        if world.flies:
+            data.qvel[:3] = rng.uniform((4, -2, 2), (9, 2, 6))
+        else:
+            data.qpos[:] = rng.uniform(-world.spread, world.spread, model.nq)
         rates, phases = rng.uniform(2.0, 9.0, model.nu), rng.uniform(0, 2 * np.pi, model.nu)
         waiting = [np.zeros(model.nu)] * hidden.delay
         acting = np.zeros(model.nu)
         for row in range(round(SECONDS * RATE)):
             t = row / RATE
             told: FloatArray = np.array(world.push) * np.sin(rates * t + phases)
-            seen = hidden.scale * data.qpos + hidden.offset + NOISE * rng.standard_normal(model.nq)
+            place = data.qpos[: len(joints)]
+            seen = hidden.scale * place + hidden.offset + NOISE * rng.standard_normal(len(joints))
             lines.append(",".join(f"{x:.6f}" for x in (shot, t, *seen, *told)))
             for _ in range(round(1 / (RATE * STEP))):
                 waiting.append(told)
                 now = waiting.pop(0)
                 acting = acting + (now - acting) * (1 - np.exp(-STEP / hidden.lag)) if hidden.lag else now
                 data.ctrl[:] = hidden.gain * acting
-                data.qfrc_applied[:] = -hidden.drag * np.abs(data.qvel) * data.qvel
+                speed = np.linalg.norm(data.qvel[:3]) if world.flies else np.abs(data.qvel)
+                data.qfrc_applied[:] = -hidden.drag * speed * data.qvel
                 mujoco.mj_step(model, data)
     return lines
 
@@ -190,18 +204,21 @@ def main() -> int:
         for world in options.worlds.split(","):
             for truth in options.effects.split(","):
                 name = f"{world.replace(' ', '_')}-{truth}-{seed}"
-                if name in rows or (EFFECTS[truth](rng).needs_input and not WORLDS[world].push):
+                own = WORLDS[world]
+                if name in rows or (EFFECTS[truth](rng).needs_input and not own.push):
+                    continue
+                if own.effects and truth not in own.effects:
                     continue
                 rows[name] = run_case(world, truth, seed, options.out)
                 append_row(rows[name], table)
                 print(rows[name], file=sys.stderr, flush=True)
-    own = list(rows.values())
+    done = list(rows.values())
     print("| cases | named | named or in a group | false alarms of cases without | median s |")
     print("|---|---|---|---|---|")
-    missing, sound = [row for row in own if row.truth != "none"], [row for row in own if row.truth == "none"]
-    counts = [len(own), sum(r.is_right for r in missing), sum(r.is_in_group for r in missing)]
+    missing, sound = [row for row in done if row.truth != "none"], [row for row in done if row.truth == "none"]
+    counts = [len(done), sum(r.is_right for r in missing), sum(r.is_in_group for r in missing)]
     alarms = f"{sum(not row.is_right for row in sound)} of {len(sound)}"
-    print("|", " | ".join(map(str, [*counts, alarms, round(float(np.median([r.seconds for r in own])))])), "|")
+    print("|", " | ".join(map(str, [*counts, alarms, round(float(np.median([r.seconds for r in done])))])), "|")
     return 0
 
 

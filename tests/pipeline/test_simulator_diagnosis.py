@@ -90,7 +90,7 @@ def test_a_wrong_coefficient_of_a_file_is_reported_and_is_no_missing_effect(tmp_
     (tmp_path / "arm.xml").write_text(ARM.format(0.05))
     report, _ = diagnose_mechanism([tmp_path / "real.csv"], str(tmp_path / "arm.xml"))
     assert report.verdict == "none"
-    note = next(note for note in report.notes if "the recordings say" in note)
+    note = next(note for note in report.notes if note.startswith("your "))
     assert "viscous is 0.05" in note
     assert report.gap.as_stated > 3 * report.gap.closure.before
     assert report.notes[0].startswith("with the coefficients of its file your simulator errs by")
