@@ -2,11 +2,11 @@
 
     python -m benchmarks.diagnosis.outside_simulators [-o DIR] [--seeds 1] [--first 0] [--worlds arm] [--effects delay]
 
-Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The truth is MuJoCo with
-one effect, played at 100 Hz with noise of 1 mrad or 1 mm; the simulator is the same file without it. Eight runs of
-three seconds each. Effects that MuJoCo does not have (delay, lag, drag) act step by step outside of it. Prints verdict
-and gap of every case, and the counts. A run with the same DIR continues. Takes about a
-minute per case on two idle cores.
+Worlds are pendulums of one and two links, a cart with a pole, an arm of two driven joints, and a thrown ball. The
+truth is MuJoCo with one effect, played at 100 Hz with noise of 1 mrad or 1 mm; the simulator is the same file without
+it. Eight runs of three seconds each. Effects that MuJoCo does not have (delay, lag, drag) act step by step outside of
+it. Prints verdict and gap of every case, and the counts. A run with the same DIR continues. Takes about a minute per
+case on two idle cores.
 """
 
 from __future__ import annotations

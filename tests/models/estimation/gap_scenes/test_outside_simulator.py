@@ -59,7 +59,7 @@ class FreeRuns:
         for k in range(inputs.shape[1]):
             self.body.given.append(float(inputs[0, k, 0]))
             a = inputs[:, k] + force
-            x, v = self.states[:, :1], self.states[:, 1:]
+            x, v = np.split(self.states, 2, axis=1)
             self.states = np.concatenate([x + h * v + h * h / 2 * a, v + h * a], axis=1)
             path.append(self.states)
         return np.stack(path, axis=1)
@@ -191,3 +191,15 @@ def test_every_effect_has_parameters_for_every_joint(name: str):
     assert len(effect.parameters) == count * (1 if MECHANISM_EFFECTS[name].site == "mechanism" else 2)
     assert all(one.bounds[0] <= one.value <= one.bounds[1] and one.sigma > 0 for one in effect.parameters)
     assert effect.reference
+
+
+def test_drag_of_a_free_body_acts_against_its_velocity():
+    """k |v| v with one k: along each axis alone, it would be k v_x |v_x|."""
+    body = FreeBody(joints=tuple(Joint(f"ball.{axis}", "m", body="ball") for axis in "xy"))
+    body.rest = np.zeros(4)
+    t = np.linspace(0, 2, 5)
+    start, k = np.array([[0.0, 0.0, 3.0, 4.0]]), 0.2
+    drag = {"air_drag": (np.full(2, k),)}
+    motions = simulate_motions(body, start, [drag], 0, (0.0, 2.0), InputHistory(t, np.zeros((5, 1))), SCALES * 2)
+    path = np.log1p(5.0 * k * t) / k
+    np.testing.assert_allclose(motions.at(t)[0, :, :2], path[:, None] * [0.6, 0.8], rtol=2e-5)

@@ -1,0 +1,68 @@
+"""The scene of a simulator from outside: its parameters, and its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.core.recording import Recording, ReferenceFrame
+from models.estimation.gap_scenes.outside_simulator import InputHistory
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
+
+mujoco = pytest.importorskip("mujoco", reason="mujoco is an extra")
+SWING = """<body pos="{0} 0 0"><joint name="{1}" type="hinge" axis="0 1 0" damping="0.02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -{2}" size="0.02" mass="0.5" contype="0" conaffinity="0"/></body>"""
+BALL = '<body name="ball"><freejoint/><geom type="sphere" size="0.05" mass="0.1"/></body>'
+
+
+def build_scene(bodies: str, names: tuple[str, ...]) -> tuple[SimulatorScene, Recording]:
+    """Build the scene of a MuJoCo file, and a recording of what moves evenly in it."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"))
+    t = np.arange(60) / 100
+    places = np.sin(3 * t[:, None] + np.arange(len(names)))[:, :, None]
+    recording = Recording(
+        0,
+        np.arange(60),
+        t,
+        names,
+        places,
+        np.full((60, len(names)), 1e-3),
+        ReferenceFrame(("q",), "rad", "joints"),
+        True,
+    )
+    return build_simulator_scene(simulator, (recording,), {0: InputHistory(t, np.zeros((60, 0)))}), recording
+
+
+def test_joints_that_do_not_change_each_other_share_simulations_and_keep_their_derivatives():
+    scene, recording = build_scene(SWING.format(0, "one", 0.4) + SWING.format(1, "two", 0.3), ("one", "two"))
+    together = replace(
+        scene, simulator=replace_trees(scene.simulator)
+    )  # one tree: every derivative has a simulation of its own
+    start = np.array([0.5, -0.4, 1.0, 0.5])
+    needed = np.flatnonzero([owner in ("joint_friction", "air_drag", "gravity") for owner in scene.owners])
+    shared, alone = (one.linearize_positions(recording, start, one.neutral, needed) for one in (scene, together))
+    assert scene.parameter_trees[needed].max() == 1
+    for mine, other in zip(shared, alone, strict=True):
+        np.testing.assert_allclose(mine, other, atol=1e-9)
+    assert np.abs(alone[1]).max() > 0.1
+
+
+def replace_trees(simulator):  # type: ignore[no-untyped-def]
+    """Return the simulator with all joints in one tree."""
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    other = MujocoSimulator(simulator.model)
+    other.joints = tuple(replace(joint, tree=0) for joint in other.joints)
+    return other
+
+
+def test_a_free_body_has_one_drag_for_its_place_and_no_spring():
+    scene, _ = build_scene(BALL, ("ball.x", "ball.y", "ball.z"))
+    names = {effect.name: [prior.name for prior in effect.parameters] for effect in scene.effects}
+    assert names["air_drag"] == ["k_ball", "k_ball.turn"]
+    assert names["sensor_scale"] == ["factor"]
+    assert "spring" in scene.not_tested
