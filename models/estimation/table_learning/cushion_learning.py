@@ -10,7 +10,8 @@ alone: a dozen numbers whatever the number of shots.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -49,8 +50,8 @@ MIN_NOSE_SIGMA = 1e-3
 _ITERATIONS = 40
 # Step of second differences, in prior standard deviations; that of first ones, in those of the posterior.
 _HESSIAN_STEP, _SLOPE_STEP = 0.02, 1e-3
-# Slope of the cost by posterior standard deviations at which a search ends: that far from the greatest posterior.
-_LEAST_SLOPE = 0.05
+# Slope of the cost by standard deviations at the start at which a search ends: about that far from its least value.
+_LEAST_SLOPE = 0.02
 # Posterior over prior standard deviation from which the contacts did not determine a parameter.
 _PRIOR_DOMINATED = 0.8
 # The cloth is learned from free paths; the noses keep the height of their contact model.
@@ -72,9 +73,10 @@ class CushionFit:
     """(M, M) of `parameters`."""
     log_evidence: float
     """Laplace approximation."""
-    curvature: FloatArray
-    """(M + 3, M + 3) Hessian of the logarithm of the posterior, by `parameters` and scatter in prior units."""
-    contact_count: int
+    curvature: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(M + 3, M + 3) Hessian of the negative logarithm of the posterior by `parameters` and scatter, in prior standard
+    deviations, at least that of the prior; empty where it is unknown."""
+    contact_count: int = 0
 
     @property
     def indices(self) -> IntArray:
@@ -200,9 +202,17 @@ class _CushionPosterior:
             costs[rows] -= likelihoods
         return np.asarray(costs)
 
-    def measure_slope(self, point: FloatArray, steps: FloatArray, executor: Executor) -> tuple[float, FloatArray]:
-        """Compute the cost at coordinates (M,) and its gradient (M,), by differences over `steps` (M,)."""
-        first, *ahead = self.measure_costs(np.vstack([point, point + np.diag(steps)]), executor)
+    def measure_slope(
+        self, point: FloatArray, free: IntArray, steps: FloatArray, executor: Executor
+    ) -> tuple[float, FloatArray]:
+        """Compute the cost at coordinates (M,) and its slope (F,) by the `free` ones, by differences over `steps` (F,).
+
+        At an upper bound the difference is taken inwards: beyond it only the prior goes on.
+        """
+        steps = np.where(point[free] + steps > self.bounds[1][free], -steps, steps)
+        moved = np.repeat(point[None], len(free), axis=0)
+        moved[np.arange(len(free)), free] += steps
+        first, *ahead = self.measure_costs(np.vstack([point, moved]), executor)
         return float(first), (np.array(ahead) - first) / steps
 
     def measure_curvature(self, point: FloatArray, executor: Executor) -> FloatArray:
@@ -248,12 +258,7 @@ def _fit_model(
     neighbour: CushionFit | None,
     executor: Executor,
 ) -> CushionFit:
-    """Find the greatest posterior of one model by BFGS, in coordinates in which its Hessian at the start is 1.
-
-    The search starts from the values of a neighbour, the best other model, else from the priors.
-    """
-    from scipy.optimize import minimize  # slow to import
-
+    """Find the greatest posterior of one model, from the values of a neighbour, the best other model, or the priors."""
     priors = _list_unknowns(law)
     posterior = _CushionPosterior(law, contacts, radius, mass, cloth, priors)
     first = np.clip(_read_coordinates(neighbour, priors), *posterior.bounds)
@@ -261,17 +266,7 @@ def _fit_model(
         start = neighbour.curvature * (len(contacts.t) / neighbour.contact_count)
     else:
         start = posterior.measure_curvature(first, executor)
-    root = np.linalg.cholesky(np.linalg.inv(start))
-    steps = _SLOPE_STEP * np.sqrt(np.sum(root * root, axis=1))
-
-    def measure(moves: FloatArray) -> tuple[float, FloatArray]:
-        cost, slope = posterior.measure_slope(first + root @ moves, steps, executor)
-        return cost, root.T @ slope
-
-    minimum = minimize(
-        measure, np.zeros(len(first)), method="BFGS", jac=True, options={"maxiter": _ITERATIONS, "gtol": _LEAST_SLOPE}
-    )
-    best = np.clip(first + root @ minimum.x, *posterior.bounds)
+    best = _search_greatest(posterior, first, start, executor)
     curvature = posterior.measure_curvature(best, executor)
     covariance = np.linalg.inv(curvature)
     spread = np.sqrt(np.diag(covariance))
@@ -284,9 +279,47 @@ def _fit_model(
         if one.name not in _SCATTER_NAMES
     )
     own = slice(0, len(parameters))
-    evidence = -float(minimum.fun) - 0.5 * float(np.linalg.slogdet(curvature)[1])
+    evidence = -float(posterior.measure_costs(best[None], executor)[0]) - 0.5 * float(np.linalg.slogdet(curvature)[1])
     covariance = (covariance * scale * scale[:, None])[own, own]
     return CushionFit(law, parameters, scatter, physics, covariance, evidence, curvature, len(contacts.t))
+
+
+def _search_greatest(
+    posterior: _CushionPosterior, first: FloatArray, curvature: FloatArray, executor: Executor
+) -> FloatArray:
+    """Search the coordinates (M,) of the greatest posterior by BFGS, in ones in which `curvature` (M, M) is 1.
+
+    The posterior has a kink at a bound: what arrives at one stays there while the rest is searched once more.
+    """
+    from scipy.optimize import minimize  # slow to import
+
+    low, high = posterior.bounds
+    best, free = first, np.arange(len(first))
+    while len(free):
+        root = np.linalg.cholesky(np.linalg.inv(curvature[np.ix_(free, free)]))
+        steps = _SLOPE_STEP * np.sqrt(np.sum(root * root, axis=1))
+
+        measure = partial(_measure_along, posterior, best, free, root, steps, executor)
+        options = {"maxiter": _ITERATIONS, "gtol": _LEAST_SLOPE}
+        moves = minimize(measure, np.zeros(len(free)), method="BFGS", jac=True, options=options).x
+        best = best.copy()
+        best[free] = np.clip(best[free] + root @ moves, low[free], high[free])
+        inside = (best > low) & (best < high)
+        if inside[free].all():
+            break
+        free = free[inside[free]]
+    return best
+
+
+def _measure_along(
+    posterior: _CushionPosterior, at: FloatArray, free: IntArray, root: FloatArray, steps: FloatArray,
+    executor: Executor, moves: FloatArray,
+) -> tuple[float, FloatArray]:  # fmt: skip
+    """Compute cost and slope (F,) at `moves` (F,) of the free coordinates from `at` (M,), along the columns of root."""
+    point = at.copy()
+    point[free] += root @ moves
+    cost, slope = posterior.measure_slope(point, free, steps, executor)
+    return cost, root.T @ slope
 
 
 def _list_unknowns(law: str) -> tuple[Prior, ...]:
