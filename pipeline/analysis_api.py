@@ -18,6 +18,7 @@ from models.core.typing import ImageArray
 from models.physics.billiards.simulation.simulate_shot import SimulatedShot
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
+from pipeline.io.long_recordings import cut_pendulums
 from pipeline.io.shot_setup import parse_shot, place_on_learned_table, read_shot_setup
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
@@ -68,7 +69,7 @@ def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -
     if simulator is not None:
         with open_executor() as executor:
             return diagnose_mechanism(paths, simulator, seed, executor=executor)[0]
-    folder = read_track_folders(paths)
+    folder = cut_pendulums(read_track_folders(paths))
     with open_executor() as executor:
         report = diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
     return replace(report, notes=(*report.notes, *folder.notes))

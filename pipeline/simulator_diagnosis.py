@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 
 from diagnosis.diagnose import diagnose
@@ -20,6 +19,9 @@ from pipeline.reporting.text.gap_sentences import format_error_size
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
+# Ratio of the error with stated coefficients to that with fitted ones from which to correct them comes first: less is
+# hidden by the error of a start.
+_CLEARLY_WORSE = 1.2
 
 
 def diagnose_mechanism(
@@ -48,8 +50,8 @@ def diagnose_mechanism(
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     report = diagnose(scene, shots.recordings, seed, on_progress, executor)
     origins = shots.origins if len(inputs) > 1 or shots.is_cut else {}
-    if len(inputs) == 1:  # the times alone
-        origins = {shot: name.rpartition(", ")[2] for shot, name in origins.items()}
+    if len(inputs) == 1:  # without the name of the file
+        origins = {shot: name.partition(", ")[2] for shot, name in origins.items()}
     return replace(report, notes=(*_describe_coefficients(scene, report), *report.notes, *shots.notes)), dict(origins)
 
 
@@ -78,11 +80,11 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
         for (says, unit), values in wrong.items()
     )
     gap = report.gap
-    if not (isfinite(gap.as_stated) and isfinite(gap.closure.before)):
+    if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:  # also where one of them is unknown
         return sentences
     errors = [format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before)]
     return (
-        f"with the coefficients of its file your simulator errs by {errors[0]} rms, with those that the recordings say"
-        f" by {errors[1]}: correct them first",
+        f"with the coefficients of its file your simulator errs by {errors[0]} rms, with coefficients fitted to the"
+        f" recordings by {errors[1]}: correct them first",
         *sentences,
     )

@@ -27,6 +27,7 @@ from pipeline.batch.clip_job import ClipResult
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files, write_profile_files
+from pipeline.io.long_recordings import cut_pendulums
 from pipeline.io.strict_json import read_json
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
@@ -141,7 +142,7 @@ def diagnose_into(
         write_gap_page(report, title, folder / "gap.html", origins=origins)
         return report, origins
     folders, sources = import_tracks(inputs, folder / "tracks", options)
-    read = read_track_folders(folders)
+    read = cut_pendulums(read_track_folders(folders))
     scene = build_gap_scene(read)
     with show_search_progress(console, shown_title) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)

@@ -69,7 +69,7 @@ def fit_table_of_shots(
     Args:
         sources: Run folders, track folders, or their tracks.csv.
         cache: Holds the fits of shots.
-        executor: Distributes the learning over processes.
+        executor: Distributes fits and learning over processes.
         on_activity: Called with what is done next.
 
     Returns:
@@ -115,7 +115,7 @@ def learn_table_profile(
         sources: Run folders, track folders, or their tracks.csv.
         path: The profile to write.
         cache: Holds the fits of shots.
-        executor: Distributes the learning over processes.
+        executor: Distributes fits and learning over processes.
         on_activity: Called with what is done next.
 
     Returns:

@@ -7,19 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
+import numpy as np
+
+from diagnosis.fitting.prediction_windows import HORIZON_S
+from diagnosis.fitting.shot_preparation import MIN_SHOTS_FOR_SELECTION
 from models.core.recording import Recording
+from pipeline.io.track_folder import TrackFolder
 
-# Shots from which recordings are left as they are: half of them fit, a quarter confirms, a quarter reports.
-_ENOUGH_SHOTS = 8
-# Pieces of all recordings together: a quarter of them can agree about an effect by chance with a probability of 1/8.
+# Pieces of all recordings together, at most: a quarter of them can agree about an effect by chance with a probability
+# of 1/8.
 _PIECES = 16
-# Rows of a piece at least: two windows of the shortest kind (`simulator_scene`) whose motions do not say the same.
+# Rows of a piece at least: two windows of the shortest kind (`simulator_scene`). It also lasts as long as a prediction.
 _LEAST_ROWS = 80
 
 
 def cut_long_recordings(recordings: Sequence[Recording]) -> tuple[list[tuple[int, Recording]], str]:
-    """Cut recordings into pieces of equal length where they are too few to confirm anything.
+    """Cut recordings into pieces of equal duration where they are too few to confirm anything.
+
+    Pieces of one recording share what was set up once, such as the zero of an encoder: separate shots say more.
 
     Args:
         recordings: One per shot.
@@ -29,14 +36,14 @@ def cut_long_recordings(recordings: Sequence[Recording]) -> tuple[list[tuple[int
         stop that says so, empty where nothing was cut.
     """
     count = len(recordings)
-    most = -(-_PIECES // count) if 0 < count < _ENOUGH_SHOTS else 1
+    most = _PIECES // count if 0 < count < MIN_SHOTS_FOR_SELECTION else 1
     pieces: list[tuple[int, Recording]] = []
     for source, one in enumerate(recordings):
-        rows = len(one.t)
-        parts = max(min(most, rows // _LEAST_ROWS), 1)
-        for k in range(parts):
-            piece = one.select_rows(rows * k // parts, rows * (k + 1) // parts)
-            pieces.append((source, replace(piece, shot=len(pieces))))
+        seconds = float(one.t[-1] - one.t[0]) if len(one.t) else 0.0
+        parts = max(min(most, len(one.t) // _LEAST_ROWS, int(seconds / HORIZON_S)), 1)
+        borders = np.searchsorted(one.t, one.t[0] + seconds * np.arange(1, parts) / parts) if parts > 1 else []
+        for first, last in pairwise([0, *map(int, borders), len(one.t)]):
+            pieces.append((source, replace(one.select_rows(first, last), shot=len(pieces))))
     if len(pieces) == count:
         return pieces, ""
     seconds = max(float(piece.t[-1] - piece.t[0]) for _, piece in pieces)
@@ -50,3 +57,15 @@ def cut_long_recordings(recordings: Sequence[Recording]) -> tuple[list[tuple[int
 def describe_times(piece: Recording) -> str:
     """Format the times of a piece, for the name of its shot."""
     return f"{piece.t[0]:.2f} to {piece.t[-1]:.2f} s"
+
+
+def cut_pendulums(read: TrackFolder) -> TrackFolder:
+    """Cut long recordings of pendulums; those of other scenes are as they were, as their bodies stop or leave."""
+    if read.entry.scene != "pendulum":
+        return read
+    pieces, note = cut_long_recordings(read.recordings)
+    if not note:
+        return read
+    names = [read.origins.get(one.shot, f"shot {one.shot}") for one in read.recordings]
+    origins = {piece.shot: f"{names[source]}, {describe_times(piece)}" for source, piece in pieces}
+    return replace(read, recordings=tuple(piece for _, piece in pieces), notes=(*read.notes, note), origins=origins)

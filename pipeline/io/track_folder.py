@@ -14,7 +14,6 @@ from models.core.errors import OptionError
 from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
-from pipeline.io.long_recordings import cut_long_recordings, describe_times
 from pipeline.io.run_folder import drop_repeated_clips
 from pipeline.io.saved_shot import has_shot, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
@@ -158,11 +157,6 @@ def read_track_folders(folders: Sequence[Path]) -> TrackFolder:
         ]
     )
     notes = (*repetitions, *repeated_shots, *(note for own, _ in pairs for note in own.notes))
-    if first.entry.scene == "pendulum":
-        pieces, cut = cut_long_recordings([one for one, _ in shots])
-        if cut:
-            origins = {piece.shot: f"{shots[k][1]}, {describe_times(piece)}" for k, piece in pieces}
-            return replace(first, recordings=tuple(piece for _, piece in pieces), notes=(*notes, cut), origins=origins)
     if len(pairs) == 1:
         return replace(first, recordings=tuple(one for one, _ in shots), notes=notes)
     numbered = tuple(replace(one, shot=number) for number, (one, _) in enumerate(shots))

@@ -33,8 +33,8 @@ class Joint:
     limit: float = float("inf")
     """Largest position that it can have, in size."""
     body: str = ""
-    """Of the three coordinates of a place, or of a turn, of a free body: what they have in common, such as `ball` or
-    `ball.turn`. Friction and drag then act against its velocity, whatever its direction."""
+    """Of the three coordinates of a free body's place, or of the turn of one or of a ball joint: what they have in
+    common, such as `ball` or `ball_turn`. Brakes that are no effects of the simulator act against the velocity."""
     tree: int = 0
     """Number that is the same for joints whose motions depend on each other: not so for the legs of a robot that is
     held, unless they touch."""
@@ -297,7 +297,8 @@ class _JointLaws:
 
     def _measure_sizes(self, v: FloatArray) -> FloatArray:
         """Return the size (C, N) of the velocity of the body that each joint belongs to."""
-        return np.asarray(np.sqrt(np.square(v) @ self.is_alike))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a run that diverges
+            return np.asarray(np.sqrt(np.square(v) @ self.is_alike))
 
     def apply_dead_band(self, inputs: FloatArray, q: FloatArray) -> FloatArray:
         """Reduce inputs (C, M, I), or errors of asked places, by the width of a band in which nothing happens."""

@@ -110,7 +110,7 @@ class SimulatorScene:
             if site == "actuator" and len(driven) == size:
                 trees[first : first + size] = np.where(driven < 0, -1, self.trees[driven])
             elif site in self.members:
-                joints = self.trees if len(self.members[site]) == len(self.trees) else self.trees[self.observed]
+                joints = self.trees[self.observed] if site in ("sensor", "sensor_body") else self.trees
                 for one in range(size):
                     own = np.unique(joints[self.members[site] == one])
                     trees[first + one] = own[0] if len(own) == 1 else -1

@@ -40,6 +40,8 @@ _EFFORT = "_effort"
 _WITH_UNIT = re.compile(r"(.+?)_*(?:[\[(]([^\[\]()]+)[\])]|_(deg|rad|m|cm|mm))")
 # Columns that are neither joints nor inputs.
 _OTHER_COLUMNS = {"t", "time", "shot", "episode", "frame", "kind", "id", "sigma", "observed"}
+# Recorded poses in which bodies are tested for contact: a second of a fast robot.
+_MOST_POSES = 500
 # Multiple of a joint's limit above which angles without a unit are taken for degrees: stops give a little, and degrees
 # are 57 times as many.
 _MOST_LIMITS = 3.0
@@ -98,7 +100,9 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     tables = [_read_table(path) for path in paths]
     place = Path(simulator_name)
     if place.suffix.lower() in (".xml", ".urdf"):
-        return _match_shots(tables, read_mujoco_file(place))
+        file = read_mujoco_file(place)
+        shots = _match_shots(tables, file)
+        return replace(shots, simulator=file.find_touching(_sample_poses(shots)))
     if place.is_file() or is_ros_recording(place):
         return _pair_with_simulation(tables, _separate_units(_read_table(place), frozenset()))
     if ":" not in simulator_name:
@@ -116,6 +120,19 @@ def _read_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
     state[observed] = np.nan_to_num(first.positions[0, :, 0])
     try_function(simulator, state)
     return shots
+
+
+def _sample_poses(shots: MechanismShots) -> FloatArray:
+    """Sample recorded poses (K, N) of all joints; one that is not observed is as the file of the simulator states."""
+    joints, rest = [joint.name for joint in shots.simulator.joints], shots.simulator.rest[: len(shots.simulator.joints)]
+    every = max(sum(len(one.t) for one in shots.recordings) // _MOST_POSES, 1)
+    poses = []
+    for one in shots.recordings:
+        places = one.positions[::every, :, 0]
+        pose = np.tile(rest, (len(places), 1))
+        pose[:, [joints.index(name) for name in one.bodies]] = places
+        poses.append(np.where(np.isfinite(pose), pose, rest))
+    return np.concatenate(poses)
 
 
 def _match_shots(tables: Sequence[TextTable], simulator: OutsideSimulator) -> MechanismShots:

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from models.core.errors import OptionError
-from models.core.typing import BoolArray, FloatArray
+from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.gap_scenes.outside_simulator import Drive, EffectValues, Joint
 from pipeline.engine.extras import name_remedy
 from pipeline.reporting.text.text_formatting import escape_text
@@ -19,6 +19,8 @@ from pipeline.reporting.text.text_formatting import escape_text
 FREE_NAMES, _BALL_NAMES = ("x", "y", "z", "rx", "ry", "rz"), ("rx", "ry", "rz")
 # Coordinates of a place before those of a turn, by kind of joint.
 _LINES = {"line": 1, "free": 3, "ball": 0}
+# Gap over the size of the mechanism from which bodies nearly touch: what is between the recorded poses that are tried.
+_NEAR = 0.05
 # Models with other values that are kept, one for every parameter of two fits, and their bytes.
 _MAX_COPIES, _MAX_COPY_BYTES = 200, 2e8
 
@@ -63,7 +65,8 @@ class MujocoSimulator:
 
     takes_forces = True
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, touching: tuple[tuple[int, int], ...] = ()) -> None:
+        """Take a model, and pairs of its kinematic trees that touch."""
         import mujoco
 
         self._mujoco = mujoco
@@ -72,6 +75,7 @@ class MujocoSimulator:
         self._copies: dict[tuple[object, ...], Any] = {}
         self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.time_step = float(model.opt.timestep)
+        self._touching = touching
         self.joints, self.places = self._list_joints()
         self.inputs = tuple(self._name("actuator", k) for k in range(model.nu))
         self.drives = tuple(self._describe_drive(k) for k in range(model.nu))
@@ -82,9 +86,41 @@ class MujocoSimulator:
         self.own_effects = self._list_own_effects()
         self.rest = self._find_rest()
 
-    def __reduce__(self) -> tuple[Callable[[Any], MujocoSimulator], tuple[Any]]:
+    def __reduce__(self) -> tuple[Callable[..., MujocoSimulator], tuple[Any, tuple[tuple[int, int], ...]]]:
         """Pickle the model as its file states it."""
-        return MujocoSimulator, (self.model,)
+        return MujocoSimulator, (self.model, self._touching)
+
+    def find_touching(self, poses: FloatArray) -> MujocoSimulator:
+        """Find which kinematic trees touch in poses (K, N), or nearly; return the simulator that knows of it."""
+        near = copy(self.model)
+        near.geom_margin[:] += _NEAR * near.stat.extent
+        states, touching = np.concatenate([poses, 0 * poses], axis=1), set(self._touching)
+        for state in states:
+            self._set_state(state)
+            self._mujoco.mj_forward(near, self.data)
+            trees = near.body_treeid[near.geom_bodyid[self.data.contact.geom]]
+            touching |= {(int(one), int(other)) for one, other in trees if one != other and min(one, other) >= 0}
+        return MujocoSimulator(self.model, tuple(sorted(touching)))
+
+    def _join_trees(self) -> IntArray:
+        """Number the kinematic trees; those that a constraint, a tendon or a contact couples have one number."""
+        model, kinds = self.model, self._mujoco.mjtObj
+        numbers = np.arange(model.ntree)
+        pairs = list(self._touching)
+        of_body = model.body_treeid
+        for k in range(model.neq):
+            ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+            if model.eq_type[k] in (int(self._mujoco.mjtEq.mjEQ_JOINT), int(self._mujoco.mjtEq.mjEQ_TENDON)):
+                pairs += [(0, tree) for tree in range(model.ntree)]  # rare: which joints it holds is not looked up
+            else:
+                bodies = [model.site_bodyid[e] if model.eq_objtype[k] == int(kinds.mjOBJ_SITE) else e for e in ends]
+                pairs.append((int(of_body[bodies[0]]), int(of_body[bodies[1]])))
+        if model.ntendon:
+            pairs += [(0, tree) for tree in range(model.ntree)]
+        for one, other in pairs:
+            if min(one, other) >= 0:
+                numbers[numbers == numbers[one]] = numbers[other]
+        return np.asarray(numbers)
 
     def _apply_effect(self, model: Any, name: str, parts: tuple[FloatArray, ...]) -> None:
         """Apply one of the own effects to a model."""
@@ -108,22 +144,26 @@ class MujocoSimulator:
         self, starts: FloatArray, values: Sequence[EffectValues], powered: BoolArray, shot: int, t: float
     ) -> MujocoRuns:
         """Begin runs side by side; see `OutsideSimulator.begin`."""
-        full, count = np.empty((len(starts), self._size)), len(self.joints)
+        full = np.empty((len(starts), self._size))
         for state, own in zip(starts, full, strict=True):
-            self._mujoco.mj_resetData(self.model, self.data)
-            for kind, address, first in self.places:
-                if kind == "line":
-                    self.data.qpos[address] = state[first]
-                    continue
-                turn = first + _LINES[kind]
-                self.data.qpos[address : address + turn - first] = state[first:turn]
-                angle = float(np.linalg.norm(state[turn : turn + 3]))
-                axis = state[turn : turn + 3] / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
-                place = address + turn - first
-                self._mujoco.mju_axisAngle2Quat(self.data.qpos[place : place + 4], axis, angle)
-            self.data.qvel[:] = state[count:]
+            self._set_state(state)
             self._mujoco.mj_getState(self.model, self.data, own, self._mujoco.mjtState.mjSTATE_FULLPHYSICS)
         return MujocoRuns(self, [self._find_copy(own, powered) for own in values], full)
+
+    def _set_state(self, state: FloatArray) -> None:
+        """Bring the data of MuJoCo into a state (2N,)."""
+        self._mujoco.mj_resetData(self.model, self.data)
+        for kind, address, first in self.places:
+            if kind == "line":
+                self.data.qpos[address] = state[first]
+                continue
+            turn = first + _LINES[kind]
+            self.data.qpos[address : address + turn - first] = state[first:turn]
+            angle = float(np.linalg.norm(state[turn : turn + 3]))
+            axis = state[turn : turn + 3] / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
+            place = address + turn - first
+            self._mujoco.mju_axisAngle2Quat(self.data.qpos[place : place + 4], axis, angle)
+        self.data.qvel[:] = state[len(self.joints) :]
 
     def _find_copy(self, values: EffectValues, powered: BoolArray) -> Any:
         """Find the model with values of effects, and without the power that it lacks, or make it."""
@@ -153,18 +193,19 @@ class MujocoSimulator:
     def _list_joints(self) -> tuple[tuple[Joint, ...], list[tuple[str, int, int]]]:
         """List the degrees of freedom, and for each joint its kind, its address in qpos, and its first one."""
         kinds, joints, places = self._mujoco.mjtJoint, [], []
+        trees = self._join_trees()
         for j in range(self.model.njnt):
             kind, address = int(self.model.jnt_type[j]), int(self.model.jnt_qposadr[j])
             first = int(self.model.jnt_dofadr[j])
             body = self._name("body", int(self.model.jnt_bodyid[j]))
             if kind == int(kinds.mjJNT_FREE):
                 entries = [
-                    (f"{body}.{axis}", *(("rad", f"{body}.turn") if axis[0] == "r" else ("m", body)))
+                    (f"{body}.{axis}", *(("rad", f"{body}_turn") if axis[0] == "r" else ("m", body)))
                     for axis in FREE_NAMES
                 ]
                 places.append(("free", address, first))
             elif kind == int(kinds.mjJNT_BALL):
-                entries = [(f"{body}.{axis}", "rad", f"{body}.turn") for axis in _BALL_NAMES]
+                entries = [(f"{body}.{axis}", "rad", f"{body}_turn") for axis in _BALL_NAMES]
                 places.append(("ball", address, first))
             else:
                 entries = [(self._name("joint", j), "m" if kind == int(kinds.mjJNT_SLIDE) else "rad", "")]
@@ -172,7 +213,7 @@ class MujocoSimulator:
             inertia = self.model.dof_M0[first : first + len(entries)]
             limit = float(np.abs(self.model.jnt_range[j]).max()) if self.model.jnt_limited[j] else float("inf")
             joints += [
-                Joint(name, unit, float(one), limit, group, int(self.model.dof_treeid[first]))
+                Joint(name, unit, float(one), limit, group, int(trees[self.model.dof_treeid[first]]))
                 for (name, unit, group), one in zip(entries, inertia, strict=True)
             ]
         return tuple(joints), places

@@ -29,7 +29,8 @@ class RecordedSimulator:
     def __init__(self, joints: tuple[Joint, ...], paths: Mapping[int, tuple[FloatArray, FloatArray]]) -> None:
         """Take times (T,) s and positions (T, N) by shot."""
         self.joints, self.paths, self.rest = joints, paths, np.zeros(2 * len(joints))
-        self._splines = {shot: CubicSpline(t, places, axis=0) for shot, (t, places) in paths.items()}
+        own = {id(path): CubicSpline(path[0], path[1], axis=0) for path in paths.values()}  # shots may share a path
+        self._splines = {shot: own[id(path)] for shot, path in paths.items()}
         self.time_step = float(np.median(np.concatenate([np.diff(t) for t, _ in paths.values()])))
 
     def begin(

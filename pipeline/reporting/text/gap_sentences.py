@@ -29,6 +29,7 @@ from models.core.number_format import (
     format_with_sigma,
 )
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
+from models.physics.mechanisms.mechanism_effect import MechanismEffect
 from pipeline.reporting.text.text_formatting import format_law
 
 # Share of the gap below which an effect that may close nothing is called small.
@@ -495,21 +496,31 @@ def _build_cause(one: CandidateEffect, scene: str) -> Cause:
 
 
 def _format_strength_ranges(one: CandidateEffect) -> list[str]:
-    """Format the least and the greatest strength of an effect with one for each of many joints; gap.json has all."""
-    phrases = []
-    for strength in MECHANISM_EFFECTS[one.effect].strengths:
+    """Format the least and the greatest strength of an effect with one for each of many places; gap.json has all."""
+    effect, phrases = MECHANISM_EFFECTS[one.effect], []
+    for strength in effect.strengths:
         own = [s for s in one.strengths if s.name == strength.name or s.name.startswith(f"{strength.name}_")]
-        fitted = sorted((s for s in own if s.sigma > 0 and not s.prior_only), key=lambda s: s.value)
-        if fitted:
-            ends = " to ".join(
+        own = [s for s in own if math.isfinite(s.sigma) and s.sigma > 0]  # the others were not fitted
+        what = f"{format_parameter(strength.name)} of"
+        for unit in dict.fromkeys(s.unit for s in own):
+            shown = sorted((s for s in own if s.unit == unit and not s.prior_only), key=lambda s: s.value)
+            ends = (
                 f"{format_with_sigma(s.value, s.sigma)} ({format_parameter(s.name.removeprefix(f'{strength.name}_'))})"
-                for s in (fitted[0], fitted[-1])
+                for s in (shown if len(shown) < 2 else (shown[0], shown[-1]))
             )
-            unit = "" if fitted[0].unit == "1" else f", {format_unit(fitted[0].unit)}"
-            phrases.append(f"{format_parameter(strength.name)} of {len(fitted)} joints = {ends}{unit}")
-        if len(own) > len(fitted):
-            phrases.append(f"{format_parameter(strength.name)} of {len(own) - len(fitted)} joints: not identifiable")
+            if shown:
+                after = "" if unit == "1" else f", {format_unit(unit)}"
+                phrases.append(f"{what} {_count_places(effect, len(shown))} = {' to '.join(ends)}{after}")
+        hidden = sum(s.prior_only for s in own)
+        if hidden:
+            phrases.append(f"{what} {_count_places(effect, hidden)}: not identifiable")
     return phrases
+
+
+def _count_places(effect: MechanismEffect, count: int) -> str:
+    """Format a number of the places that an effect has parameters for."""
+    name = {"actuator": "actuator", "sensor": "sensor", "sensor_body": "sensor"}.get(effect.site, "joint")
+    return f"{count} {name}{'s' * (count != 1)}"
 
 
 def format_strength(one: Strength) -> str:

@@ -63,7 +63,7 @@ def test_the_shots_that_are_asked_for_show_the_effect(
         problem, linearized.shot_information, residuals, fit.free, usual, ("air_drag",), 1.0
     )
     assert sentence.startswith("This answer needs no more recordings."), (
-        "the sentence states that this film is optional"
+        "the sentence states that these recordings are optional"
     )
     words = sentence.split()
     more, shot = int(words[words.index("more", words.index("strength;")) - 1]), int(words[words.index("shot") + 1])

@@ -13,6 +13,7 @@ from support import staged_shot
 from models.core.errors import OptionError
 from models.core.shot import Shot
 from models.core.trajectory import CaptureClock
+from pipeline.io.long_recordings import cut_pendulums
 from pipeline.io.saved_shot import write_shot
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
@@ -36,6 +37,21 @@ def test_shots_of_one_table_are_numbered_through(tmp_path: Path) -> None:
     assert read.origins == {0: "a", 1: "b"}
     assert [one.shot for one in read.recordings] == [0, 1]
     assert read.reference.coordinates == ("x", "y")
+
+
+@pytest.mark.parametrize(("scene", "count"), [("pendulum", 4), ("slide", 1)])
+def test_a_long_recording_of_a_pendulum_is_cut_into_shots(tmp_path: Path, scene: str, count: int) -> None:
+    """A body that slides is at rest in the end: its pieces would say nothing of the same motion."""
+    rows = [f"2,{k},{k / 100:.2f},bob,{np.sin(k / 20):.4f},{np.cos(k / 20):.4f}" for k in range(400)]
+    place = tmp_path / "a"
+    place.mkdir()
+    names = "angle,other" if scene == "pendulum" else "x,y"
+    (place / "scene.json").write_text(json.dumps({"scene": scene}))
+    (place / "tracks.csv").write_text("\n".join([f"shot,frame,t,id,{names}", *rows]) + "\n")
+    read = cut_pendulums(read_track_folders([place]))
+    assert len(read.recordings) == count
+    assert sum(len(one.t) for one in read.recordings) == 400
+    assert bool(read.origins) == (count > 1)
 
 
 def test_a_saved_shot_is_read_at_full_precision_and_without_positions_from_physics(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -63,6 +64,30 @@ def replace_trees(simulator):  # type: ignore[no-untyped-def]
 def test_a_free_body_has_one_drag_for_its_place_and_no_spring():
     scene, _ = build_scene(BALL, ("ball.x", "ball.y", "ball.z"))
     names = {effect.name: [prior.name for prior in effect.parameters] for effect in scene.effects}
-    assert names["air_drag"] == ["k_ball", "k_ball.turn"]
+    assert names["air_drag"] == ["k_ball", "k_ball_turn"]
     assert names["sensor_scale"] == ["factor"]
     assert "spring" in scene.not_tested
+
+
+SLIDE = """<body name="{0}" pos="{1} 0 0"><joint name="{0}" type="slide" axis="1 0 0"/>
+<geom type="sphere" size="0.1" mass="1"/></body>"""
+
+
+@pytest.mark.parametrize(
+    ("constraint", "gap", "trees"),
+    [
+        ("", 1.0, 2),
+        ("", 0.21, 1),
+        ('<equality><connect body1="one" body2="two" anchor="0.5 0 0"/></equality>', 1.0, 1),
+        ('<equality><joint joint1="one" joint2="two"/></equality>', 1.0, 1),
+    ],
+)
+def test_bodies_that_touch_or_are_tied_do_not_share_simulations(constraint: str, gap: float, trees: int):
+    from pipeline.io.simulators.mujoco_simulator import MujocoSimulator
+
+    bodies = SLIDE.format("one", 0) + SLIDE.format("two", 1)
+    text = f"<mujoco><worldbody>{bodies}</worldbody>{constraint}</mujoco>"
+    simulator = MujocoSimulator(mujoco.MjModel.from_xml_string(text))
+    found = simulator.find_touching(np.array([[0.0, 0.0], [1.0 - gap, 0.0]]))
+    assert len({joint.tree for joint in found.joints}) == trees
+    assert len({joint.tree for joint in pickle.loads(pickle.dumps(found)).joints}) == trees

@@ -184,12 +184,23 @@ def test_simulators_reach_another_process(tmp_path: Path, simulator: str, monkey
 
 def test_a_long_recording_is_cut_into_shots_that_keep_what_was_asked_before(tmp_path: Path, simulator: str):
     shots = read_mechanism_shots(write(tmp_path, "t,q,command", swing_rows(400)), simulator)
-    assert [len(one.t) for one in shots.recordings] == [80] * 5
-    assert [one.shot for one in shots.recordings] == list(shots.histories) == list(range(5))
-    assert shots.recordings[4].t[0] == pytest.approx(3.2)
-    assert shots.histories[4].t[0] == 0.0
-    assert shots.origins[4] == "real.csv, shot 0, 3.20 to 3.99 s"
-    assert any("cut into 5 shots" in note for note in shots.notes)
+    assert [len(one.t) for one in shots.recordings] == [100] * 4
+    assert [one.shot for one in shots.recordings] == list(shots.histories) == list(range(4))
+    assert shots.recordings[3].t[0] == pytest.approx(3.0)
+    assert shots.histories[3].t[0] == 0.0
+    assert shots.origins[3] == "real.csv, shot 0, 3.00 to 3.99 s"
+    assert any("cut into 4 shots" in note for note in shots.notes)
+
+
+def test_two_runs_are_cut_and_named_by_run_and_time(tmp_path: Path, simulator: str):
+    rows = [[run, *row] for run in (3, 5) for row in swing_rows(200)]
+    shots = read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator)
+    assert [origin.partition(", ")[2][:6] for origin in shots.origins.values()] == ["shot 3"] * 2 + ["shot 5"] * 2
+
+
+def test_a_fast_log_is_not_cut_below_the_length_of_a_prediction(tmp_path: Path, simulator: str):
+    rows = [[row[0] / 10, *row[1:]] for row in swing_rows(1300)]
+    assert len(read_mechanism_shots(write(tmp_path, "t,q,command", rows), simulator).recordings) == 1
 
 
 def test_a_recording_that_is_cut_meets_its_own_simulation_in_every_shot(tmp_path: Path):
@@ -201,5 +212,5 @@ def test_a_recording_that_is_cut_meets_its_own_simulation_in_every_shot(tmp_path
 
 
 def test_many_shots_are_not_cut(tmp_path: Path, simulator: str):
-    rows = [[shot, *row] for shot in range(8) for row in swing_rows(200)]
-    assert len(read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator).recordings) == 8
+    rows = [[shot, *row] for shot in range(6) for row in swing_rows(200)]
+    assert len(read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator).recordings) == 6
