@@ -214,7 +214,7 @@ def simulate_motions(
     """Simulate a mechanism from several starts, or under several strengths of effects.
 
     Args:
-        simulator: The simulator.
+        simulator: That of the mechanism, from outside.
         starts: (C, 2N) states at the first time.
         values: C values of the effects that act.
         shot: Index of the shot.

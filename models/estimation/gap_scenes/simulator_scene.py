@@ -322,7 +322,7 @@ def build_simulator_scene(
     """Build the scene of a simulator and of recordings of its joints.
 
     Args:
-        simulator: The simulator.
+        simulator: That of the mechanism, from outside.
         recordings: One recording per shot; each body is named after a joint.
         histories: Inputs by shot.
 
