@@ -49,10 +49,33 @@ def diagnose_mechanism(
     shots = read_mechanism_shots(inputs, simulator)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     report = diagnose(scene, shots.recordings, seed, on_progress, executor)
-    origins = shots.origins if len(inputs) > 1 or shots.is_cut else {}
+    is_one_run = len({shots.histories[shot].t.tobytes() for shot in shots.histories}) == 1
+    origins = shots.origins if len(inputs) > 1 or (shots.is_cut and not is_one_run) else {}
     if len(inputs) == 1:  # without the name of the file
         origins = {shot: name.partition(", ")[2] for shot, name in origins.items()}
-    return replace(report, notes=(*_describe_coefficients(scene, report), *report.notes, *shots.notes)), dict(origins)
+    notes = (*_describe_changes(scene, report), *_describe_coefficients(scene, report), *report.notes, *shots.notes)
+    return replace(report, notes=notes), dict(origins)
+
+
+# Attributes of a joint of MuJoCo that hold the strengths of an effect, in their order.
+_JOINT_ATTRIBUTES = {"joint_friction": ("frictionloss", "damping"), "armature": ("armature",)}
+
+
+def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:
+    """Describe what to write into the file of a simulator that has the named effects itself."""
+    fitted = {one.name: one for one in report.fitted}
+    changes = []
+    for effect in report.effects:
+        if effect not in scene.simulator.own_effects or effect not in _JOINT_ATTRIBUTES:
+            continue
+        names = [(attribute, f"{effect}.{one.name}") for attribute, one in
+                 zip(_JOINT_ATTRIBUTES[effect], MECHANISM_EFFECTS[effect].strengths, strict=True)]  # fmt: skip
+        for joint in scene.simulator.joints:
+            own = [(attribute, fitted.get(f"{name}_{joint.name}", fitted.get(name))) for attribute, name in names]
+            texts = [f'{attribute}="{one.value:.4g}"' for attribute, one in own if one and not one.prior_only]
+            if texts and not joint.body:
+                changes.append(f"joint {joint.name} {' '.join(texts)}")
+    return (f"in the file of your simulator, give {', '.join(changes)}",) if changes else ()
 
 
 def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:

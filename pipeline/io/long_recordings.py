@@ -47,10 +47,10 @@ def cut_long_recordings(recordings: Sequence[Recording]) -> tuple[list[tuple[int
     if len(pieces) == count:
         return pieces, ""
     seconds = max(float(piece.t[-1] - piece.t[0]) for _, piece in pieces)
-    what = "The recording was" if count == 1 else f"The {count} recordings were"
-    return (
-        pieces,
-        f"{what} cut into {len(pieces)} shots of up to {seconds:.3g} s, so that some can confirm what others say",
+    what = "the recording was" if count == 1 else f"the {count} recordings were"
+    return pieces, (
+        f"{what} cut into {len(pieces)} shots of up to {seconds:.3g} s, numbered from 0, so that some can confirm what"
+        " others say; separate runs confirm more"
     )
 
 

@@ -58,7 +58,8 @@ def write_gap_page(
     """
     # With the verdict "none" nothing was added to the simulator: draw its prediction once.
     gap = replace(report.gap, after=report.gap.before) if report.verdict == "none" else report.gap
-    candidates, where = gap_sentences.list_causes(report)[:MAX_CANDIDATES], _list_places(report, origins)
+    causes, where = gap_sentences.list_causes(report), _list_places(report, origins)
+    candidates, others = causes[:MAX_CANDIDATES], ", ".join(one.name for one in causes[MAX_CANDIDATES:])
     law = report.unexplained.law
     html = render_template(
         "gap.html",
@@ -69,6 +70,7 @@ def write_gap_page(
         shot_use=gap_sentences.format_shot_use(report),
         is_angle=report.gap.unit == "rad",
         candidates=candidates,
+        other_candidates=others,
         has_detectable=any(one.detectable for one in candidates),
         has_rivals=any(one.rivals for one in candidates),
         strength_note=gap_sentences.format_strength_note(report),

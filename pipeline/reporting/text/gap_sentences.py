@@ -369,10 +369,11 @@ def format_gap_closure(report: DiagnosisReport) -> str:
         return f"The rms error of the simulator {span} is {before}, {share} is noise{doubt}."
     change = "adding them" if len(report.effects) > 1 else "adding it"
     change = "the most similar effect" if report.verdict == "unknown" else change
+    low, high = map(format_share, closing.interval)
+    interval = f" (95 % interval: {low} to {high})" if low != high else ""
     return (
         f"{change.capitalize()} reduces the rms error {span} from {before} to {after} (attainable: {floor}):"
-        f" {format_share(closing.closed)} of the gap closed (95 % interval: {format_share(closing.interval[0])} to"
-        f" {format_share(closing.interval[1])})."
+        f" {format_share(closing.closed)} of the gap closed{interval}."
     )
 
 
@@ -591,6 +592,8 @@ def format_assumed_effects(report: DiagnosisReport) -> str:
         Names of effects, or what moves bodies without any.
     """
     names = [format_cause(name) for name in report.model]
+    if report.scene == "mechanism" and not names:
+        return "none of the effects that trueroll knows"
     if report.scene == "flight":
         return ", ".join(["gravity", *names]) if names else "gravity alone"
     return ", ".join(names) or ("steady motion without any force" if report.scene == "slide" else "none")
