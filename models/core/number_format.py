@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import floor, isfinite, log10, nan
 
 import numpy as np
@@ -143,4 +144,5 @@ def format_doubt(probability: float) -> str:
 
 def format_unit(unit: str) -> str:
     """Format a unit with its signs, such as rad/s² for `rad/s2` and ° for `deg`; nothing for a dimensionless number."""
-    return {"1": "", "deg": "°"}.get(unit, unit.replace("s2", "s²"))
+    squares = re.sub(r"(?<=[a-z)])2\b", "²", unit)
+    return {"1": "", "deg": "°"}.get(unit, squares)

@@ -430,7 +430,7 @@ def test_strengths_of_effects_that_are_not_named_are_explained() -> None:
 def test_the_film_that_is_asked_for_has_a_heading(tmp_path: Path) -> None:
     for film, shown in (("Film shot 3 again.", True), ("", False)):
         write_gap_page(replace(named(REST), film_next=film), "swing", tmp_path / "gap.html")
-        assert ("What to film next" in read_page(tmp_path / "gap.html")) == shown
+        assert ("What to record next" in read_page(tmp_path / "gap.html")) == shown
 
 
 def test_empty_columns_are_left_out(tmp_path: Path) -> None:
