@@ -49,10 +49,10 @@ def diagnose_mechanism(
     shots = read_mechanism_shots(inputs, simulator)
     scene = build_simulator_scene(shots.simulator, shots.recordings, shots.histories)
     report = diagnose(scene, shots.recordings, seed, on_progress, executor)
-    is_one_run = len({shots.histories[shot].t.tobytes() for shot in shots.histories}) == 1
-    origins = shots.origins if len(inputs) > 1 or (shots.is_cut and not is_one_run) else {}
-    if len(inputs) == 1:  # without the name of the file
-        origins = {shot: name.partition(", ")[2] for shot, name in origins.items()}
+    origins = shots.origins
+    if len(inputs) == 1:  # without the name of the file, and none where the number of the shot says all
+        is_told_by_number = shots.run_count in (1, len(origins))
+        origins = {} if is_told_by_number else {shot: name.partition(", ")[2] for shot, name in origins.items()}
     notes = (*_describe_changes(scene, report), *_describe_coefficients(scene, report), *report.notes, *shots.notes)
     return replace(report, notes=notes), dict(origins)
 
@@ -90,10 +90,9 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
     for one in report.fitted:
         if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma:
             effect, _, parameter = one.name.partition(".")
-            strength = next(s.name for s in MECHANISM_EFFECTS[effect].strengths if parameter.startswith(s.name))
+            strength, joint = MECHANISM_EFFECTS[effect].split_parameter(parameter)
             # one sentence for all joints whose file states the same
             says = f"your {format_parameter(f'{effect}.{strength}')} is {stated[one.name]:.4g}"
-            joint = parameter.removeprefix(strength).removeprefix("_")
             place = f" ({format_parameter(joint)})" if joint else ""
             wrong.setdefault((says, one.unit), []).append(f"{format_with_sigma(one.value, one.sigma)}{place}")
     if not wrong:

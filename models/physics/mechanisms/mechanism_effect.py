@@ -104,6 +104,11 @@ class MechanismEffect:
         """List the parameters, also those that only a simulator has that has the effect itself (`is_own`)."""
         return tuple(one for one in self.strengths if is_own or not one.needs_simulator)
 
+    def split_parameter(self, name: str) -> tuple[str, str]:
+        """Split the name of a parameter into strength and joint; the joint is empty where there is only one."""
+        strength = next(one.name for one in self.strengths if f"{name}_".startswith(f"{one.name}_"))
+        return strength, name.removeprefix(strength).removeprefix("_")
+
     def for_mechanism(self, scales: Mapping[str, Scale], is_own: bool = False) -> Effect:
         """Return the effect with parameters for every joint or actuator.
 

@@ -60,8 +60,11 @@ class MechanismShots:
     """What was assumed, in sentences without a full stop."""
     origins: Mapping[int, str]
     """File and number there by shot, and times where shots are pieces of a recording."""
-    is_cut: bool = False
-    """Whether shots are pieces of recordings."""
+
+    @property
+    def run_count(self) -> int:
+        """Number of recorded runs: pieces of one share its inputs."""
+        return len({id(history) for history in self.histories.values()})
 
 
 def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> MechanismShots:
@@ -91,7 +94,6 @@ def read_mechanism_shots(paths: Sequence[Path], simulator_name: str) -> Mechanis
         {piece.shot: shots.histories[source] for source, piece in pieces},
         (*shots.notes, note),
         {piece.shot: f"{shots.origins[source]}, {describe_times(piece)}" for source, piece in pieces},
-        is_cut=True,
     )
 
 

@@ -104,18 +104,17 @@ class MujocoSimulator:
 
     def _join_trees(self) -> IntArray:
         """Number the kinematic trees; those that a constraint, a tendon or a contact couples have one number."""
-        model, kinds = self.model, self._mujoco.mjtObj
-        numbers = np.arange(model.ntree)
-        pairs = list(self._touching)
-        of_body = model.body_treeid
+        model, kinds = self.model, self._mujoco.mjtEq
+        numbers, pairs, trees = np.arange(model.ntree), list(self._touching), model.body_treeid
+        ties = (int(kinds.mjEQ_CONNECT), int(kinds.mjEQ_WELD))
         for k in range(model.neq):
-            ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
-            if model.eq_type[k] in (int(self._mujoco.mjtEq.mjEQ_JOINT), int(self._mujoco.mjtEq.mjEQ_TENDON)):
-                pairs += [(0, tree) for tree in range(model.ntree)]  # rare: which joints it holds is not looked up
-            else:
-                bodies = [model.site_bodyid[e] if model.eq_objtype[k] == int(kinds.mjOBJ_SITE) else e for e in ends]
-                pairs.append((int(of_body[bodies[0]]), int(of_body[bodies[1]])))
-        if model.ntendon:
+            if model.eq_type[k] in ties:
+                is_site = model.eq_objtype[k] == int(self._mujoco.mjtObj.mjOBJ_SITE)
+                ends = (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+                one, other = (int(trees[model.site_bodyid[end] if is_site else end]) for end in ends)
+                pairs.append((one, other))
+        if model.ntendon or any(kind not in ties for kind in model.eq_type):
+            # rare: which joints these hold is not looked up
             pairs += [(0, tree) for tree in range(model.ntree)]
         for one, other in pairs:
             if min(one, other) >= 0:

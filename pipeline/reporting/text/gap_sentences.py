@@ -500,13 +500,13 @@ def _format_strength_ranges(one: CandidateEffect) -> list[str]:
     """Format the least and the greatest strength of an effect with one for each of many places; gap.json has all."""
     effect, phrases = MECHANISM_EFFECTS[one.effect], []
     for strength in effect.strengths:
-        own = [s for s in one.strengths if s.name == strength.name or s.name.startswith(f"{strength.name}_")]
+        own = [s for s in one.strengths if effect.split_parameter(s.name)[0] == strength.name]
         own = [s for s in own if math.isfinite(s.sigma) and s.sigma > 0]  # the others were not fitted
         what = f"{format_parameter(strength.name)} of"
         for unit in dict.fromkeys(s.unit for s in own):
             shown = sorted((s for s in own if s.unit == unit and not s.prior_only), key=lambda s: s.value)
             ends = (
-                f"{format_with_sigma(s.value, s.sigma)} ({format_parameter(s.name.removeprefix(f'{strength.name}_'))})"
+                f"{format_with_sigma(s.value, s.sigma)} ({format_parameter(effect.split_parameter(s.name)[1])})"
                 for s in (shown if len(shown) < 2 else (shown[0], shown[-1]))
             )
             if shown:

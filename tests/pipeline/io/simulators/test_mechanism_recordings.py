@@ -196,6 +196,7 @@ def test_two_runs_are_cut_and_named_by_run_and_time(tmp_path: Path, simulator: s
     rows = [[run, *row] for run in (3, 5) for row in swing_rows(200)]
     shots = read_mechanism_shots(write(tmp_path, "shot,t,q,command", rows), simulator)
     assert [origin.partition(", ")[2][:6] for origin in shots.origins.values()] == ["shot 3"] * 2 + ["shot 5"] * 2
+    assert shots.run_count == 2, "runs at the same times are still two"
 
 
 def test_a_fast_log_is_not_cut_below_the_length_of_a_prediction(tmp_path: Path, simulator: str):
