@@ -1,0 +1,116 @@
+"""A court, its net and the ball or shuttle that flies over it: what a sport fixes by its rules.
+
+Coordinates are metres. x runs along the longer side, away from the camera or to the right of the picture, from the
+corner that is nearer to the camera (of two, the left); y runs across, z up from the playing surface. Seen from behind a
+baseline, (x, y, z) is therefore left-handed, and right-handed from the side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.typing import FloatArray
+
+# x and y of two opposite corners, m, the smaller values first.
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What is known of a number before any measurement."""
+
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class CourtLine:
+    """A straight painted line."""
+
+    name: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+    """m, ends of the centre of the line."""
+    width: float
+    """m, of the paint."""
+
+
+@dataclass(frozen=True, slots=True)
+class Net:
+    """A net across the middle of a court."""
+
+    overhang: float
+    """m by which its posts stand outside the court, on both sides."""
+    height: float
+    """m, of its upper edge at the middle."""
+    post_height: float
+    """m, of its upper edge at the posts."""
+
+    def height_at(self, y: FloatArray, width: float) -> FloatArray:
+        """Compute the height (...) of the upper edge, m, at places `y` (...) across a court of a width, m."""
+        share = np.minimum(np.abs(y - width / 2) / (width / 2 + self.overhang), 1.0)
+        return np.asarray(self.height + (self.post_height - self.height) * share**2)
+
+
+@dataclass(frozen=True, slots=True)
+class FlyingObject:
+    """The ball or shuttle of a sport, with what is known of its forces before a clip is seen.
+
+    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path; after a hit a shuttle
+    turns over, and its drag is larger by the factor 1 + `turn_drag` exp(-t / `turn_time`).
+    """
+
+    name: str
+    """`shuttle` or `ball`; its id and kind in tables."""
+    radius: float
+    """m: half of what is seen of it."""
+    mass: float
+    """kg."""
+    drag: Range
+    """1/m."""
+    lift: float
+    """1/m, standard deviation of each component of l about 0; 0 where there is no lift."""
+    turn_drag: Range
+    turn_time: float
+    """s."""
+    restitution: Range | None
+    """Share of the speed across the surface that a bounce leaves; None where the object comes to rest on it."""
+    retention: Range | None
+    """Share of the speed along the surface that a bounce leaves."""
+    max_speed: float
+    """m/s that no player exceeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sport:
+    """A sport over a net."""
+
+    name: str
+    """Such as `table-tennis`."""
+    length: float
+    width: float
+    """m, to the outer edges of the lines."""
+    lines: tuple[CourtLine, ...]
+    net: Net
+    object: FlyingObject
+    areas: Mapping[str, tuple[Rectangle, ...]]
+    """Where a landing is good, by the name of the rule: `singles`, `doubles`, `service-box`. Rectangles go to the
+    outer edges of their lines; each lies in one half of the court.
+    """
+    default_area: str
+    floor: float = 0.0
+    """m, height of the floor; below 0 where the court is a table."""
+    reach: float = 3.2
+    """m above the floor up to which players hit."""
+    surroundings: tuple[float, float] = (4.0, 3.0)
+    """m behind the ends and beside the sides of the court in which players hit."""
+    is_filmed_from_side: bool = False
+    """Whether the usual camera looks across the court, so that x runs to the right."""
+
+    @property
+    def corners(self) -> FloatArray:
+        """Outer corners (4, 2), m, of the court: (0, 0), (length, 0), (length, width), (0, width)."""
+        return np.array([[0, 0], [self.length, 0], [self.length, self.width], [0, self.width]], np.float64)

@@ -1,0 +1,63 @@
+"""Badminton: BWF Statutes, section 4.1 (Laws of Badminton); lines of 40 mm belong to the area that they bound.
+
+The drag is that of a terminal speed of 6.8 m/s (Chen, Pan and Chen 2009, J. Sports Sci. Med. 8, 643; 6.51 to 6.87 m/s);
+the turn-over after a hit takes 20 to 30 ms and raises the drag (Cohen et al. 2015, New J. Phys. 17, 063001).
+"""
+
+from __future__ import annotations
+
+from models.core.court import CourtLine, FlyingObject, Net, Range, Sport
+
+LENGTH, WIDTH, PAINT = 13.40, 6.10, 0.04
+HALF, MIDDLE = LENGTH / 2, WIDTH / 2
+# m: from the net to the far edge of the short service line; from the ends to the inner long service lines, and from
+# the sides to the singles lines, both to the outer edges of these.
+SHORT_SERVICE, LONG_SERVICE, SINGLES = 1.98, 0.76, 0.46
+
+
+def _across(name: str, x: float) -> CourtLine:
+    return CourtLine(name, (x, 0.0), (x, WIDTH), PAINT)
+
+
+def _along(name: str, y: float) -> CourtLine:
+    return CourtLine(name, (0.0, y), (LENGTH, y), PAINT)
+
+
+EDGE = PAINT / 2
+LINES = (
+    _across("near end line", EDGE),
+    _across("far end line", LENGTH - EDGE),
+    _along("left side line", EDGE),
+    _along("right side line", WIDTH - EDGE),
+    _along("left singles line", SINGLES + EDGE),
+    _along("right singles line", WIDTH - SINGLES - EDGE),
+    _across("near long service line", LONG_SERVICE + EDGE),
+    _across("far long service line", LENGTH - LONG_SERVICE - EDGE),
+    _across("near short service line", HALF - SHORT_SERVICE - EDGE),
+    _across("far short service line", HALF + SHORT_SERVICE + EDGE),
+    CourtLine("near centre line", (0.0, MIDDLE), (HALF - SHORT_SERVICE, MIDDLE), PAINT),
+    CourtLine("far centre line", (HALF + SHORT_SERVICE, MIDDLE), (LENGTH, MIDDLE), PAINT),
+)
+SPORT = Sport(
+    "badminton",
+    LENGTH,
+    WIDTH,
+    LINES,
+    Net(0.0, 1.524, 1.55),
+    FlyingObject(
+        "shuttle", radius=0.033, mass=0.0052, drag=Range(0.212, 0.02), lift=0.0, turn_drag=Range(0.6, 0.4),
+        turn_time=0.03, restitution=None, retention=None, max_speed=120.0,
+    ),
+    areas={
+        "singles": ((0.0, SINGLES, HALF, WIDTH - SINGLES), (HALF, SINGLES, LENGTH, WIDTH - SINGLES)),
+        "doubles": ((0.0, 0.0, HALF, WIDTH), (HALF, 0.0, LENGTH, WIDTH)),
+        "service-box": (
+            (0.0, SINGLES, HALF - SHORT_SERVICE, MIDDLE + EDGE),
+            (0.0, MIDDLE - EDGE, HALF - SHORT_SERVICE, WIDTH - SINGLES),
+            (HALF + SHORT_SERVICE, SINGLES, LENGTH, MIDDLE + EDGE),
+            (HALF + SHORT_SERVICE, MIDDLE - EDGE, LENGTH, WIDTH - SINGLES),
+        ),
+    },
+    default_area="singles",
+    reach=3.3,
+)  # fmt: skip
