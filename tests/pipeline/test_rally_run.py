@@ -267,9 +267,4 @@ def test_a_batch_lists_rallies_and_what_is_neither(courts: Home, tmp_path: Path)
     merged = (tmp_path / "out" / "match" / "events.csv").read_text().splitlines()
     rows = [line.split(",")[:2] for line in merged[1:]]
     assert rows == [["0", "hit"], ["0", "landing"], ["1", "hit"], ["1", "landing"]]
-        ["0", "hit"],
-        ["0", "landing"],
-        ["1", "hit"],
-        ["1", "landing"],
-    ]
     assert list(group_by_table(work.results)) == []

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from models.core.court import Rectangle, Sport
 from models.core.fit_result import SURE_PROBABILITY
-from models.core.rally import LandingHypothesis, Rally, RallyEvent
+from models.core.rally import Flight, LandingHypothesis, Rally, RallyEvent
 from models.core.typing import FloatArray
 from models.estimation.rally.rally_views import continue_flight, evaluate_rally
 
@@ -29,7 +29,13 @@ NET_SIGMAS = 3.0
 # m by which an outer edge of a line and of an area may differ by rounding.
 EDGE_TOLERANCE = 1e-6
 
-CallReason = Literal["close", "no_landing", "hitter_unknown", "several"]
+# Misfit per degree of freedom, and share of the places where the object was seen during a flight, beyond which the law
+# of flight does not explain it: as for segments of billiards. Its landing is then anywhere.
+MAX_FLIGHT_CHI2, MIN_USED_SHARE = 4.0, 0.5
+# Probability of what nothing observed speaks for or against (principle of indifference).
+INDIFFERENT = 0.5
+
+CallReason = Literal["close", "no_landing", "hitter_unknown", "several", "unexplained"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +116,8 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
         for rectangles, share in targets
     )
     weight = sum(one.weight for one in landings)
-    probability = float(np.clip(inside, 0.0, weight))
+    explains = best is None or _explains_landing(rally, best)
+    probability = float(np.clip(inside, 0.0, weight)) if explains else INDIFFERENT * weight
     out = float(weight - probability)
     verdict: Literal["in", "out", "undecided"] = "undecided"
     if max(probability, out) >= SURE_PROBABILITY:
@@ -123,7 +130,7 @@ def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
     return LandingCall(
         name, verdict, probability, out, _name_half(sport, targets), rectangles, best, line, distance, distance_sigma,
         speed, speed_sigma, _find_deciding_frames(rally, best),
-        None if verdict != "undecided" else _find_reason(rally, targets, landings),
+        None if verdict != "undecided" else _find_reason(rally, targets, landings) if explains else "unexplained",
     )  # fmt: skip
 
 
@@ -158,6 +165,19 @@ def _measure_crossing(rally: Rally, t: float) -> NetCrossing:
     return NetCrossing(
         t, place, float(place[2]) - sport.object.radius - edge, sigma, float(np.linalg.norm(v))
     )  # fmt: skip
+
+
+def is_explained(rally: Rally, flight: Flight) -> bool:
+    """Return whether the law of flight explains where the object was seen during a flight; too few places never do."""
+    rows = (rally.t >= flight.start) & (rally.t <= flight.end) & np.isfinite(rally.px[:, 0])
+    is_used = not rows.any() or float(np.mean(rally.is_used[rows])) >= MIN_USED_SHARE
+    return is_used and flight.chi2 <= MAX_FLIGHT_CHI2
+
+
+def _explains_landing(rally: Rally, landing: LandingHypothesis) -> bool:
+    """Return whether the flight that ends at a landing is explained."""
+    before = [one for one in rally.flights if one.start < landing.t - SAME_MOMENT_S]
+    return not before or is_explained(rally, before[-1])
 
 
 def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:

@@ -11,8 +11,8 @@ import numpy as np
 from models.core.fit_result import Trust, TrustLevel, is_undecided
 from models.core.number_format import format_probability, format_speed, format_time, format_with_sigma
 from models.core.rally import Rally, RallyEvent
-from models.estimation.joint_fit.trust_level import AMBER_SHARE, GREEN_SHARE, MAX_CHI2
-from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing
+from models.estimation.joint_fit.trust_level import AMBER_SHARE, GREEN_SHARE
+from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, is_explained
 from pipeline.reporting.text.text_formatting import start_sentence
 
 # px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
@@ -26,6 +26,7 @@ REASON_WORDS: dict[CallReason, str] = {
     "close": "The error of the place reaches over the line.",
     "no_landing": "The clip does not show that it landed, nor that it would have.",
     "hitter_unknown": "The clip does not show from which side it was hit.",
+    "unexplained": "The law of flight does not explain the last flight, so that its landing is unknown.",
     "several": "It may have landed at several places or times.",
 }
 
@@ -67,7 +68,7 @@ def list_event_rows(rally: Rally) -> list[tuple[str, str, str]]:
 
 def assess_rally_trust(rally: Rally) -> Trust:
     """Assess the trust level of a rally, with its reasons."""
-    name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if not one.chi2 > MAX_CHI2]
+    name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if is_explained(rally, one)]
     is_seen = np.isfinite(rally.px[:, 0])
     if not fitted:
         return Trust("red", (f"No flight of the {name} is explained.",))
@@ -158,7 +159,7 @@ def _format_advice(call: LandingCall, name: str) -> str:
     if call.reason is None:
         return ""
     text = REASON_WORDS[call.reason]
-    if call.frames[0] < 0 or call.reason == "hitter_unknown":
+    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained"):
         return text
     first, last = call.frames
     return (

@@ -151,6 +151,18 @@ def test_the_error_of_the_height_is_that_of_simulated_flights() -> None:
     for _ in range(400):
         drawn = flight.parameters + np.sqrt(np.diag(flight.covariance)) * rng.standard_normal(11)
         tau = np.linspace(0, flight.end - flight.start, 400)
-        states = fly(drawn, tau, TENNIS.object.turn_time).states
+        states = fly(drawn, tau, 0.0).states
         heights.append(np.interp(TENNIS.length / 2, states[:, 0], states[:, 2]))
     assert judge_net(rally)[0].height_sigma == pytest.approx(np.std(heights), rel=0.15)
+
+
+def test_a_flight_that_nothing_explains_lands_anywhere() -> None:
+    rally = stage_rally(BADMINTON, (13.0, 3.0))
+    (flight,) = rally.flights
+    for wrong in (
+        replace(rally, flights=(replace(flight, chi2=9.0),)),
+        replace(rally, flights=(replace(flight, chi2=float("nan")),)),
+        replace(rally, is_used=rally.is_used & (rally.frame % 3 == 0)),
+    ):
+        call = judge_landing(wrong)
+        assert (call.verdict, call.reason, call.probability) == ("undecided", "unexplained", 0.5)
