@@ -296,6 +296,8 @@ def run_tables(
     Raises:
         TruerollError: The clip or an option cannot be used. No unfinished file remains.
     """
+    if options.court.has_court:
+        raise OptionError(f"corrections by hand are for billiards, not yet for {options.court.sport}; use trueroll run")
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     with open_frame_memory() as memory:

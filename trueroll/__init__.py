@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from models.core.answer import Answer
     from models.core.errors import TruerollError
     from pipeline.analysis_api import detect, diagnose, simulate
-    from pipeline.api import Run, load, run
+    from pipeline.api import RallyRun, Run, load, run
     from pipeline.cli.answer_api import call, certify, compare, convert, fit_table, predict, put_back, what_if
 
     __version__: str
 
 __all__ = [
-    "Answer", "Run", "TruerollError", "__version__", "call", "certify", "compare", "convert", "detect", "diagnose",
-    "fit_table", "load", "predict", "put_back", "run", "simulate", "what_if",
+    "Answer", "RallyRun", "Run", "TruerollError", "__version__", "call", "certify", "compare", "convert", "detect",
+    "diagnose", "fit_table", "load", "predict", "put_back", "run", "simulate", "what_if",
 ]  # fmt: skip
 
 
@@ -35,7 +35,7 @@ def __getattr__(name: str) -> Any:
     """Import a name at its first use: `import trueroll` and `python -m trueroll` would take seconds otherwise."""
     home: ModuleType
     match name:
-        case "Run" | "load" | "run":
+        case "RallyRun" | "Run" | "load" | "run":
             from pipeline import api as home
         case "call" | "certify" | "compare" | "convert" | "fit_table" | "predict" | "put_back" | "what_if":
             from pipeline.cli import answer_api as home

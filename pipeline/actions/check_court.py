@@ -15,7 +15,6 @@ from models.core.progress import ignore_progress
 from models.core.typing import FloatArray, ImageArray
 from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
-from video.calibration.court_finder import locate_court
 from video.drawing.masks import SHIFT, to_fixed_point
 from video.drawing.palette import FLASH
 from video.filming_check.measure_filming import Limit
@@ -68,6 +67,8 @@ def check_court(path: Path, options: DoorOptions) -> CourtCheck:
         ClipError: The clip cannot be read, or shows no known court.
         OptionError: An option is not meaningful.
     """
+    from video.calibration.court_finder import locate_court  # slow to import
+
     with open_frame_memory() as memory:
         clip = open_clip(path, fps=options.read.rate, aspect=options.read.aspect, memory=memory)
         if len(clip.views) > 1:

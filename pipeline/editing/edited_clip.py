@@ -15,6 +15,7 @@ import cv2
 from models.core.errors import OptionError, TruerollError
 from pipeline.chain import default_run_folder, hash_clip
 from pipeline.io.run_folder import SOURCE_FILE, read_scene_document
+from pipeline.io.saved_shot import holds_rally
 from pipeline.run_options import RunOptions, build_options, list_changed_values
 from video.io.clip import Clip, read_frames
 
@@ -71,6 +72,8 @@ def find_edited_clip(target: Path, out: Path | None) -> EditedClip:
         raise OptionError(f"{target / SOURCE_FILE} does not name the clip of the run; run it again") from error
     if not path.exists():
         raise OptionError(f"The clip of this run is no longer at {path}; move it back, or run it where it is now")
+    if holds_rally(target):
+        raise OptionError(f"{target} holds a rally; corrections by hand are for shots of billiards so far")
     digest = hash_clip(path)
     expected = (read_scene_document(target / "scene.json").get("clip") or {}).get("sha256", digest)
     if expected != digest:

@@ -165,7 +165,7 @@ def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
         (("call", "net", "--singles"), "got 'net --singles'"),
         (("predict", "--at", "99"), "--at lies within what was seen, 0.500"),
         (("what-if",), "holds a rally of badminton"),
-        (("edit", "--no-browser"), "rally"),
+        (("edit", "--no-browser"), "holds a rally; corrections by hand are for shots of billiards"),
         (("diagnose",), "rally"),
         (("put-back",), "rally"),
         (("compare",), "rally"),
@@ -208,6 +208,19 @@ def test_a_cut_ends_a_rally(courts: Home, tmp_path: Path) -> None:
     assert "shot 2 of 3" in done.err
     assert json.loads((tmp_path / "out" / "scene.json").read_text())["clip"]["first_frame"] == 50
     assert json.loads((tmp_path / "out" / "scene.json").read_text())["sport"] == "tennis"
+
+
+def test_a_check_grades_the_view_of_a_court(courts: Home, tmp_path: Path) -> None:
+    still = tmp_path / "still.png"
+    done = run_program("check", courts.clip, "-o", still, "--json")
+    document = json.loads(done.out)
+    assert (document["sport"], document["verdict"], done.status) == ("badminton", "doubts", 0)
+    values = {one["code"]: one["value"] for one in document["measurements"]}
+    assert values["rate"] == pytest.approx(25, abs=0.5)
+    assert 1 < values["place"] < 20  # cm, at 0.7 px
+    assert still.is_file()
+    small = film_noise(tmp_path / "nothing.mp4", width=160)
+    assert "A run refuses this clip" in run_program("check", small).out
 
 
 def test_a_sport_that_is_not_known_is_refused(courts: Home) -> None:
