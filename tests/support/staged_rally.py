@@ -6,7 +6,7 @@ import numpy as np
 from support.simple_rallies import usual_view
 
 from models.core.court import Sport
-from models.core.rally import Flight, LandingHypothesis, Rally, RallyEvent
+from models.core.rally import Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import FloatArray
 from models.physics.flight.flight_motion import find_descent, fly
 
@@ -62,7 +62,7 @@ def stage_rally(
     covariance = np.diag([sigma[0] ** 2, sigma[1] ** 2, 1e-6])
     place = np.array([*target, sport.object.radius])
     speed = float(np.linalg.norm(end[3:]))
-    kind = "landing" if sport.object.restitution is None else "bounce"
+    kind: RallyEventKind = "landing" if sport.object.restitution is None else "bounce"
     events = (
         RallyEvent("hit", flight.start, 0.004, np.array(start), np.diag([0.05, 0.05, 0.05]) ** 2, 0.99,
                    float(np.linalg.norm(flight.parameters[3:6])), 0.4, player),
