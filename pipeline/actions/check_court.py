@@ -9,10 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from models.core.answer import Answer, Quantity
+from models.core.answer import Answer
 from models.core.court_camera import CourtScene
 from models.core.progress import ignore_progress
 from models.core.typing import FloatArray, ImageArray
+from pipeline.reporting.text.filming_sentences import VERDICT_WORDS, format_bounds
 from pipeline.settings import DoorOptions
 from pipeline.stages.read_stage import open_frame_memory
 from video.drawing.masks import SHIFT, to_fixed_point
@@ -37,11 +38,6 @@ WORDS = {
     "rate": ("distinct frames", "per s", "Choose 60 fps or more in the camera."),
 }
 VERDICTS = {"good": "go", "doubt": "doubts", "unknown": "doubts", "bad": "no-go"}
-SENTENCES = {
-    "go": "Go: the court is filmed well.",
-    "doubts": "Go with doubts: the clip can be used, and could be better.",
-    "no-go": "No-go: change this before you film on.",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +76,7 @@ def check_court(path: Path, options: DoorOptions) -> CourtCheck:
     worst = max(levels.values(), key=lambda level: ("good", "unknown", "doubt", "bad").index(level))
     name, sport = scene.sport.object.name, scene.sport
     rows = [
-        (levels[code], WORDS[code][0].format(name), f"{value:.1f} {WORDS[code][1]}", _format_limit(LIMITS[code]))
+        (levels[code], WORDS[code][0].format(name), f"{value:.1f} {WORDS[code][1]}", format_bounds(LIMITS[code]))
         for code, value in values.items()
     ]
     advice = [WORDS[code][2] for code, level in levels.items() if level in ("doubt", "bad")]
@@ -98,8 +94,7 @@ def check_court(path: Path, options: DoorOptions) -> CourtCheck:
         ],
     }  # fmt: skip
     answer = Answer(
-        "How is this court filmed?", (SENTENCES[verdict], court), verdict,
-        quantities=tuple(Quantity(code, value, unit=WORDS[code][1]) for code, value in values.items()),
+        "How is this court filmed?", (VERDICT_WORDS[verdict], court), verdict,
         rows=(("", "", "measured", "good"), *rows), notes=tuple(f"- {one}" for one in advice), document=document,
     )  # fmt: skip
     return CourtCheck(answer, draw_court_lines(image, scene, int(clip.frames[0])))
@@ -149,9 +144,3 @@ def draw_court_lines(image: ImageArray, scene: CourtScene, frame: int) -> ImageA
         if len(points) > 1:
             cv2.polylines(drawn, [to_fixed_point(points)], False, FLASH, 1, cv2.LINE_AA, SHIFT)
     return drawn
-
-
-def _format_limit(limit: Limit) -> str:
-    """Format from or up to which value a measurement is good, and from where it is bad."""
-    good, bad = ("at least", "below") if limit.bad < limit.good else ("at most", "above")
-    return f"{good} {limit.good:g}; no-go {bad} {limit.bad:g}"

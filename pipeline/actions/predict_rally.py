@@ -63,17 +63,14 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     }  # fmt: skip
     write_flight_prediction(path, name, folder / "prediction.csv")
     write_json(document, folder / "prediction.json")
-    quantities = [Quantity("time", float(path.t[-1]), unit="s")]
-    if call.landing is not None:
-        sigma = np.sqrt(np.diag(call.landing.covariance))
-        quantities = [Quantity("xy"[k], float(call.landing.place[k]), float(sigma[k]), "m") for k in range(2)]
-        quantities.append(Quantity("time", call.landing.t, call.landing.t_sigma, "s"))
     end = path.xyz[-1]
     spread = np.sqrt(np.maximum(np.diag(path.covariance[-1]), 0.0))
     place = ", ".join(
         f"{axis} = {format_with_sigma(float(end[k]), float(spread[k]))} m" for k, axis in enumerate("xyz")
     )
     sentence = f"From {format_moment(t)} the {name} flies to {place} at {format_moment(float(path.t[-1]))}."
+    quantities = [Quantity("xyz"[k], float(end[k]), float(spread[k]), "m") for k in range(3)]
+    quantities.append(Quantity("time", float(path.t[-1]), unit="s"))
     compared = f"Seen later in {len(later)} frames, {error:.1f} px (root mean square) from there." if len(later) else ""
     return Answer(
         f"Where does the {name} fly from {format_moment(t)}?",

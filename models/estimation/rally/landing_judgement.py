@@ -32,6 +32,8 @@ EDGE_TOLERANCE = 1e-6
 # Misfit per degree of freedom, and share of the places where the object was seen during a flight, beyond which the law
 # of flight does not explain it: as for segments of billiards. Its landing is then anywhere.
 MAX_FLIGHT_CHI2, MIN_USED_SHARE = 4.0, 0.5
+# Players who hit towards larger x.
+FORWARD = ("near", "left")
 # Probability of what nothing observed speaks for or against (principle of indifference).
 INDIFFERENT = 0.5
 
@@ -175,7 +177,10 @@ def is_explained(rally: Rally, flight: Flight) -> bool:
 
 
 def _explains_landing(rally: Rally, landing: LandingHypothesis) -> bool:
-    """Return whether the flight that ends at a landing is explained."""
+    """Return whether the flight that ends at a landing is explained; no player hits it backwards."""
+    hit = find_last_hit(rally, landing.t)
+    if hit is not None and hit.player and (landing.place[0] > hit.place[0]) != (hit.player in FORWARD):
+        return False
     before = [one for one in rally.flights if one.start < landing.t - SAME_MOMENT_S]
     return not before or is_explained(rally, before[-1])
 
@@ -214,7 +219,7 @@ def _weigh_targets(
 def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesis | None) -> bool | None:
     """Find whether the object was hit towards larger x; None where nothing tells."""
     if hit is not None and hit.player:
-        return hit.player in ("near", "left")
+        return hit.player in FORWARD
     flights = [one for one in rally.flights if best is None or one.start < best.t]
     if flights:
         return bool(flights[-1].parameters[3] > 0)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from models.core.scene import Table
-from video.filming_check.measure_filming import FilmingLimits, FilmingMeasurement
+from video.filming_check.measure_filming import FilmingLimits, FilmingMeasurement, Limit
 
 # The verdict as a sentence.
 VERDICT_WORDS = {
@@ -96,7 +96,11 @@ def format_value(one: FilmingMeasurement) -> str:
 
 def format_limit(code: str, limits: FilmingLimits) -> str:
     """Format from or up to which value a measurement is good, and from where it is bad."""
-    limit = limits.find_limit(code)
+    return format_bounds(limits.find_limit(code))
+
+
+def format_bounds(limit: Limit) -> str:
+    """Format from or up to which value a measurement with a limit is good, and from where it is bad."""
     good, bad = ("at least", "below") if limit.bad < limit.good else ("at most", "above")
     return f"{good} {limit.good:g}; no-go {bad} {limit.bad:g}"
 

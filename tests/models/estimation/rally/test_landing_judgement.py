@@ -163,6 +163,7 @@ def test_a_flight_that_nothing_explains_lands_anywhere() -> None:
         replace(rally, flights=(replace(flight, chi2=9.0),)),
         replace(rally, flights=(replace(flight, chi2=float("nan")),)),
         replace(rally, is_used=rally.is_used & (rally.frame % 3 == 0)),
+        move_landing(rally, (-12.0, 3.0), 1e-2 * np.eye(2)),  # behind the player who hit it
     ):
         call = judge_landing(wrong)
         assert (call.verdict, call.reason, call.probability) == ("undecided", "unexplained", 0.5)
