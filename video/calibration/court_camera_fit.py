@@ -29,6 +29,8 @@ LENS_SIGMA, FOCAL_MEAN, FOCAL_SIGMA = 0.03, np.log(1.5), 1.0
 NET_SIGMA_SHARE, TAPE_SHARE = 0.02, 0.055
 # px: thinner paint is not always seen.
 THIN_PX = 0.8
+# Least number of places that a camera is fitted to.
+MIN_PLACES = 12
 GAUSS_NEWTON_STEPS = 6
 
 
@@ -129,6 +131,26 @@ def fit_court_camera(brightness: NDArray[np.float32], sport: Sport, camera: Cour
     return _judge(places, sport, camera, extended, spread)
 
 
+def fit_to_corners(sport: Sport, camera: CourtCamera, corners: FloatArray, sigma: float) -> CourtFit:
+    """Fit a camera to four corners (4, 2) of the court, px with their error, where no lines are seen."""
+    seen = camera.to_pixels(_raise(sport.corners))
+    px = corners[np.argmin(np.linalg.norm(seen[:, None] - corners, axis=-1), axis=1)]
+    places = _Places(
+        np.repeat(_raise(sport.corners), 2, axis=0), np.arange(8), np.tile(np.eye(2), (4, 1)), np.repeat(px, 2, axis=0),
+        np.ones(8),
+    )  # fmt: skip
+    extended = np.append(camera.parameters, 0.0)
+    for _ in range(GAUSS_NEWTON_STEPS):
+        extended, covariance = _step(places, sport, camera, extended, np.full(8, sigma**-2))
+    r = _residuals(places, sport, camera, extended)
+    camera = replace(
+        camera.replace_parameters(extended[:CAMERA_PARAMETERS]),
+        covariance=covariance[:CAMERA_PARAMETERS, :CAMERA_PARAMETERS],
+    )
+    unseen = np.full(len(sport.lines), np.nan)
+    return CourtFit(camera, float(np.sqrt((r**2).mean())), np.nan, unseen, np.nan, 0.0)
+
+
 def measure_places(
     brightness: NDArray[np.float32], sport: Sport, camera: CourtCamera, reach: float, net_shift: float = 0.0,
     frame: int | None = None,
@@ -154,7 +176,7 @@ def measure_places(
     xyz, line, normal, px, width, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
     inside = ((px > 3) & (px < size - 4)).all(-1)
     xyz, line, normal, px, width, weight = (part[inside] for part in (xyz, line, normal, px, width, weight))
-    shift, _ = measure_crests(brightness, px, normal, width, reach)
+    shift, _ = measure_crests(brightness, px, normal, width, reach, line < len(sport.lines))
     return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
 
 
@@ -166,9 +188,7 @@ def _net_places(
     y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
     z = net.height_at(y, sport.width) + net_shift - half_tape
     xyz = np.column_stack([np.full_like(y, sport.length / 2), y, z])
-    px, normal, width, step = _look_at(
-        camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]), frame
-    )
+    px, normal, width, step = _look_at(camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]), frame)
     return xyz, np.full(len(y), len(sport.lines)), normal, px, width, step
 
 
@@ -229,45 +249,58 @@ def _solve(
         (places.xyz - base[:, None] * np.array([0, 0, 1.0]))[good], places.line[good], places.normal[good],
         places.px[good], places.weight[good],
     )  # fmt: skip
-    prior_mean = np.array([*np.zeros(6), FOCAL_MEAN + np.log(camera.width_px), 0.0, 0.0])
-    net_sigma = NET_SIGMA_SHARE * sport.net.height
-    prior = np.diag([*np.zeros(6), FOCAL_SIGMA**-2, LENS_SIGMA**-2, net_sigma**-2])
-    covariance = np.linalg.pinv(prior + 1e-6 * np.eye(9))
-    spread = LEAST_ERROR_PX
-    if len(places.line) < 12:
+    covariance, spread = np.eye(9), LEAST_ERROR_PX
+    if len(places.line) < MIN_PLACES:
         return extended, np.inf, covariance
-    steps = np.array([1e-3 * sport.width] * 3 + [1e-5] * 3 + [1e-5, 1e-4, 1e-4])
     for _ in range(GAUSS_NEWTON_STEPS):
         r = _residuals(places, sport, camera, extended)
         spread = max(LEAST_ERROR_PX, 1.4826 * float(np.median(np.abs(r))))
-        weight = 1 / (1 + (r / (2.5 * spread)) ** 2) ** 2
-        jacobian = np.column_stack([
-            (_residuals(places, sport, camera, extended + step) - _residuals(places, sport, camera, extended - step))
-            / (2 * step.sum()) for step in np.diag(steps)
-        ])  # fmt: skip
-        weight = weight / (spread**2 * _correlation_length(r, places.line))
-        information, gradient = _normal_equations(jacobian, r, weight, places.line)
-        information, gradient = information + prior, gradient + prior @ (extended - prior_mean)
-        try:
-            covariance = np.linalg.inv(information)
-        except np.linalg.LinAlgError:
-            return extended, np.inf, np.eye(9)
-        change = -covariance @ gradient
-        if not np.isfinite(change).all():
-            return extended, np.inf, np.eye(9)
-        change *= min(1.0, 0.3 / max(abs(change[6]), 1e-9), 0.5 / max(np.abs(change[3:6]).max(), 1e-9))
-        extended = extended + change
+        weight = 1 / (1 + (r / (2.5 * spread)) ** 2) ** 2 / (spread**2 * _correlation_length(r, places.line))
+        extended, covariance = _step(places, sport, camera, extended, weight, LINE_ERROR_PX)
+        if not np.isfinite(extended).all():
+            return np.append(camera.parameters, 0.0), np.inf, np.eye(9)
     return extended, spread, covariance
 
 
+def _step(
+    places: _Places, sport: Sport, camera: CourtCamera, extended: FloatArray, weight: FloatArray,
+    line_error: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Take a step of Gauss and Newton: the parameters (9,), NaN where there is none, and their covariance."""
+    prior_mean = np.array([*np.zeros(6), FOCAL_MEAN + np.log(camera.width_px), 0.0, 0.0])
+    net_sigma = NET_SIGMA_SHARE * sport.net.height
+    prior = np.diag([*np.zeros(6), FOCAL_SIGMA**-2, LENS_SIGMA**-2, net_sigma**-2])
+    r = _residuals(places, sport, camera, extended)
+    jacobian = np.column_stack([
+        (_residuals(places, sport, camera, extended + step) - _residuals(places, sport, camera, extended - step))
+        / (2 * step.sum())
+        for step in np.diag([1e-3 * sport.width] * 3 + [1e-5] * 4 + [1e-4] * 2)
+    ])  # fmt: skip
+    information, gradient = _normal_equations(jacobian, r, weight, places.line, line_error)
+    information, gradient = information + prior, gradient + prior @ (extended - prior_mean)
+    try:
+        covariance = np.linalg.inv(information)
+    except np.linalg.LinAlgError:
+        return np.full(9, np.nan), np.eye(9)
+    change = -covariance @ gradient
+    # Turns by more than half a radian, or a third of the focal length, leave what is linear.
+    change *= min(1.0, 0.3 / max(abs(change[6]), 1e-9), 0.5 / max(np.abs(change[3:6]).max(), 1e-9))
+    return extended + change, covariance
+
+
 def _normal_equations(
-    jacobian: FloatArray, r: FloatArray, weight: FloatArray, line: NDArray[np.int64]
+    jacobian: FloatArray, r: FloatArray, weight: FloatArray, line: NDArray[np.int64], line_error: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Build the normal equations of residuals of which those of a line share an error (Woodbury's identity)."""
+    """Build the normal equations of residuals of which those of a line share an error (Woodbury's identity).
+
+    This error is `line_error`, px, or what the means of the lines show; 0 where none is shared.
+    """
     information, gradient = (jacobian.T * weight) @ jacobian, (jacobian.T * weight) @ r
+    if line_error == 0:
+        return information, gradient
     sums = np.bincount(line, weight)
     means = np.bincount(line, weight * r) / np.where(sums > 0, sums, np.inf)
-    offset = max(LINE_ERROR_PX, float(np.sqrt((means**2).sum() / max(int((sums > 0).sum()), 1))))
+    offset = max(line_error, float(np.sqrt((means**2).sum() / max(int((sums > 0).sum()), 1))))
     for k in np.flatnonzero(sums > 0):
         part = line == k
         pull, push = weight[part] @ jacobian[part], weight[part] @ r[part]

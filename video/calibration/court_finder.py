@@ -13,9 +13,15 @@ from models.core.court import Sport
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.errors import ClipError, OptionError
 from models.core.progress import Progress
-from models.core.typing import ByteArray, FloatArray, ImageArray
+from models.core.typing import ByteArray, ImageArray
 from models.sports.sport_catalogue import find_sports
-from video.calibration.court_camera_fit import REFERENCE_WIDTH_PX, CourtFit, build_court_camera, fit_court_camera
+from video.calibration.court_camera_fit import (
+    REFERENCE_WIDTH_PX,
+    CourtFit,
+    build_court_camera,
+    fit_court_camera,
+    fit_to_corners,
+)
 from video.calibration.court_hypotheses import propose_courts
 from video.calibration.court_lines import SEARCH_SIDE_PX, convert_to_brightness
 from video.calibration.court_motion import estimate_court_motion, stands_still
@@ -36,8 +42,9 @@ MIN_SEEN_LINES = 6
 MAX_LINE_ERROR_PX = 1.2
 # m, height of the camera above the floor, and its distance from the court's middle in lengths of the court.
 HEIGHT_RANGE, MAX_DISTANCE = (0.3, 60.0), 8.0
-# px, standard deviation of corners given by the user.
-USER_CORNER_SIGMA_PX = 2.0
+# px, standard deviation of corners given by the user, and px in an image of `REFERENCE_WIDTH_PX` from them up to which
+# lines are those of their court; share of its lines that must be seen to be more exact than the user's eye.
+USER_CORNER_SIGMA_PX, GIVEN_REACH_PX, MIN_GIVEN_SHARE = 2.0, 12.0, 0.4
 GIVE_COURT_CORNERS = "film it with its lines in view, or give the corners of the court with --corners x,y,x,y,x,y,x,y"
 
 
@@ -98,7 +105,7 @@ def find_court(image: ImageArray, sports: Sequence[Sport] | None = None) -> Loca
 def _follow_camera(clip: Clip, located: LocatedCourt, reference: int) -> tuple[CourtCamera, float, tuple[str, ...]]:
     """Add its motion to a camera that moves; also the error of the lines over the clip, px, and notes."""
     camera = located.fit.camera
-    images = ((n - clip.first_frame, _to_grey(image)) for n, image in read_frames(clip, indices=clip.frames))
+    images = ((n - clip.first_frame, image) for n, image in read_frames(clip, indices=clip.frames, grey=True))
     motion, is_measured, errors = estimate_court_motion(
         located.sport, camera, reference - clip.first_frame, images, clip.frame_count
     )
@@ -142,7 +149,7 @@ def _locate(image: ByteArray, sports: Sequence[Sport], corners: str | None) -> L
     if scale < 1:
         small = np.asarray(cv2.resize(brightness, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     enlarge = np.array([[1 / scale, 0, 0.5 / scale - 0.5], [0, 1 / scale, 0.5 / scale - 0.5], [0, 0, 1]])
-    best, best_evidence = None, 0.0
+    best, best_evidence = None, -np.inf
     for proposal in propose_courts(small, sports, FITTED_PROPOSALS):
         if scale * best_evidence > proposal.seen_px:
             continue
@@ -181,20 +188,35 @@ def _is_court(sport: Sport, fit: CourtFit) -> bool:
     )
 
 
-def _locate_by_corners(
-    brightness: NDArray[np.float32], sports: Sequence[Sport], corners: str
-) -> LocatedCourt | None:
-    """Locate the court by corners of the user; lines and net, where they are seen, refine it."""
-    from video.calibration.table_finder import parse_corners  # takes half a second to import
+def _locate_by_corners(brightness: NDArray[np.float32], sports: Sequence[Sport], corners: str) -> LocatedCourt:
+    """Locate the court by corners of the user; lines and net refine it where they are seen.
+
+    Raises:
+        OptionError: no lines are seen near the corners, and they leave open of which sport the court is.
+    """
+    from video.calibration.table_finder import parse_corners  # slow to import
 
     height, width = brightness.shape
     given = parse_corners(corners, width, height)
-    fits: list[LocatedCourt] = []
+    reach = GIVEN_REACH_PX * max(1.0, width / REFERENCE_WIDTH_PX)
+    fits, plain = [], []
     for sport in sports:
         for shift in (0, 1):
-            homography = cv2.findHomography(sport.corners, np.roll(given, shift, axis=0))[0]
-            camera = build_court_camera(np.asarray(homography, np.float64), sport, width, height)
+            homography = cv2.getPerspectiveTransform(
+                sport.corners.astype(np.float32), np.roll(given, shift, axis=0).astype(np.float32)
+            )
+            camera = build_court_camera(homography, sport, width, height)
             fit = fit_court_camera(brightness, sport, camera)
-            fits.append(LocatedCourt(sport, fit))
-    best = max(fits, key=lambda one: _weigh(one.fit))
+            where = fit.camera.to_pixels(np.column_stack([sport.corners, np.zeros(4)]))
+            gap = np.linalg.norm(where[:, None] - given, axis=-1).min(1).max()
+            if fit.share > MIN_GIVEN_SHARE and gap < reach:
+                fits.append(LocatedCourt(sport, fit))
+            plain.append(LocatedCourt(sport, fit_to_corners(sport, camera, given, USER_CORNER_SIGMA_PX)))
+    if fits:
+        return max(fits, key=lambda one: _weigh(one.fit))
+    if len(sports) > 1:
+        raise OptionError("no lines of a known court are seen near --corners; state --sport too, or other corners")
+    best = min(plain, key=lambda one: one.fit.line_error)
+    if not best.fit.line_error < reach:
+        raise OptionError(f"--corners are not those of a {best.sport.name} court; give its four outer corners")
     return best

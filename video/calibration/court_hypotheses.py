@@ -136,7 +136,9 @@ def _weigh_homographies(
     for first in range(0, len(matrices), 2000):
         part = slice(first, first + 2000)
         # Coordinates first: (3, N, both ends of all pieces).
-        u, v, depth = np.moveaxis((matrices[part].reshape(-1, 3) @ homogeneous).reshape(-1, 3, homogeneous.shape[1]), 1, 0)
+        u, v, depth = np.moveaxis(
+            (matrices[part].reshape(-1, 3) @ homogeneous).reshape(-1, 3, homogeneous.shape[1]), 1, 0
+        )
         side = np.sign(depth.mean(1, keepdims=True))
         # The court's middle is before the camera; pieces that are not, are outside the image.
         is_front = depth * side > 1e-3 * np.abs(depth).max(1, keepdims=True)

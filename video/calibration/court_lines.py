@@ -34,6 +34,10 @@ MAX_PEAKS = 1500
 MAP_DIRECTIONS = 18
 # px from a ridge within which a predicted line is confirmed.
 MAP_TOLERANCE = 3
+# px beyond paint up to which blur carries its light, and width of the ground that is measured on either side.
+BLUR_PX, SIDE_PX = 2.5, 1.5
+# Share of the contrast by which the grounds beside paint differ before they shift its centroid by a tenth of a px.
+UNEVEN_SHARE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +185,12 @@ def map_ridge_directions(points: RidgePoints, shape: tuple[int, int]) -> NDArray
 
 
 def measure_crests(
-    brightness: NDArray[np.float32], xy: FloatArray, normal: FloatArray, width: FloatArray, reach: float
+    brightness: NDArray[np.float32],
+    xy: FloatArray,
+    normal: FloatArray,
+    width: FloatArray,
+    reach: float,
+    is_width_known: NDArray[np.bool_],
 ) -> tuple[FloatArray, FloatArray]:
     """Measure where paint lies across predicted lines.
 
@@ -191,6 +200,7 @@ def measure_crests(
         normal: (K, 2) unit vectors across the lines.
         width: (K,) px, of the paint.
         reach: px across, up to which paint is searched.
+        is_width_known: (K,) whether widths are exact, not only about right.
 
     Returns:
         (K,) px along the normal from the prediction to the paint, NaN where there is none, and (K,) its contrast with
@@ -198,8 +208,7 @@ def measure_crests(
     """
     if len(xy) == 0:
         return np.empty(0), np.empty(0)
-    half = width / 2 + 1.5
-    extent = int(np.ceil(reach + 2 * np.max(half, initial=1.0))) + 1
+    extent = int(np.ceil(reach + np.max(width) / 2 + BLUR_PX + SIDE_PX)) + 1
     s = np.arange(-2 * extent, 2 * extent + 1) / 2
     at = (xy[:, None] + s[:, None] * normal[:, None]).astype(np.float32)
     profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -213,22 +222,47 @@ def measure_crests(
     best = np.argmax(contrast, axis=1)
     rows = np.arange(len(xy))
     peak = contrast[rows, best]
-    # The centroid of what is brighter than the straight line between the two sides.
-    base_left, base_right = left[rows, best], right[rows, best]
-    off = s - s[best][:, None]
-    share = np.clip(off / (2 * half[:, None] + 1) + 0.5, 0, 1)
-    excess = profile - (base_left[:, None] * (1 - share) + base_right[:, None] * share)
-    excess = np.where(np.abs(off) <= half[:, None] + 0.25, np.maximum(excess, 0), 0)
-    weight = excess.sum(1)
-    centre = s[best] + (excess * off).sum(1) / np.where(weight > 0, weight, 1)
+    centre = s[best] + _find_bar_centre(profile, s - s[best][:, None], width, is_width_known)
     height, wide = brightness.shape
     is_inside = ((xy > 2) & (xy < np.array([wide - 3, height - 3]))).all(1)
     is_paint = is_inside & (peak > MIN_CONTRAST) & (np.abs(centre) < reach)
     return np.where(is_paint, centre, np.nan), np.where(is_inside, peak, -np.inf)
 
 
+def _find_bar_centre(
+    profile: NDArray[np.float32], off: FloatArray, width: FloatArray, is_width_known: NDArray[np.bool_]
+) -> FloatArray:
+    """Find the centres (K,), px, of bars of known widths between grounds that may differ, in profiles (K, S) at `off`.
+
+    A blur that is the same to both sides leaves area and first moment of bar and step, which give height and centre.
+    """
+    reach = width / 2 + BLUR_PX
+    inside = np.abs(off) <= reach[:, None]
+    beyond = (np.abs(off) > reach[:, None]) & (np.abs(off) <= reach[:, None] + SIDE_PX)
+    left, right = (
+        (profile * side).sum(1) / np.maximum(side.sum(1), 1) for side in (beyond & (off < 0), beyond & (off > 0))
+    )
+    rise = right - left
+    # Between like grounds, the centroid of what is brighter than both is exact too, and less noisy.
+    share = np.clip(off / (2 * reach[:, None]) + 0.5, 0, 1)
+    brighter = np.where(np.abs(off) <= width[:, None] / 2 + 1.75, profile - left[:, None] - share * rise[:, None], 0.0)
+    brighter = np.maximum(brighter, 0.0)
+    centroid = (brighter * off).sum(1) / np.maximum(brighter.sum(1), 1e-9)
+    step = 0.5
+    excess = np.where(inside, profile - left[:, None], 0.0)
+    area, moment = step * excess.sum(1), step * (excess * off).sum(1)
+    end = step * inside.sum(1) / 2
+    bar = np.maximum(area - rise * end, 1e-9)
+    centre = np.zeros(len(profile))
+    for _ in range(3):
+        centre = (moment - rise * (end**2 / 2 - width**2 / 8 + centre**2 / 2)) / bar
+        centre = np.clip(centre, -reach, reach)
+    is_uneven = np.abs(rise) > UNEVEN_SHARE * brighter.max(1)
+    return np.where(is_uneven & is_width_known, centre, centroid)
+
+
 def _mean_between(total: FloatArray, start: NDArray[np.int64], stop: NDArray[np.int64]) -> FloatArray:
-    """Compute means of rows from `start` to before `stop` (K,) places after each place, from running totals (K, S+1)."""
+    """Compute means from `start` to before `stop` (K,) places after each place of rows with running totals (K, S+1)."""
     size = total.shape[1] - 1
     place = np.arange(size)
     low = np.clip(place + start[:, None], 0, size)
