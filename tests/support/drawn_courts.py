@@ -73,6 +73,7 @@ def draw_court(
     _fill(image, camera, _outline(-margins[0], -margins[1], length + margins[0], across + margins[1]), sport.floor,
           looks.ground)  # fmt: skip
     _draw_banners(image, looks, rng)
+    _draw_marks(image, sport, camera, margins)
     apron = 1.0 if sport.floor == 0 else 0.0
     _fill(image, camera, _outline(-apron, -apron, length + apron, across + apron), 0.0, looks.court)
     for line in sport.lines:
@@ -136,6 +137,16 @@ def _draw_net(image: ImageArray, sport: Sport, camera: CourtCamera, looks: Looks
         xyz = np.concatenate([np.column_stack([np.full_like(y, sport.length / 2), y, z]) for z in (top, lower)])
         xyz[len(y) :] = xyz[len(y) :][::-1]
         _fill_pixels(canvas, camera.to_pixels(xyz), colour)
+
+
+def _draw_marks(image: ImageArray, sport: Sport, camera: CourtCamera, margins: tuple[float, float]) -> None:
+    """Draw bright triangles that lie on the ground, always the same ones."""
+    rng = np.random.default_rng(5)
+    size = np.array([sport.length, sport.width])
+    for _ in range(40):
+        place = rng.uniform(-np.array(margins), size + np.array(margins))
+        corners = place + rng.normal(0, 0.03 * sport.length, (3, 2))
+        _fill(image, camera, corners, sport.floor, tuple(int(c) for c in rng.integers(90, 230, 3)))
 
 
 def _draw_banners(image: ImageArray, looks: Looks, rng: np.random.Generator) -> None:

@@ -29,6 +29,8 @@ LENS_SIGMA, FOCAL_MEAN, FOCAL_SIGMA = 0.03, np.log(1.5), 1.0
 NET_SIGMA_SHARE, TAPE_SHARE = 0.02, 0.055
 # px: thinner paint is not always seen.
 THIN_PX = 0.8
+# Share of the lines' length that is seen below which further steps do not make a court of it.
+GIVE_UP_SHARE = 0.4
 # Least number of places that a camera is fitted to.
 MIN_PLACES = 12
 GAUSS_NEWTON_STEPS = 6
@@ -125,6 +127,9 @@ def fit_court_camera(brightness: NDArray[np.float32], sport: Sport, camera: Cour
     for reach in REACHES:
         places = measure_places(brightness, sport, camera, reach * scale, extended[-1])
         extended, spread, covariance = _solve(places, sport, camera, extended)
+        seen, possible = (float(places.weight[part].sum()) for part in (np.isfinite(places.px[:, 0]), slice(None)))
+        if seen < GIVE_UP_SHARE * possible:
+            break
         camera = camera.replace_parameters(extended[:CAMERA_PARAMETERS])
     camera = replace(camera, covariance=covariance[:CAMERA_PARAMETERS, :CAMERA_PARAMETERS])
     places = measure_places(brightness, sport, camera, REACHES[-1] * scale, extended[-1])

@@ -36,8 +36,11 @@ MISS_COST = 2.0
 # Least share of the lines' length that is seen, and of a line or of the net that counts as seen: players, posts and the
 # net hide some, the rest of a wrong court lies where no paint is.
 MIN_SHARE, MIN_LINE_SHARE, MIN_NET_SHARE = 0.6, 0.35, 0.35
-# Least number of lines, the net included, that show a court; a table has four wide ones and its net.
-MIN_SEEN_LINES = 6
+# The same share where no net is seen: a court with some lines elsewhere keeps three quarters.
+MIN_SHARE_WITHOUT_NET = 0.85
+# Least number of lines, the net included, that show a court (a table has four wide ones and its net), and least part of
+# those inside the image: the lines across of another court may coincide with half of them.
+MIN_SEEN_LINES, MIN_SEEN_PART = 6, 0.7
 # px in an image of `REFERENCE_WIDTH_PX`: lines of a right court agree better.
 MAX_LINE_ERROR_PX = 1.2
 # m, height of the camera above the floor, and its distance from the court's middle in lengths of the court.
@@ -178,12 +181,14 @@ def _is_court(sport: Sport, fit: CourtFit) -> bool:
     )
     widest = max(line.width for line in sport.lines)
     is_wide = np.array([line.width > widest / 3 for line in sport.lines])
-    seen = int((fit.line_shares[is_wide] > MIN_LINE_SHARE).sum()) + int(fit.net_share > MIN_NET_SHARE)
+    shares = np.append(fit.line_shares[is_wide] / MIN_LINE_SHARE, fit.net_share / MIN_NET_SHARE)
+    seen, possible = int((shares > 1).sum()), int(np.isfinite(shares).sum())
     scale = max(1.0, camera.width_px / REFERENCE_WIDTH_PX)
     return bool(
         is_possible
-        and fit.share > MIN_SHARE
-        and seen >= min(MIN_SEEN_LINES, int(is_wide.sum()) + 1)
+        and fit.share > (MIN_SHARE if shares[-1] > 1 else MIN_SHARE_WITHOUT_NET)
+        and seen >= min(MIN_SEEN_LINES, len(shares))
+        and seen >= MIN_SEEN_PART * possible
         and fit.line_error < MAX_LINE_ERROR_PX * scale
     )
 

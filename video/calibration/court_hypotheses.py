@@ -34,9 +34,9 @@ FOCAL_STEPS = 24
 MAX_COSINE, MAX_LOG_RATIO = 0.06, 0.08
 # Number of quadrangles, and of hypotheses that are weighed with all points.
 MAX_QUADS, MAX_WEIGHED = 6000, 1500
-# Points on all lines of a court at which a hypothesis is weighed; coarse ones are every sixth.
+# Points on all lines of a court at which a hypothesis is weighed; coarse ones are every eighth.
 POINTS_PER_LINE = 24
-COARSE_STEP = 6
+COARSE_STEP = 8
 # Probability that a piece of a line is seen: players, the net and the light hide the others. The probability that a
 # ridge is there by chance is measured over windows of px, and lies in a range: letters and stands are full of ridges.
 SEEN_PROBABILITY = 0.85
@@ -129,7 +129,7 @@ def _weigh_homographies(
     widths = np.array([one.width for one in sport.lines])[pieces.line]
     visibility = np.minimum(1.0, widths / (THIN_SHARE * sport.length))
     _, height, width = ridges.directions.shape
-    ends = np.stack([pieces.start, pieces.end])[:, ::step]
+    ends = np.stack([pieces.start, pieces.end])[:, step // 2 :: step]
     homogeneous = np.concatenate([ends, np.ones((*ends.shape[:2], 1))], axis=-1).reshape(-1, 3).T.astype(np.float32)
     matrices = matrices.astype(np.float32)
     scores, lengths = np.zeros((2, len(matrices)))
@@ -154,7 +154,7 @@ def _weigh_homographies(
         direction = np.rint(np.arctan2(dx, -dy) * (MAP_DIRECTIONS / np.pi)).astype(np.int64) % MAP_DIRECTIONS
         i, j = (row[n, p] + 0.5).astype(np.int64), (column[n, p] + 0.5).astype(np.int64)
         is_hit = ridges.directions[direction, i, j]
-        weight = np.hypot(dx, dy) * visibility[::step][p]
+        weight = np.hypot(dx, dy) * visibility[step // 2 :: step][p]
         scores[part] = np.bincount(n, weight * ridges.gains[is_hit.astype(np.int64), i, j], len(depth))
         lengths[part] = np.bincount(n, weight * is_hit, len(depth))
     return scores, lengths
@@ -193,17 +193,19 @@ def _find_quads(lines: PaintedLines, shape: tuple[int, int]) -> _Quads:
     inside = np.abs(ends[0][:, :, None] - ends[0][:, None, :])
     is_side = (painted > MIN_SIDE_COVER * inside) & (inside > MIN_SIDE_PX)
     is_side &= possible[:, :, None] & possible[:, None, :]
-    quads, sizes = [], []
+    found = []
     for b1, b2 in combinations(range(count), 2):
         members = np.flatnonzero(is_side[:, b1, b2])
-        for a1, a2 in combinations(members.tolist(), 2):
-            if a1 < b1 and is_side[b1, a1, a2] and is_side[b2, a1, a2]:
-                quads.append((a1, a2, b1, b2))
-                sizes.append(painted[a1, b1, b2] + painted[a2, b1, b2] + painted[b1, a1, a2] + painted[b2, a1, a2])
-    if not quads:
-        return _Quads(np.empty((0, 2, 2, 2)), np.empty((0, 3, 3)))
-    chosen = np.array(quads)[np.argsort(-np.array(sizes), kind="stable")[:MAX_QUADS]]
-    a, b = chosen[:, :2], chosen[:, 2:]
+        is_closed = is_side[b1][np.ix_(members, members)] & is_side[b2][np.ix_(members, members)]
+        first, second = np.nonzero(np.triu(is_closed, 1))
+        # Each quadrangle once: the first line of all is a line a.
+        first, second = first[members[first] < b1], second[members[first] < b1]
+        a1, a2 = members[first], members[second]
+        size = painted[a1, b1, b2] + painted[a2, b1, b2] + painted[b1, a1, a2] + painted[b2, a1, a2]
+        found.append(np.column_stack([a1, a2, np.full_like(a1, b1), np.full_like(a1, b2), size]))
+    quads = np.concatenate(found)
+    quads = quads[np.argsort(-quads[:, 4], kind="stable")[:MAX_QUADS]]
+    a, b = quads[:, :2].astype(np.int64), quads[:, 2:4].astype(np.int64)
     corners = meet[a[:, :, None], b[:, None, :]]
     matrix = _unit_square_to(corners)
     is_good = np.isfinite(matrix).all((1, 2)) & _is_convex(corners)

@@ -36,6 +36,8 @@ MAP_DIRECTIONS = 18
 MAP_TOLERANCE = 3
 # px beyond paint up to which blur carries its light, and width of the ground that is measured on either side.
 BLUR_PX, SIDE_PX = 2.5, 1.5
+# px^2, variance of the blur of a usual camera, pixel and interpolation; it moves the first moment of a step.
+BLUR_VARIANCE = 0.8
 # Share of the contrast by which the grounds beside paint differ before they shift its centroid by a tenth of a px.
 UNEVEN_SHARE = 0.3
 
@@ -234,7 +236,7 @@ def _find_bar_centre(
 ) -> FloatArray:
     """Find the centres (K,), px, of bars of known widths between grounds that may differ, in profiles (K, S) at `off`.
 
-    A blur that is the same to both sides leaves area and first moment of bar and step, which give height and centre.
+    Area and first moment of a bar and a step, which a blur changes only by its variance, give height and centre.
     """
     reach = width / 2 + BLUR_PX
     inside = np.abs(off) <= reach[:, None]
@@ -255,7 +257,7 @@ def _find_bar_centre(
     bar = np.maximum(area - rise * end, 1e-9)
     centre = np.zeros(len(profile))
     for _ in range(3):
-        centre = (moment - rise * (end**2 / 2 - width**2 / 8 + centre**2 / 2)) / bar
+        centre = (moment - rise * (end**2 / 2 - width**2 / 8 + (centre**2 - BLUR_VARIANCE) / 2)) / bar
         centre = np.clip(centre, -reach, reach)
     is_uneven = np.abs(rise) > UNEVEN_SHARE * brighter.max(1)
     return np.where(is_uneven & is_width_known, centre, centroid)

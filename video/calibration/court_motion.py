@@ -99,7 +99,7 @@ def estimate_court_motion(
 
 
 def turn_camera(camera: CourtCamera, turn: FloatArray) -> CourtCamera:
-    """Turn a camera by a rotation vector (3) in its own axes, and add a fourth number to its logarithmic focal length."""
+    """Turn a camera by a rotation vector (3) in its own axes, and scale its focal length by exp of a fourth number."""
     rotation = rotation_matrix(turn[:3]) @ rotation_matrix(camera.parameters[3:6])
     parameters = camera.parameters.copy()
     parameters[3:6] = cv2.Rodrigues(rotation)[0].ravel()
