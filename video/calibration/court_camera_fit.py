@@ -127,8 +127,8 @@ def fit_court_camera(brightness: NDArray[np.float32], sport: Sport, camera: Cour
     for reach in REACHES:
         places = measure_places(brightness, sport, camera, reach * scale, extended[-1])
         extended, spread, covariance = _solve(places, sport, camera, extended)
-        seen, possible = (float(places.weight[part].sum()) for part in (np.isfinite(places.px[:, 0]), slice(None)))
-        if seen < GIVE_UP_SHARE * possible:
+        visible, possible = (float(places.weight[part].sum()) for part in (np.isfinite(places.px[:, 0]), slice(None)))
+        if visible < GIVE_UP_SHARE * possible:
             break
         camera = camera.replace_parameters(extended[:CAMERA_PARAMETERS])
     camera = replace(camera, covariance=covariance[:CAMERA_PARAMETERS, :CAMERA_PARAMETERS])
@@ -138,8 +138,8 @@ def fit_court_camera(brightness: NDArray[np.float32], sport: Sport, camera: Cour
 
 def fit_to_corners(sport: Sport, camera: CourtCamera, corners: FloatArray, sigma: float) -> CourtFit:
     """Fit a camera to four corners (4, 2) of the court, px with their error, where no lines are seen."""
-    seen = camera.to_pixels(_raise(sport.corners))
-    px = corners[np.argmin(np.linalg.norm(seen[:, None] - corners, axis=-1), axis=1)]
+    predicted_px = camera.to_pixels(_raise(sport.corners))
+    px = corners[np.argmin(np.linalg.norm(predicted_px[:, None] - corners, axis=-1), axis=1)]
     places = _Places(
         np.repeat(_raise(sport.corners), 2, axis=0), np.arange(8), np.tile(np.eye(2), (4, 1)), np.repeat(px, 2, axis=0),
         np.ones(8),
@@ -164,6 +164,9 @@ def measure_places(
     parts = []
     ends = [camera.to_pixels(_raise(np.array([one.start, one.end])), frame=frame) for one in sport.lines]
     size = np.array([camera.width_px, camera.height_px])
+    net = _net_places(sport, camera, net_shift, frame)
+    # The net may lie on a line in the picture.
+    ends += [net[3][[0, -1]]]
     for k, one in enumerate(sport.lines):
         start, end = np.array(one.start), np.array(one.end)
         share = _even_shares(camera, _raise(start), _raise(end), size, frame)
@@ -171,13 +174,12 @@ def measure_places(
         along = _raise(end - start) / np.linalg.norm(end - start)
         side = one.width / 2 * np.array([-along[1], along[0], 0])
         px, normal, width, step = _look_at(camera, xyz, along * 0.01, side, frame)
-        free = np.ones(len(px), np.bool_)
+        parts.append((xyz, np.full(len(px), k), normal, px, width, step * np.clip(width / THIN_PX, 0, 1)))
+    parts.append(net)
+    for k, (_, _, _, px, width, weight) in enumerate(parts):
         for other, (p, q) in enumerate(ends):
             if other != k and np.isfinite([*p, *q]).all():
-                free &= _distance_to(px, p, q) > CROSSING_PX + width
-        weight = np.where(free, step * np.clip(width / THIN_PX, 0, 1), 0.0)
-        parts.append((xyz, np.full(len(px), k), normal, px, width, weight))
-    parts.append(_net_places(sport, camera, net_shift, size, frame))
+                weight[_distance_to(px, p, q) < CROSSING_PX + width] = 0.0
     xyz, line, normal, px, width, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
     inside = ((px > 3) & (px < size - 4)).all(-1)
     xyz, line, normal, px, width, weight = (part[inside] for part in (xyz, line, normal, px, width, weight))
@@ -185,9 +187,7 @@ def measure_places(
     return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
 
 
-def _net_places(
-    sport: Sport, camera: CourtCamera, net_shift: float, size: FloatArray, frame: int | None
-) -> tuple[FloatArray, ...]:
+def _net_places(sport: Sport, camera: CourtCamera, net_shift: float, frame: int | None) -> tuple[FloatArray, ...]:
     """Return places at the middle of the tape of the net, as `measure_places` lists them."""
     net, half_tape = sport.net, TAPE_SHARE / 2 * sport.net.height
     y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
@@ -332,11 +332,11 @@ def _judge(places: _Places, sport: Sport, camera: CourtCamera, extended: FloatAr
     base = np.where(places.line == count, extended[-1], 0.0)
     at_rest = replace(places, xyz=places.xyz - base[:, None] * np.array([0, 0, 1.0]))
     r = _residuals(at_rest, sport, camera, extended)
-    seen = np.isfinite(r) & (np.abs(r) < max(2.0, 4 * spread))
+    is_seen = np.isfinite(r) & (np.abs(r) < max(2.0, 4 * spread))
     totals = np.bincount(places.line, places.weight, count + 1)
-    hits = np.bincount(places.line, places.weight * seen, count + 1)
+    hits = np.bincount(places.line, places.weight * is_seen, count + 1)
     shares = np.where(totals > 0, hits / np.maximum(totals, 1e-9), np.nan)
-    on_lines = seen & (places.line < count) & (places.weight > 0)
+    on_lines = is_seen & (places.line < count) & (places.weight > 0)
     error = float(np.sqrt((r[on_lines] ** 2).mean())) if on_lines.any() else np.inf
     share = float(hits[:-1].sum() / max(totals[:-1].sum(), 1e-9))
     return CourtFit(camera, error, share, shares[:-1], float(shares[-1]), float(hits[:-1].sum()))

@@ -24,7 +24,13 @@ from video.calibration.court_camera_fit import (
 )
 from video.calibration.court_hypotheses import propose_courts
 from video.calibration.court_lines import SEARCH_SIDE_PX, convert_to_brightness
-from video.calibration.court_motion import estimate_court_motion, stands_still
+from video.calibration.court_motion import (
+    combine_places,
+    compute_motion,
+    estimate_court_motion,
+    stands_still,
+    turn_camera,
+)
 from video.io.clip import Clip, read_frames
 
 # Frames spread over the clip, whose median shows a court without players.
@@ -45,6 +51,9 @@ MIN_SEEN_LINES, MIN_SEEN_PART = 6, 0.7
 MAX_LINE_ERROR_PX = 1.2
 # m, height of the camera above the floor, and its distance from the court's middle in lengths of the court.
 HEIGHT_RANGE, MAX_DISTANCE = (0.3, 60.0), 8.0
+# Further frames of a moving camera that measure its place, and the squared standardized difference of places, per
+# number, of a camera that travels: one in a thousand that stand has more.
+PLACE_FRAMES, MAX_PLACE_MISFIT = 6, 4.0
 # px, standard deviation of corners given by the user, and px in an image of `REFERENCE_WIDTH_PX` from them up to which
 # lines are those of their court; share of its lines that must be seen to be more exact than the user's eye.
 USER_CORNER_SIGMA_PX, GIVEN_REACH_PX, MIN_GIVEN_SHARE = 2.0, 12.0, 0.4
@@ -90,8 +99,10 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: P
             if located is not None:
                 break
     if located is None:
-        known = f"no {sport} court" if sport is not None else f"no court of a known sport ({', '.join(find_sports())})"
-        raise ClipError(f"{clip.path.name} shows {known}; {GIVE_COURT_CORNERS}")
+        subject = (
+            f"no {sport} court" if sport is not None else f"no court of a known sport ({', '.join(find_sports())})"
+        )
+        raise ClipError(f"{clip.path.name} shows {subject}; {GIVE_COURT_CORNERS}")
     progress(0.6)
     camera, error = replace(located.fit.camera, first_frame=clip.first_frame), located.fit.line_error
     if not is_still:
@@ -109,12 +120,24 @@ def _follow_camera(clip: Clip, located: LocatedCourt, reference: int) -> tuple[C
     """Add its motion to a camera that moves; also the error of the lines over the clip, px, and notes."""
     camera = located.fit.camera
     images = ((n - clip.first_frame, image) for n, image in read_frames(clip, indices=clip.frames, grey=True))
-    motion, is_measured, errors = estimate_court_motion(
+    turns, is_measured, errors = estimate_court_motion(
         located.sport, camera, reference - clip.first_frame, images, clip.frame_count
     )
     lost = int((~is_measured).sum())
     error = float(np.sqrt(np.nanmean(errors**2))) if np.isfinite(errors).any() else located.fit.line_error
     notes = ("camera-moves", *(("camera-motion-interpolated",) if lost else ()))
+    measured = np.flatnonzero(is_measured & (clip.frames != reference))
+    chosen = np.linspace(0, max(len(measured) - 1, 0), min(PLACE_FRAMES, len(measured))).round().astype(int)
+    others = []
+    for n, image in read_frames(clip, indices=clip.frames[measured[chosen]]):
+        guess = turn_camera(camera, turns[n - clip.first_frame])
+        fit = fit_court_camera(convert_to_brightness(image), located.sport, guess)
+        if _is_court(located.sport, fit):
+            others.append(fit.camera)
+    motion = compute_motion(camera, turns)
+    if others:
+        camera, misfit = combine_places(camera, others)
+        notes += ("camera-travels",) * (misfit > MAX_PLACE_MISFIT)
     return replace(camera, motion=motion, first_frame=clip.first_frame), error, notes
 
 
@@ -182,13 +205,13 @@ def _is_court(sport: Sport, fit: CourtFit) -> bool:
     widest = max(line.width for line in sport.lines)
     is_wide = np.array([line.width > widest / 3 for line in sport.lines])
     shares = np.append(fit.line_shares[is_wide] / MIN_LINE_SHARE, fit.net_share / MIN_NET_SHARE)
-    seen, possible = int((shares > 1).sum()), int(np.isfinite(shares).sum())
+    visible, possible = int((shares > 1).sum()), int(np.isfinite(shares).sum())
     scale = max(1.0, camera.width_px / REFERENCE_WIDTH_PX)
     return bool(
         is_possible
         and fit.share > (MIN_SHARE if shares[-1] > 1 else MIN_SHARE_WITHOUT_NET)
-        and seen >= min(MIN_SEEN_LINES, len(shares))
-        and seen >= MIN_SEEN_PART * possible
+        and visible >= min(MIN_SEEN_LINES, len(shares))
+        and visible >= MIN_SEEN_PART * possible
         and fit.line_error < MAX_LINE_ERROR_PX * scale
     )
 

@@ -193,7 +193,7 @@ def _find_quads(lines: PaintedLines, shape: tuple[int, int]) -> _Quads:
     inside = np.abs(ends[0][:, :, None] - ends[0][:, None, :])
     is_side = (painted > MIN_SIDE_COVER * inside) & (inside > MIN_SIDE_PX)
     is_side &= possible[:, :, None] & possible[:, None, :]
-    found = []
+    parts = []
     for b1, b2 in combinations(range(count), 2):
         members = np.flatnonzero(is_side[:, b1, b2])
         is_closed = is_side[b1][np.ix_(members, members)] & is_side[b2][np.ix_(members, members)]
@@ -202,8 +202,8 @@ def _find_quads(lines: PaintedLines, shape: tuple[int, int]) -> _Quads:
         first, second = first[members[first] < b1], second[members[first] < b1]
         a1, a2 = members[first], members[second]
         size = painted[a1, b1, b2] + painted[a2, b1, b2] + painted[b1, a1, a2] + painted[b2, a1, a2]
-        found.append(np.column_stack([a1, a2, np.full_like(a1, b1), np.full_like(a1, b2), size]))
-    quads = np.concatenate(found)
+        parts.append(np.column_stack([a1, a2, np.full_like(a1, b1), np.full_like(a1, b2), size]))
+    quads = np.concatenate(parts)
     quads = quads[np.argsort(-quads[:, 4], kind="stable")[:MAX_QUADS]]
     a, b = quads[:, :2].astype(np.int64), quads[:, 2:4].astype(np.int64)
     corners = meet[a[:, :, None], b[:, None, :]]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -74,8 +75,8 @@ def estimate_court_motion(
         count: number of frames T.
 
     Returns:
-        Homographies (T, 3, 3) from the reference image to each frame, both without distortion; (T,) whether each frame
-        was measured, not interpolated in time; and (T,) px, root mean square distance of its lines, NaN where none are.
+        Turns (T, 4) for `turn_camera`; (T,) whether each frame was measured, not interpolated in time; and (T,) px,
+        root mean square distance of its lines, NaN where none are seen.
     """
     turns, errors = np.full((count, 4), np.nan), np.full(count, np.nan)
     earlier: list[tuple[int, ByteArray]] = []
@@ -92,10 +93,35 @@ def estimate_court_motion(
     is_measured = np.isfinite(turns[:, 0])
     place = np.arange(count)
     turns = np.column_stack([np.interp(place, place[is_measured], column[is_measured]) for column in turns.T])
-    turns = _smooth(turns, float(np.exp(camera.parameters[6])))
+    return _smooth(turns, float(np.exp(camera.parameters[6]))), is_measured, errors
+
+
+def compute_motion(camera: CourtCamera, turns: FloatArray) -> FloatArray:
+    """Compute the homographies (T, 3, 3) of `CourtCamera.motion` from turns (T, 4)."""
     to_rays = np.linalg.inv(camera.matrix[:, :3])
     motion = np.stack([turn_camera(camera, turn).matrix[:, :3] @ to_rays for turn in turns])
-    return motion / motion[:, 2:, 2:], is_measured, errors
+    return np.asarray(motion / motion[:, 2:, 2:])
+
+
+def combine_places(camera: CourtCamera, others: Sequence[CourtCamera]) -> tuple[CourtCamera, float]:
+    """Improve a camera by other images' estimates of its place, which turning and zooming do not change.
+
+    Returns:
+        The camera, and the squared standardized difference of these places per number: about 1 where the camera stands.
+    """
+    weights = [np.linalg.inv(one.covariance[:3, :3]) for one in others]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    place = covariance @ np.sum([weight @ one.centre for weight, one in zip(weights, others, strict=True)], axis=0)
+    own = camera.covariance[:, :3]
+    gain = own @ np.linalg.inv(own[:3] + covariance)
+    shift = place - camera.centre
+    misfit = float(shift @ np.linalg.solve(own[:3] + covariance, shift))
+    off = [one.centre - place for one in others]
+    misfit += sum(float(one @ weight @ one) for one, weight in zip(off, weights, strict=True))
+    misfit /= 3 * len(others)
+    improved = camera.replace_parameters(camera.parameters + gain @ shift)
+    shrunk = camera.covariance - gain @ own.T
+    return replace(improved, covariance=(shrunk + shrunk.T) / 2 * max(1.0, misfit)), misfit
 
 
 def turn_camera(camera: CourtCamera, turn: FloatArray) -> CourtCamera:
@@ -122,17 +148,17 @@ class _Tracker:
     def follow(self, images: Iterable[tuple[int, ByteArray]], turns: FloatArray, errors: FloatArray) -> None:
         """Measure turns (T, 4) and errors (T,), px, of images that follow the latest one."""
         for number, grey in images:
-            found = register_image(self._key, grey, self._guess)
-            if found is None or found.share < MIN_INLIER_SHARE:
+            registration = register_image(self._key, grey, self._guess)
+            if registration is None or registration.share < MIN_INLIER_SHARE:
                 # The last image that was measured resembles this one most.
                 self._set_key(self._previous)
-                found = register_image(self._key, grey)
-                if found is None or found.share < MIN_INLIER_SHARE:
+                registration = register_image(self._key, grey)
+                if registration is None or registration.share < MIN_INLIER_SHARE:
                     continue
-            self._turn, errors[number] = self._refine(found.homography, grey)
+            self._turn, errors[number] = self._refine(registration.homography, grey)
             turns[number] = self._turn
-            self._guess, self._previous = found.homography, grey
-            moved = apply_homography(found.homography, self._key.corners) - self._key.corners
+            self._guess, self._previous = registration.homography, grey
+            moved = apply_homography(registration.homography, self._key.corners) - self._key.corners
             if np.abs(moved).max() > MAX_TRACKING_SHIFT_PX * grey.shape[1] / REFERENCE_WIDTH_PX:
                 self._set_key(grey)
 
@@ -148,13 +174,13 @@ class _Tracker:
         turn = _fit_turn(camera, self._turn, far, target, across, sigma)
         places = measure_places(grey.astype(np.float32), sport, turn_camera(camera, turn), LINE_REACH_PX * scale)
         good = np.isfinite(places.px[:, 0]) & (places.weight > 0) & (places.line < len(sport.lines))
-        xyz, seen, normal = places.xyz[good], places.px[good], places.normal[good]
+        xyz, px, normal = places.xyz[good], places.px[good], places.normal[good]
         sigmas = np.concatenate([sigma, np.full(len(xyz), LINE_SIGMA_PX * scale)])
         turn = _fit_turn(
-            camera, turn, np.concatenate([far, xyz]), np.concatenate([target, seen]), np.concatenate([across, normal]),
+            camera, turn, np.concatenate([far, xyz]), np.concatenate([target, px]), np.concatenate([across, normal]),
             sigmas,
         )  # fmt: skip
-        off = ((turn_camera(camera, turn).to_pixels(xyz) - seen) * normal).sum(1)
+        off = ((turn_camera(camera, turn).to_pixels(xyz) - px) * normal).sum(1)
         near = np.abs(off) < OUTLIER_PX * scale
         return turn, float(np.sqrt((off[near] ** 2).mean())) if near.sum() > MIN_PLACES else np.nan
 
