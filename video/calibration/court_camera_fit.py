@@ -158,22 +158,21 @@ def fit_to_corners(sport: Sport, camera: CourtCamera, corners: FloatArray, sigma
 
 def measure_places(
     brightness: NDArray[np.float32], sport: Sport, camera: CourtCamera, reach: float, net_shift: float = 0.0,
-    frame: int | None = None,
 ) -> _Places:  # fmt: skip
     """Measure where paint is seen across the lines and the net that a camera predicts."""
     parts = []
-    ends = [camera.to_pixels(_raise(np.array([one.start, one.end])), frame=frame) for one in sport.lines]
+    ends = [camera.to_pixels(_raise(np.array([one.start, one.end]))) for one in sport.lines]
     size = np.array([camera.width_px, camera.height_px])
-    net = _net_places(sport, camera, net_shift, frame)
+    net = _net_places(sport, camera, net_shift)
     # The net may lie on a line in the picture.
     ends += [net[3][[0, -1]]]
     for k, one in enumerate(sport.lines):
         start, end = np.array(one.start), np.array(one.end)
-        share = _even_shares(camera, _raise(start), _raise(end), size, frame)
+        share = _even_shares(camera, _raise(start), _raise(end), size)
         xyz = _raise(start + share[:, None] * (end - start))
         along = _raise(end - start) / np.linalg.norm(end - start)
         side = one.width / 2 * np.array([-along[1], along[0], 0])
-        px, normal, width, step = _look_at(camera, xyz, along * 0.01, side, frame)
+        px, normal, width, step = _look_at(camera, xyz, along * 0.01, side)
         parts.append((xyz, np.full(len(px), k), normal, px, width, step * np.clip(width / THIN_PX, 0, 1)))
     parts.append(net)
     for k, (_, _, _, px, width, weight) in enumerate(parts):
@@ -187,22 +186,20 @@ def measure_places(
     return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
 
 
-def _net_places(sport: Sport, camera: CourtCamera, net_shift: float, frame: int | None) -> tuple[FloatArray, ...]:
+def _net_places(sport: Sport, camera: CourtCamera, net_shift: float) -> tuple[FloatArray, ...]:
     """Return places at the middle of the tape of the net, as `measure_places` lists them."""
     net, half_tape = sport.net, TAPE_SHARE / 2 * sport.net.height
     y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
     z = net.height_at(y, sport.width) + net_shift - half_tape
     xyz = np.column_stack([np.full_like(y, sport.length / 2), y, z])
-    px, normal, width, step = _look_at(camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]), frame)
+    px, normal, width, step = _look_at(camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]))
     return xyz, np.full(len(y), len(sport.lines)), normal, px, width, step
 
 
-def _even_shares(
-    camera: CourtCamera, start: FloatArray, end: FloatArray, size: FloatArray, frame: int | None
-) -> FloatArray:
+def _even_shares(camera: CourtCamera, start: FloatArray, end: FloatArray, size: FloatArray) -> FloatArray:
     """Return shares of the way along a line, at even distances in the image, of places inside it."""
     fine = np.linspace(0, 1, 200)
-    px = camera.to_pixels(start + fine[:, None] * (end - start), frame=frame)
+    px = camera.to_pixels(start + fine[:, None] * (end - start))
     inside = ((px > 0) & (px < size)).all(-1)
     steps = np.where(inside[1:] & inside[:-1], np.linalg.norm(np.diff(px, axis=0), axis=1), 0.0)
     run = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
@@ -211,14 +208,14 @@ def _even_shares(
 
 
 def _look_at(
-    camera: CourtCamera, xyz: FloatArray, along: FloatArray, side: FloatArray, frame: int | None
+    camera: CourtCamera, xyz: FloatArray, along: FloatArray, side: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Project places (K, 3): pixels, normals (K, 2) across, width across, and px of line per place (K,)."""
-    px = camera.to_pixels(xyz, frame=frame)
-    direction = camera.to_pixels(xyz + along, frame=frame) - px
+    px = camera.to_pixels(xyz)
+    direction = camera.to_pixels(xyz + along) - px
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
     normal = np.column_stack([-direction[:, 1], direction[:, 0]])
-    across = camera.to_pixels(xyz + side, frame=frame) - camera.to_pixels(xyz - side, frame=frame)
+    across = camera.to_pixels(xyz + side) - camera.to_pixels(xyz - side)
     step = np.linalg.norm(np.gradient(px, axis=0), axis=1) if len(px) > 1 else np.zeros(len(px))
     return px, normal, np.abs((across * normal).sum(1)), step
 
