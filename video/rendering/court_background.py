@@ -129,12 +129,12 @@ class _Painter:
             return
         shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1.0]])
         size = (int(high[0] - low[0]), int(high[1] - low[1]))
-        seen = cv2.warpPerspective(texture, shift @ plane, size, borderMode=cv2.BORDER_REPLICATE)
+        picture = cv2.warpPerspective(texture, shift @ plane, size, borderMode=cv2.BORDER_REPLICATE)
         mask = np.zeros((size[1], size[0]), np.uint8)
         cv2.fillPoly(mask, [np.rint((points - low) * 2**SHIFT).astype(np.int32)], 255, cv2.LINE_AA, SHIFT)
         window = self.image[low[1] : high[1], low[0] : high[0]]
         share = mask[..., None].astype(np.float32) / 255
-        window[:] = np.rint(window * (1 - share) + seen * share).astype(np.uint8)
+        window[:] = np.rint(window * (1 - share) + picture * share).astype(np.uint8)
 
 
 def paint_lines(image: ByteArray, projection: FloatArray, lines: Sequence[CourtLine], colour: Colour) -> None:
@@ -157,8 +157,8 @@ def paint_lines(image: ByteArray, projection: FloatArray, lines: Sequence[CourtL
         cv2.polylines(mask, [np.rint(points).astype(np.int32)], True, 255, 5)
         cv2.fillPoly(mask, [np.rint(points).astype(np.int32)], 255)
         y, x = np.nonzero(mask)
-        seen = np.column_stack([x, y, np.ones(len(x))]) @ to_court.T
-        place, depth = seen[:, :2] / seen[:, 2:], seen[:, 2]
+        rays = np.column_stack([x, y, np.ones(len(x))]) @ to_court.T
+        place, depth = rays[:, :2] / rays[:, 2:], rays[:, 2]
         share = np.ones(len(x))
         for axis, middle, half in ((across, a, line.width / 2), (along, (a + b) / 2, np.linalg.norm(b - a) / 2)):
             off = (place - middle) @ axis

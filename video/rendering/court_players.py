@@ -165,9 +165,9 @@ def draw_capsules(
     if not capsules:
         return
     ends = np.array([[c.a, c.b] for c in capsules])
-    seen = ends @ projection[:, :3].T + projection[:, 3]
-    depth = seen[..., 2]
-    px = seen[..., :2] / depth[..., None] - (0 if offset is None else offset)
+    rays = ends @ projection[:, :3].T + projection[:, 3]
+    depth = rays[..., 2]
+    px = rays[..., :2] / depth[..., None] - (0 if offset is None else offset)
     scale = np.linalg.norm(
         projection[0, :3]
         - projection[2, :3] * (projection[0, :3] @ projection[2, :3]) / (projection[2, :3] @ projection[2, :3])
@@ -195,14 +195,14 @@ def draw_capsules(
 def draw_head(image: ByteArray, projection: FloatArray, head: Head, offset: FloatArray) -> None:
     """Draw the head of a racket onto an image (h, w, 4), in place."""
     rim = head.centre + CIRCLE @ head.axes
-    seen = rim @ projection[:, :3].T + projection[:, 3]
-    if seen[:, 2].min() < 0.3:
+    rays = rim @ projection[:, :3].T + projection[:, 3]
+    if rays[:, 2].min() < 0.3:
         return
-    points = [np.rint((seen[:, :2] / seen[:, 2:] - offset) * 2**SHIFT).astype(np.int32)]
+    points = [np.rint((rays[:, :2] / rays[:, 2:] - offset) * 2**SHIFT).astype(np.int32)]
     colour = (*(int(255 * c) for c in head.colour), 255)
     if head.is_filled:
         cv2.fillPoly(image, points, colour, cv2.LINE_AA, SHIFT)
     else:
-        size = float(np.ptp(seen[:, :2] / seen[:, 2:], axis=0).max())
+        size = float(np.ptp(rays[:, :2] / rays[:, 2:], axis=0).max())
         cv2.fillPoly(image, points, (50, 50, 50, 60), cv2.LINE_AA, SHIFT)
         cv2.polylines(image, points, True, colour, max(1, round(size / 14)), cv2.LINE_AA, SHIFT)

@@ -333,13 +333,13 @@ class CourtRenderer:
         per_m = radius / self._rally.sport.object.radius
         axis = front - back
         length = float(np.linalg.norm(axis))
-        seen = np.clip(length / ((CORK + SKIRT) * per_m), 0, 1)
+        length_share = np.clip(length / ((CORK + SKIRT) * per_m), 0, 1)
         along = axis / length if length > 1e-6 else np.array([1.0, 0.0])
         ring = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
         wide = (
             per_m
             * SKIRT_RADIUS
-            * (ring[:, :1] * along * np.sqrt(1 - seen**2) + ring[:, 1:] * np.array([-along[1], along[0]]))
+            * (ring[:, :1] * along * np.sqrt(1 - length_share**2) + ring[:, 1:] * np.array([-along[1], along[0]]))
         )
         # the open end is the largest part; shift it so that the middle of the silhouette is the place
         outline = np.concatenate([back + wide, front + per_m * CORK_RADIUS * ring]) + 0.12 * axis
@@ -347,10 +347,10 @@ class CourtRenderer:
         cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 255, cv2.LINE_AA, SHIFT)
 
     def _bend(self, k: int, place: FloatArray) -> FloatArray:
-        """Return by how much (2,) px the lens moves what is seen at a place (3,)."""
+        """Return by how much (2,) px the lens moves what is seen at a place (3,); 0 behind the camera."""
         matrix = self._camera.matrix_of(self._frame(k))
         px = _project(matrix, place[None])
-        return np.asarray(self._camera.distort(px)[0] - px[0])
+        return np.nan_to_num(self._camera.distort(px)[0] - px[0])
 
     def _bounds(self, px: FloatArray, pad: float, margin: int = 40) -> tuple[FloatArray, FloatArray]:
         """Return the first pixel of a window that holds points (n, 2), and the one after its last."""
@@ -366,13 +366,13 @@ class CourtRenderer:
     ) -> None:
         up = np.array([0.0, 0.0, 1.0])
         body = place + 0.1 * sway * np.array([0.3, 1.0, 0.2])
-        arm = body + 0.25 * up + (0.35 + 0.15 * sway) * np.array([0.0, 0.4, 0.9])
+        arm = body + 0.1 * up + (0.35 + 0.15 * sway) * np.array([0.0, 0.4, 0.9])
         skin = (0.7, 0.55, 0.45)
         parts = [
-            Capsule(place - 0.3 * up, body + 0.2 * up, 0.2, 0.2, colour),
-            Capsule(body + 0.5 * up, body + 0.5 * up, 0.11, 0.11, skin),
+            Capsule(place - 0.2 * up, body + 0.05 * up, 0.2, 0.18, colour),
+            Capsule(body + 0.35 * up, body + 0.35 * up, 0.1, 0.1, skin),
         ]
-        draw_capsules(image, projection, [*parts, Capsule(body + 0.25 * up, arm, 0.05, 0.05, skin)])
+        draw_capsules(image, projection, [*parts, Capsule(body + 0.1 * up, arm, 0.045, 0.04, skin)])
 
     def _finish(self, image: ByteArray) -> ByteArray:
         """Reduce the resolution, add noise, and sharpen."""
@@ -399,8 +399,8 @@ def _apply(matrix: FloatArray, px: FloatArray) -> FloatArray:
 
 def _project(projection: FloatArray, places: FloatArray) -> FloatArray:
     """Project places (n, 3) to undistorted pixels (n, 2); NaN behind the camera."""
-    seen = places @ projection[:, :3].T + projection[:, 3]
-    return np.asarray(seen[:, :2] / np.where(seen[:, 2:] > 0.2, seen[:, 2:], np.nan))
+    rays = places @ projection[:, :3].T + projection[:, 3]
+    return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > 0.2, rays[:, 2:], np.nan))
 
 
 def _depth_key(layer: _Layer) -> tuple[int, float]:
