@@ -11,10 +11,12 @@ from scipy.stats import beta
 
 from benchmarks.court_cases.court_clips import CourtTruth
 from benchmarks.court_cases.landing_bound import bound_landing
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 
 # px (of 1280) within which the object is found, and from which on what is found is something else.
 FOUND_PX, FALSE_PX = 5.0, 10.0
+# m/s from which on it is expected to be found: before the serve it lies in a hand, at the end on the floor.
+MOVING = 0.5
 # m from a line within which a landing is close.
 CLOSE = 0.10
 # Frames within which a certain event must have a true one.
@@ -69,7 +71,7 @@ def join_scores(scores: Sequence[RallyScore]) -> RallyScore:
 
 def score_answer(truth: CourtTruth, answer: dict[str, Any]) -> RallyScore:
     """Score what the program says about a clip."""
-    is_visible, frames = truth.columns["is_visible"], len(truth.columns["t"])
+    is_visible, frames = find_visible(truth), len(truth.columns["t"])
     if answer["error"]:
         return RallyScore(
             visible=int(is_visible.sum()), frames=frames, refused=1, clips=1, events=len(true_events(truth))
@@ -82,13 +84,21 @@ def score_answer(truth: CourtTruth, answer: dict[str, Any]) -> RallyScore:
     )  # fmt: skip
 
 
+def find_visible(truth: CourtTruth) -> BoolArray:
+    """Return the frames (T,) in which the object can be seen and moves."""
+    steps = np.linalg.norm(np.diff(truth.columns["xyz"], axis=0), axis=1) * truth.fps
+    speed = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
+    return np.asarray(truth.columns["is_visible"].astype(bool) & (speed > MOVING))
+
+
 def _score_places(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     columns, scale = truth.columns, truth.stated["width"] / 1280
     px = np.full(columns["px"].shape, np.nan)
     px[np.array(answer["frame"], int)] = np.array(answer["px"], np.float64).reshape(-1, 2)
     off = np.linalg.norm(px - columns["px"], axis=1) / scale
-    is_visible, stated = columns["is_visible"].astype(bool), np.isfinite(px).all(axis=1)
+    is_visible, stated = find_visible(truth), np.isfinite(px).all(axis=1)
     near = is_visible & stated & (off < FOUND_PX)
+    # a place at the object is not false where it is barely visible
     false = stated & (~(off < FALSE_PX) | (columns["shown"] < 0.02))
     frame = np.array(answer["candidates"]["frame"], int)
     centre = np.array(answer["candidates"]["px"], np.float64).reshape(-1, 2)
