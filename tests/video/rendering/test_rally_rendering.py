@@ -128,3 +128,13 @@ def test_a_player_beside_or_behind_the_camera_is_no_trouble() -> None:
         look = sample_look(np.random.default_rng(5), "badminton", "mat", "phone", 25)
         renderer = court_renderer.CourtRenderer(np.random.default_rng(6), one, camera, look, "phone", np.array([0.5]))
         assert renderer.render_frame(0)[0].shape == (SIZE[1], SIZE[0], 3)
+
+
+def test_training_clips_are_decoded_frames_with_their_truth() -> None:
+    clip = next(rally_clips.generate_rally_clips(np.random.default_rng(8), [make_rally("tennis")], frames=8, size=SIZE))
+    truth = clip.truth
+    assert clip.frames.shape == (8, SIZE[1], SIZE[0], 3)
+    assert truth.px.shape == truth.streak.shape == (8, 2)
+    assert np.all(np.diff(truth.t) > 0)
+    assert truth.is_visible.dtype == bool
+    assert clip.frames.std() > 5
