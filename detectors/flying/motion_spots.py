@@ -46,10 +46,10 @@ def find_spots(change: ByteArray) -> Spots:
     highest = cv2.dilate(total, np.ones((SEPARATION_PX, SEPARATION_PX), np.uint8))
     # Less than one grey level on average cannot exceed the rounding.
     is_peak = cv2.bitwise_and(cv2.compare(total, highest, cv2.CMP_EQ), cv2.compare(total, SPOT_PX**2, cv2.CMP_GT))
-    found = cv2.findNonZero(is_peak)
-    if found is None:
+    peaks = cv2.findNonZero(is_peak)
+    if peaks is None:
         return Spots(np.empty((0, 2), np.int64), np.empty(0))
-    x, y = found.reshape(-1, 2).T
+    x, y = peaks.reshape(-1, 2).T
     power = cv2.sqrBoxFilter(change, cv2.CV_32F, (SURROUNDINGS_PX, SURROUNDINGS_PX), borderType=cv2.BORDER_REFLECT)
     distinctness = total[y, x] / SPOT_PX**2 / np.sqrt(power[y, x] + ROUNDING**2)
     order = np.argsort(-distinctness, kind="stable")

@@ -16,10 +16,10 @@ from models.core.typing import ByteArray, FloatArray
 # Side, working px, of the cells in which motion is noted, and the change that counts as motion, grey levels: above
 # coding noise and soft shadows, below the contrast of most clothes.
 CELL_PX, MOTION_LEVEL = 8, 16
-# Least cells across a moving region: the edge of a board before a turning camera has one or two.
-LEAST_CELLS = 3
+# Least cells across a moving region: the edge of a board before a turning camera has one.
+LEAST_CELLS = 2
 # s over which the motion before and after counts: a player who waits moves a limb within it.
-MEMORY_S = 0.12
+MEMORY_S = 0.2
 # m: least size across and height of a person's moving part, and the gaps within one person that are closed.
 LEAST_WIDTH, LEAST_HEIGHT, GAP = 0.35, 0.7, 0.25
 

@@ -46,7 +46,7 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
     zoom = 1.0 if still else float(np.exp(rng.normal(0, 0.0015)))
     wide = _draw_background(rng, WIDTH + 160, HEIGHT + 80)
     people = [Person(rng) for _ in range(rng.integers(0, 4))]
-    flights = [Flight(rng) for _ in range(OBJECTS)]
+    flights = [PlaneFlight(rng) for _ in range(OBJECTS)]
     exposure = rng.uniform(0.05, 0.6) if rng.random() < 0.7 else rng.uniform(0.4, 1.0)
     # Some cameras and scalers alias: thin lines become beads that stay where the pixels are.
     sampling = cv2.INTER_NEAREST if rng.random() < 0.3 else cv2.INTER_LINEAR
@@ -64,9 +64,9 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
         image = np.mean([layer[0] for layer in layers], axis=0, dtype=np.float32)
         hidden = np.mean([layer[1] for layer in layers], axis=0, dtype=np.float32) / 255
         for flight in flights:
-            seen = flight.cover(k, exposure, move) * (1 - hidden)
-            shares.append(float(seen.sum()) / flight.area())
-            image += seen * (flight.level - image)
+            alpha = flight.cover(k, exposure, move) * (1 - hidden)
+            shares.append(float(alpha.sum()) / flight.area())
+            image += alpha * (flight.level - image)
             ends = flight.place(np.array([k - exposure / 2, k, k + exposure / 2]), move)
             centres.append(ends[1])
             streaks.append(ends[2] - ends[0])
@@ -83,7 +83,7 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
     return FlyingFilm(luma, centre, streak, np.array(shares).reshape(shape), shifts)
 
 
-class Flight:
+class PlaneFlight:
     """A path in the plane of the first frame, with hits and bounces, and the object that takes it."""
 
     def __init__(self, rng: np.random.Generator) -> None:

@@ -43,7 +43,7 @@ def train_detector(
     work: Path = Path("training"),
     hours: Annotated[float, typer.Option(min=0.001)] = 3.0,
     steps: Annotated[int, typer.Option(min=1)] = 12000,
-    batch: Annotated[int | None, typer.Option(min=1, show_default="16, 128 for streaks and discs, 192 for flying")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, show_default="16 to 192, by part")] = None,
     files: Annotated[int, typer.Option(min=1)] = 100,
     threads: Annotated[int, typer.Option(min=1)] = 2,
     start: Annotated[Path | None, typer.Option("--from", parser=cli.parse_output_path, metavar="FILE.onnx")] = None,
@@ -54,8 +54,8 @@ def train_detector(
     """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX.
 
     Args:
-        part: Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest; flying judges
-            what may be the ball or shuttle of a rally.
+        part: Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest;
+            flying finds the ball or shuttle of a rally.
         out: File of the trained network.
         work: Folder of training images and checkpoints; a second call continues the training.
         hours: Longest training time without interruptions, in h.

@@ -37,8 +37,8 @@ def test_varied_samples_keep_the_truth() -> None:
     for share in np.linspace(-0.5, 0.5, 9):
         patches[:, 2, np.hypot(columns - x - share * streak[0], rows - y - share * streak[1]) < 1.6] = 220
     truth = np.tile(np.array([1, x, y, *streak], np.float32), (64, 1))
-    varied, told = vary_samples(rng, patches, truth)
-    for patch, true in zip(varied, told, strict=True):
+    varied, truths = vary_samples(rng, patches, truth)
+    for patch, true in zip(varied, truths, strict=True):
         weight = np.clip(patch[2] - patch[2].max() / 2, 0, None)
         centre = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
         assert np.abs(centre - true[1:3]).max() < 0.35
@@ -46,7 +46,7 @@ def test_varied_samples_keep_the_truth() -> None:
         spread = np.einsum("ij,ijk,ijl->kl", weight, off, off) / weight.sum()
         axis = np.linalg.eigh(spread)[1][:, 1]
         assert abs(axis @ true[3:]) > 0.97 * np.linalg.norm(true[3:])
-    assert len(np.unique(told[:, 1:], axis=0)) > 4
+    assert len(np.unique(truths[:, 1:], axis=0)) > 4
 
 
 def test_a_spot_beside_the_object_is_neither() -> None:
