@@ -9,8 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.shared_material import find_shared_file
 
 from detectors.flying.find_candidates import find_candidates
+from detectors.flying.spot_network import SHIPPED_SPOT_NETWORK
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import ByteArray, FloatArray
@@ -35,7 +37,7 @@ class StagedFlight:
 
 def place_at(t: FloatArray) -> FloatArray:
     """Compute the places (..., 2) of the dot, px of the first frame, at times in frames."""
-    return START + t[..., None] * VELOCITY + 0.5 * FALL * t[..., None] ** 2 * [0, 1]
+    return np.asarray(START + t[..., None] * VELOCITY + 0.5 * FALL * t[..., None] ** 2 * [0, 1])
 
 
 def texture(width: int, height: int) -> ByteArray:
@@ -139,3 +141,25 @@ def test_the_same_clip_gives_the_same_candidates(tmp_path: Path) -> None:
     first, second = (film(tmp_path, np.zeros(2), with_dot=True).found for _ in range(2))
     assert np.array_equal(first.centre, second.centre)
     assert np.array_equal(first.score, second.score)
+
+
+def test_the_shipped_network_is_small() -> None:
+    assert SHIPPED_SPOT_NETWORK.stat().st_size < 400_000
+
+
+@pytest.mark.slow
+def test_the_shuttle_of_a_broadcast_rally_is_among_the_candidates() -> None:
+    folder = find_shared_file("courts/badminton_1_00_01")
+    rows = np.loadtxt(folder / "shuttle.csv", delimiter=",", skiprows=1)
+    # The file lacks the first frame of those that were marked.
+    marks = {int(row[0]) - 1: row[2:] for row in rows if row[1]}
+    scene = CourtScene(SPORT, CourtCamera(PARAMETERS, np.eye(8) * 1e-6, 1280, 720, is_left_handed=True), 0.5)
+    found = find_candidates(open_clip(folder / "clip.mp4"), scene)
+    nearest, best = [], []
+    for frame, mark in marks.items():
+        off = np.linalg.norm(found.centre[found.frame == frame] - mark, axis=1)
+        nearest.append(off.min(initial=99.0))
+        best.append(off[0] if len(off) else 99.0)
+    assert np.mean(np.array(nearest) < 5) >= 0.9
+    assert np.mean(np.array(best) < 5) >= 0.75
+    assert len(found) < 12 * len(marks)
