@@ -25,7 +25,7 @@ from models.sports.sport_catalogue import find_sports
 from video.rendering.rally_clips import RallyClip, generate_rally_clips, simulate_rallies
 
 # Rallies, clips and frames of a clip in a file, for each sport, and the offset of the files' seeds.
-RALLIES, CLIPS, FRAMES, SEED = 3, 5, 12, 9_100_000
+RALLIES, CLIPS, FRAMES, SEED = 3, 4, 24, 9_100_000
 
 
 def prepare_rally_file(folder: Path, number: int) -> Path:
@@ -43,7 +43,7 @@ def prepare_rally_file(folder: Path, number: int) -> Path:
 
 
 def cut_rally_samples(clip: RallyClip) -> FlyingShard:
-    """Cut all clear spots of a rendered clip, as `find_candidates` judges them."""
+    """Cut all clear spots of the inner frames of a rendered clip, as `find_candidates` judges them."""
     truth = clip.truth
     camera, sport = truth.camera, truth.rally.sport
     scale = choose_scale(CourtScene(sport, camera, 0.0))
@@ -51,8 +51,9 @@ def cut_rally_samples(clip: RallyClip) -> FlyingShard:
     if camera.motion is not None:
         images = [soften_image(image) for image in images]
     patches, rows = [], []
-    for k in range(len(images)):
-        around = neighbours_of(k, 0, len(images), choose_lag(truth.t))
+    lag = choose_lag(truth.t)
+    for k in range(2 * lag, len(images) - 2 * lag):
+        around = neighbours_of(k, 0, len(images), lag)
         window = align_window(k, [images[i] for i in around], find_shifts(camera, around, scale))
         place = find_spots(map_lone_change(window)).place
         px = np.asarray((place + 0.5) / scale - 0.5, np.float64)

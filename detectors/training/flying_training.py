@@ -30,8 +30,9 @@ SHARDS_IN_MEMORY = 8
 OBJECT_SHARE = 0.35
 # Grey levels that are added to the contrast of a patch, so that noise is not taken for contrast.
 LEAST_CONTRAST = 6.0
-# Least and largest logarithm of a sigma, px, and the px of an error beyond which it counts as an outlier.
-LOG_SIGMA = (-3.0, 2.5)
+# Least and largest logarithm of a sigma, px: coding and sharpening move real edges by a quarter of a px, whatever films
+# say; and the error, in sigmas, beyond which it counts as an outlier.
+LOG_SIGMA = (-1.4, 2.5)
 OUTLIER_SIGMAS = 3.0
 # Weight of the loss of the streak, per px.
 STREAK_WEIGHT = 1.0
