@@ -17,8 +17,8 @@ from video.io.clip import Clip
 
 # Spots of a frame that are judged: the object is among them where it can be told from noise.
 SPOTS_PER_FRAME = 40
-# Probability below which a spot is no candidate: hundreds of such spots hold less than one object.
-LEAST_SCORE = 0.01
+# Probability below which a spot is no candidate: of several hundred such spots one is the object.
+LEAST_SCORE = 0.003
 # Working px within which two candidates are one, besides half their streaks.
 ONE_PLACE_PX = 3.0
 
