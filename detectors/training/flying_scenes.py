@@ -130,7 +130,7 @@ class PlaneFlight:
         if side > 400:
             return alpha
         stamps = [self._stamp(p - low, a, side) for p, a in zip(places, ahead, strict=True)]
-        stamp = np.mean(stamps, axis=0, dtype=np.float32)
+        stamp = np.asarray(np.mean(stamps, axis=0), np.float32)
         x0, y0 = np.maximum(low, 0)
         x1, y1 = np.minimum(low + side, [WIDTH, HEIGHT])
         if x0 < x1 and y0 < y1:
@@ -153,7 +153,8 @@ class PlaneFlight:
         else:
             at = np.round(((centre + 0.5) * ZOOM - 0.5) * unit).astype(int)
             cv2.circle(canvas, (int(at[0]), int(at[1])), round(self.radius * ZOOM * unit), 255, -1, cv2.LINE_AA, SHIFT)
-        return np.asarray(cv2.resize(canvas, (side, side), interpolation=cv2.INTER_AREA), np.float32) / 255
+        share = cv2.resize(canvas, (side, side), interpolation=cv2.INTER_AREA)
+        return np.asarray(share / 255, np.float32)
 
 
 class Person:
