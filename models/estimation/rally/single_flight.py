@@ -1,0 +1,143 @@
+"""One flight fitted alone to places in the image, with what is known before: the building block of the search.
+
+The fit starts from the linear problem that is left once drag and lift are held (the projection of a place times its
+depth is linear in place and velocity at the start), and ends with damped least squares over all 11 parameters. Its
+Laplace evidence lets flights of different numbers be compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.court import Sport
+from models.core.typing import FloatArray
+from models.estimation.rally.flight_observations import FlightObservations, bound_residuals, compare_places
+from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
+from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
+
+# m beyond the ends, and beside the sides, that a flight alone may begin at; a broad prior, as its height and speed.
+_HEIGHT = (1.5, 2.0)
+# Share of the largest speed that is the standard deviation of each component of the velocity.
+_SPEED_SHARE = 0.3
+# Standard deviations of lift and turn-over that stand for "none".
+_NONE = 1e-5
+# m, softness of the floor, through which nothing flies.
+_FLOOR_SOFTNESS = 0.05
+# Share by which the drag of one flight departs from that of the clip: the drag coefficient varies with speed and spin.
+DRAG_SPREAD = 0.03
+# Rounds of the linear problem: drag is then consistent with the velocities.
+_LINEAR_ROUNDS = 3
+_SEARCH = SearchOptions(iterations=12, attempts=5, min_gain=0.05, min_relative_gain=1e-3, damping=1e-2)
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPrior:
+    """What is known of the parameters of a flight before it is seen."""
+
+    mean: FloatArray
+    """(11,)"""
+    sigma: FloatArray
+    """(11,)"""
+
+
+@dataclass(frozen=True, slots=True)
+class SingleFlight:
+    """A flight that was fitted alone. Its parameters refer to its first observation."""
+
+    parameters: FloatArray
+    """(11,)"""
+    covariance: FloatArray
+    """(11, 11)"""
+    cost: float
+    """Robust chi2, the prior's included."""
+    evidence: float
+    """Natural logarithm of the probability density of the observations (Laplace), per standard deviation of each."""
+    path: FlightPath
+    """At the times of the observations."""
+
+
+def build_flight_prior(sport: Sport) -> FlightPrior:
+    """Build the prior of a flight of a sport: anywhere in the surroundings of the court, at any speed."""
+    item = sport.object
+    behind, beside = sport.surroundings
+    mean = np.zeros(PARAMETER_COUNT)
+    mean[:3] = sport.length / 2, sport.width / 2, _HEIGHT[0]
+    mean[6], mean[10] = item.drag.mean, item.turn_drag.mean
+    sigma = np.empty(PARAMETER_COUNT)
+    sigma[:3] = sport.length / 3 + behind / 2, sport.width / 3 + beside / 2, _HEIGHT[1]
+    sigma[3:6] = _SPEED_SHARE * item.max_speed * np.array([1.0, 0.5, 0.5])
+    sigma[6] = np.hypot(item.drag.sigma, DRAG_SPREAD * item.drag.mean)
+    sigma[7:10] = max(item.lift, _NONE)
+    sigma[10] = max(item.turn_drag.sigma, _NONE)
+    return FlightPrior(mean, sigma)
+
+
+def fit_single_flight(
+    observed: FlightObservations, sport: Sport, prior: FlightPrior, turns: bool = True, start: FloatArray | None = None
+) -> SingleFlight | None:
+    """Fit a flight to observations that it alone explains.
+
+    Args:
+        observed: N >= 2 observations.
+        sport: Sport.
+        prior: Prior of its parameters.
+        turns: Whether it begins with a hit, after which a shuttle turns over.
+        start: Parameters (11,) to start from; the linear problem where not given.
+
+    Returns:
+        The flight; None where the search finds no possible one.
+    """
+    turn_time = sport.object.turn_time if turns else 0.0
+    tau = observed.t - observed.t[0]
+    if start is None:
+        start = _solve_linear(observed, tau, prior, turn_time)
+
+    def evaluate(p: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        path = fly(p, tau, turn_time)
+        if not np.isfinite(path.states).all():
+            return None
+        residual, by_place = compare_places(observed, path.states[:, :3])
+        factor, slope = bound_residuals(residual)
+        below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
+        rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
+        by_parameters = (by_place @ path.derivatives[:, :3]) * slope[:, None, None]
+        by_below = np.where(below < 0, 1 / _FLOOR_SOFTNESS, 0.0)[:, None] * path.derivatives[:, 2]
+        return rows, np.vstack([by_parameters.reshape(-1, PARAMETER_COUNT), np.diag(1 / prior.sigma), by_below])
+
+    try:
+        best = minimize_residuals(start, evaluate, _SEARCH)
+    except ValueError:
+        return None
+    rows = evaluate(best.point)
+    if rows is None:
+        return None
+    information = rows[1].T @ rows[1]
+    scaled = information * prior.sigma * prior.sigma[:, None]
+    evidence = -0.5 * best.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
+    path = fly(best.point, tau, turn_time)
+    return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
+
+
+def _solve_linear(observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_time: float) -> FloatArray:
+    """Solve for place and velocity at the start; drag and lift bend the path as those of the last round do."""
+    p = prior.mean.copy()
+    bend = np.zeros((len(tau), 3))
+    bend[:, 2] = -0.5 * GRAVITY * tau**2
+    depth = np.maximum((observed.matrix[:, 2] @ np.append(p[:3], 1.0)), 1.0)
+    rows = observed.matrix[:, :2] - observed.px[:, :, None] * observed.matrix[:, 2:]  # (N, 2, 4)
+    for _ in range(_LINEAR_ROUNDS):
+        weighted = (observed.whitening @ rows) / depth[:, None, None]
+        by_place = weighted[:, :, :3]
+        by = np.concatenate([by_place, by_place * tau[:, None, None]], axis=2).reshape(-1, 6)
+        right = -(np.einsum("nij,nj->ni", by_place, bend) + weighted[:, :, 3]).ravel()
+        by = np.vstack([by, np.diag(1 / prior.sigma[:6])])
+        right = np.append(right, prior.mean[:6] / prior.sigma[:6])
+        p[:6] = np.linalg.lstsq(by, right, rcond=None)[0]
+        path = fly(p, tau, turn_time).states[:, :3]
+        if not np.isfinite(path).all():
+            return prior.mean.copy()
+        bend = path - p[:3] - p[3:6] * tau[:, None]
+        depth = np.maximum(np.einsum("nj,nj->n", observed.matrix[:, 2, :3], path) + observed.matrix[:, 2, 3], 1.0)
+    return p
