@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.core.court_camera import CourtCamera
+from models.core.scene import apply_homography
 from models.core.typing import BoolArray, FloatArray, IntArray
 
 # Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
 # tails that are wider than its own sigma says.
-_ROBUST_SCALE = 3.0
+ROBUST_SCALE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,15 @@ def prepare_observations(
     return FlightObservations(t, camera.undistort(px), np.ascontiguousarray(matrix), whitening)
 
 
+def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArray) -> FloatArray:
+    """Map seen pixels (N, 2) of frames (N,) into the reference image, in which a camera that turns seems to stand."""
+    flat = camera.undistort(px)
+    if camera.motion is None:
+        return flat
+    at = np.clip(frame - camera.first_frame, 0, len(camera.motion) - 1)
+    return apply_homography(np.linalg.inv(camera.motion[at]), flat)
+
+
 def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compare places in space (N, 3), m, with what was observed of them.
 
@@ -84,15 +94,16 @@ def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[Float
     return residual, np.asarray(observed.whitening @ by)
 
 
-def bound_residuals(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bound_residuals(residual: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray]:
     """Bound the pull of outliers.
 
     Args:
         residual: (N, 2) standard deviations.
+        scale: Standard deviations from which they pull less.
 
     Returns:
         Factors (N,) on the residuals, whose squares then add to the robust cost, and factors (N,) on their derivatives.
     """
-    square = np.maximum((residual**2).sum(axis=1), 1e-12) / _ROBUST_SCALE**2
+    square = np.maximum((residual**2).sum(axis=1), 1e-12) / scale**2
     factor = np.sqrt(np.log1p(square) / square)
     return factor, 1 / ((1 + square) * factor)

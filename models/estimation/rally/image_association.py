@@ -14,8 +14,8 @@ import numpy as np
 
 from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates
-from models.core.scene import apply_homography
 from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.flight_observations import stabilize_places
 
 # s that the object may be hidden without the path beginning anew: half the time of a fast exchange at the net.
 _LONGEST_GAP = 0.25
@@ -70,7 +70,9 @@ def associate_candidates(scene: CourtScene, candidates: BallCandidates, frame: I
     if len(usable) < 2:
         return chosen
     row = row[usable]
-    px, streak = _stabilize(scene, candidates, usable)
+    centre, frames = candidates.centre[usable], candidates.frame[usable]
+    px = stabilize_places(scene.camera, frames, centre)
+    streak = stabilize_places(scene.camera, frames, centre + candidates.streak[usable]) - px
     weigh = _Weights(scene, t[row], px, streak, candidates.sigma[usable], _weigh_look(scene, candidates, usable, px, t))
     path = _find_best_path(weigh, row, t)
     chosen[row[path]] = usable[path]
@@ -137,20 +139,6 @@ class _Weights:
         angle = np.arcsin(np.minimum(sine, 1.0)) / _STREAK_ANGLE
         known = np.logaddexp(np.log(np.sqrt(np.pi / 2) / _STREAK_ANGLE) - 0.5 * angle**2, _WRONG_STREAK)
         return np.where(usable, known, 0.0)
-
-
-def _stabilize(scene: CourtScene, candidates: BallCandidates, usable: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Map places and streaks into the reference image, where a camera that turns seems to stand."""
-    camera = scene.camera
-    ends = camera.undistort(candidates.centre[usable]), camera.undistort(
-        candidates.centre[usable] + candidates.streak[usable]
-    )
-    if camera.motion is None:
-        return ends[0], ends[1] - ends[0]
-    at = np.clip(candidates.frame[usable] - camera.first_frame, 0, len(camera.motion) - 1)
-    back = np.linalg.inv(camera.motion[at])
-    px, tip = (apply_homography(back, end) for end in ends)
-    return px, tip - px
 
 
 def _weigh_look(

@@ -8,12 +8,18 @@ Laplace evidence lets flights of different numbers be compared.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from models.core.court import Sport
 from models.core.typing import FloatArray
-from models.estimation.rally.flight_observations import FlightObservations, bound_residuals, compare_places
+from models.estimation.rally.flight_observations import (
+    ROBUST_SCALE,
+    FlightObservations,
+    bound_residuals,
+    compare_places,
+)
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
 from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
 
@@ -27,9 +33,12 @@ _NONE = 1e-5
 _FLOOR_SOFTNESS = 0.05
 # Share by which the drag of one flight departs from that of the clip: the drag coefficient varies with speed and spin.
 DRAG_SPREAD = 0.03
-# Rounds of the linear problem: drag is then consistent with the velocities.
-_LINEAR_ROUNDS = 3
-_SEARCH = SearchOptions(iterations=12, attempts=5, min_gain=0.05, min_relative_gain=1e-3, damping=1e-2)
+# Initial speeds with which the linear problem is solved, as shares of the largest; the best of them starts the search.
+_START_SPEEDS = (0.05, 0.15, 0.3, 0.5, 0.8)
+# Standard deviations from which residuals pull less in the first search: a start is far from what it should explain.
+_FAR_SCALE = 30.0
+_FIRST_SEARCH = SearchOptions(iterations=10, attempts=5, min_relative_gain=0.05, min_gain=1.0, damping=1e-2)
+_SEARCH = SearchOptions(iterations=15, attempts=5, min_gain=0.1, min_relative_gain=1e-3, quiet_steps=2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +84,7 @@ def build_flight_prior(sport: Sport) -> FlightPrior:
 
 
 def fit_single_flight(
-    observed: FlightObservations, sport: Sport, prior: FlightPrior, turns: bool = True, start: FloatArray | None = None
+    observed: FlightObservations, sport: Sport, prior: FlightPrior, turns: bool = True, heading: float = 0.0
 ) -> SingleFlight | None:
     """Fit a flight to observations that it alone explains.
 
@@ -84,32 +93,38 @@ def fit_single_flight(
         sport: Sport.
         prior: Prior of its parameters.
         turns: Whether it begins with a hit, after which a shuttle turns over.
-        start: Parameters (11,) to start from; the linear problem where not given.
+        heading: Sign of the speed along the court with which the search starts; 0 for either.
 
     Returns:
         The flight; None where the search finds no possible one.
     """
     turn_time = sport.object.turn_time if turns else 0.0
     tau = observed.t - observed.t[0]
-    if start is None:
-        start = _solve_linear(observed, tau, prior, turn_time)
+    start = _solve_linear(observed, tau, prior, turn_time, heading)
 
-    def evaluate(p: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def evaluate(p: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray] | None:
         path = fly(p, tau, turn_time)
         if not np.isfinite(path.states).all():
             return None
         residual, by_place = compare_places(observed, path.states[:, :3])
-        factor, slope = bound_residuals(residual)
+        factor, slope = bound_residuals(residual, scale)
         below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
         rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
         by_parameters = (by_place @ path.derivatives[:, :3]) * slope[:, None, None]
         by_below = np.where(below < 0, 1 / _FLOOR_SOFTNESS, 0.0)[:, None] * path.derivatives[:, 2]
         return rows, np.vstack([by_parameters.reshape(-1, PARAMETER_COUNT), np.diag(1 / prior.sigma), by_below])
 
-    try:
-        best = minimize_residuals(start, evaluate, _SEARCH)
-    except ValueError:
-        return None
+    best = None
+    for scale in (_FAR_SCALE, ROBUST_SCALE):
+        try:
+            best = minimize_residuals(
+                start if best is None else best.point,
+                partial(evaluate, scale=scale),
+                _SEARCH if best else _FIRST_SEARCH,
+            )
+        except ValueError:
+            return None
+    assert best is not None
     rows = evaluate(best.point)
     if rows is None:
         return None
@@ -120,24 +135,36 @@ def fit_single_flight(
     return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
 
 
-def _solve_linear(observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_time: float) -> FloatArray:
-    """Solve for place and velocity at the start; drag and lift bend the path as those of the last round do."""
-    p = prior.mean.copy()
-    bend = np.zeros((len(tau), 3))
-    bend[:, 2] = -0.5 * GRAVITY * tau**2
-    depth = np.maximum((observed.matrix[:, 2] @ np.append(p[:3], 1.0)), 1.0)
+def _solve_linear(
+    observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_time: float, heading: float
+) -> FloatArray:
+    """Solve for place and velocity at the start, with the drag of several initial speeds; the best one starts a fit."""
     rows = observed.matrix[:, :2] - observed.px[:, :, None] * observed.matrix[:, 2:]  # (N, 2, 4)
-    for _ in range(_LINEAR_ROUNDS):
-        weighted = (observed.whitening @ rows) / depth[:, None, None]
-        by_place = weighted[:, :, :3]
-        by = np.concatenate([by_place, by_place * tau[:, None, None]], axis=2).reshape(-1, 6)
-        right = -(np.einsum("nij,nj->ni", by_place, bend) + weighted[:, :, 3]).ravel()
-        by = np.vstack([by, np.diag(1 / prior.sigma[:6])])
-        right = np.append(right, prior.mean[:6] / prior.sigma[:6])
-        p[:6] = np.linalg.lstsq(by, right, rcond=None)[0]
+    depth = np.maximum(observed.matrix[:, 2] @ np.append(prior.mean[:3], 1.0), 1.0)
+    fastest = float(prior.sigma[3]) / _SPEED_SHARE
+    best, least = prior.mean.copy(), np.inf
+    for share in _START_SPEEDS:
+        rate = prior.mean[6] * (1 + prior.mean[10] * (turn_time > 0) * 0.2) * share * fastest
+        # without gravity the speed falls as 1 / (1 + rate t); the fall is slowed at the same rate
+        reach = np.log1p(rate * tau) / rate
+        fall = -GRAVITY * (tau**2 / 4 + tau / (2 * rate) - np.log1p(rate * tau) / (2 * rate**2))
+        now, p = depth, prior.mean.copy()
+        mean, sigma = prior.mean[:6].copy(), prior.sigma[:6].copy()
+        if heading:
+            mean[3], sigma[3] = heading * share * fastest, 0.5 * share * fastest
+        for _ in range(2):
+            weighted = (observed.whitening @ rows) / now[:, None, None]
+            by_place = weighted[:, :, :3]
+            by = np.concatenate([by_place, by_place * reach[:, None, None]], axis=2).reshape(-1, 6)
+            right = -(by_place[:, :, 2] * fall[:, None] + weighted[:, :, 3]).ravel()
+            by = np.vstack([by, np.diag(1 / sigma)])
+            p[:6] = np.linalg.lstsq(by, np.append(right, mean / sigma), rcond=None)[0]
+            xyz = p[:3] + p[3:6] * reach[:, None]
+            now = np.maximum(np.einsum("nj,nj->n", observed.matrix[:, 2, :3], xyz) + observed.matrix[:, 2, 3], 1.0)
         path = fly(p, tau, turn_time).states[:, :3]
-        if not np.isfinite(path).all():
-            return prior.mean.copy()
-        bend = path - p[:3] - p[3:6] * tau[:, None]
-        depth = np.maximum(np.einsum("nj,nj->n", observed.matrix[:, 2, :3], path) + observed.matrix[:, 2, 3], 1.0)
-    return p
+        if np.isfinite(path).all():
+            residual = compare_places(observed, path)[0]
+            cost = float((np.minimum(np.abs(residual), 1e3)).sum()) + float((((p[:6] - mean) / sigma) ** 2).sum())
+            if cost < least:
+                best, least = p.copy(), cost
+    return best
