@@ -10,6 +10,7 @@ from models.core.court import Sport
 from models.core.court_camera import CourtCamera, CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.rally_views import find_surface_contact
 from models.physics.flight.flight_motion import find_descent, fly
 
 
@@ -73,7 +74,7 @@ def play_rally(sport: Sport, hits: int, rng: np.random.Generator, fps: float = 2
         events.append(("hit", t, place, float(np.linalg.norm(parameters[3:6]))))
         turn = item.turn_time
         while True:
-            fall = find_descent(parameters, turn, item.radius, 0.0, 8.0)
+            fall = find_surface_contact(parameters, turn > 0, sport, 0.0)
             state = fly(parameters, np.array([fall]), turn).states[0]
             is_last = k == hits - 1
             if item.restitution is None:
@@ -144,7 +145,8 @@ def _hit_height(sport: Sport, rng: np.random.Generator) -> float:
 
 def _bounce(sport: Sport, state: FloatArray, drag: float, rng: np.random.Generator) -> FloatArray:
     item = sport.object
-    assert item.restitution is not None and item.retention is not None
+    assert item.restitution is not None
+    assert item.retention is not None
     keep = item.retention.mean + 0.5 * item.retention.sigma * rng.standard_normal()
     up = item.restitution.mean + 0.5 * item.restitution.sigma * rng.standard_normal()
     velocity = state[3:] * [keep, keep, -up]

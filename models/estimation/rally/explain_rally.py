@@ -14,9 +14,9 @@ from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.flight_fit import (
     RallyFit,
     accelerate,
+    assign_times,
     fit_rally,
     flight_slice,
-    observations_of,
     refine_fit,
     start_row,
 )
@@ -28,16 +28,13 @@ from models.estimation.rally.flight_observations import (
     stabilize_places,
 )
 from models.estimation.rally.flight_segmentation import segment_rally
+from models.estimation.rally.guided_association import GATE, LEAST_SIGMA, choose_candidates
 from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, merge_landings, predict_landing
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly
 
-# px, least error of a place that a detector may claim: pixels, compression, and the centre of a moving blur.
-_LEAST_SIGMA = 0.3
-# Standard deviations within which a candidate is taken for the object once the flights are known.
-_GATE = 4.0
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
@@ -90,9 +87,9 @@ def explain_rally(
     if not fits:
         return _build_empty(scene, candidates, frame, t)
     fits.sort(key=lambda fit: -_weigh_fit(fit, sight.observed))
-    better = _choose_again(scene, candidates, frame, t, sight, fits[0])
-    if better is not None:
-        sight = better
+    chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
+    if (chosen != sight.chosen).any():
+        sight = _look(scene.camera, candidates, frame, t, chosen)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     evidence = np.array([_weigh_fit(fit, sight.observed) for fit in fits])
@@ -113,7 +110,7 @@ def _observe(
     camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray, rows: IntArray
 ) -> FlightObservations:
     at = chosen[rows]
-    sigma = np.maximum(np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1), _LEAST_SIGMA)
+    sigma = np.maximum(np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1), LEAST_SIGMA)
     return prepare_observations(camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma)
 
 
@@ -128,50 +125,8 @@ def _are_same(one: RallyFit, other: RallyFit) -> bool:
 
 def _weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
-    explained = sum(len(rows) for rows in observations_of(observed, fit.structure, fit.values))
+    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
     return fit.evidence - _CLUTTER_COST * (len(observed) - explained)
-
-
-def _choose_again(
-    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, sight: _Sight, fit: RallyFit
-) -> _Sight | None:
-    """Choose the candidates nearest to the flights; None where nothing changes."""
-    chosen = sight.chosen.copy()
-    count = len(fit.structure)
-    bounds = np.searchsorted(candidates.frame, np.stack([frame, frame + 1]))
-    everywhere = FlightObservations(t, np.empty((len(t), 2)), np.empty((len(t), 3, 4)), np.empty((len(t), 2, 2)))
-    covariance = fit.covariance
-    for k, rows in enumerate(observations_of(everywhere, fit.structure, fit.values)):
-        part = flight_slice(k)
-        path = fly(fit.values[part], t[rows] - fit.values[start_row(k, count)], fit.structure.turn_time(k, scene.sport))
-        spread = path.derivatives[:, :3] @ covariance[part, part] @ path.derivatives[:, :3].transpose(0, 2, 1)
-        for row, xyz, cov in zip(rows, path.states[:, :3], spread, strict=True):
-            near = np.arange(*bounds[:, row])
-            if not len(near):
-                continue
-            trial = np.full(len(t), -1, np.int64)
-            seen = _observe(scene.camera, candidates, frame, t, _put(trial, row, near[0]), np.array([row]))
-            by = np.linalg.solve(seen.whitening[0], compare_places(seen, xyz[None])[1][0])
-            here = scene.camera.to_pixels(xyz, frame[row])
-            size = np.maximum(candidates.sigma[near], _LEAST_SIGMA) ** 2
-            inflated = by @ cov @ by.T + np.eye(2) * size[:, None, None]
-            off = candidates.centre[near] - here
-            square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(inflated), off)
-            odds = np.log(
-                np.clip(candidates.score[near], 1e-3, 1 - 1e-3) / (1 - np.clip(candidates.score[near], 1e-3, 0.999))
-            )
-            value = np.where(square < _GATE**2, odds - 0.5 * square, -np.inf)
-            best = int(np.argmax(value))
-            if np.isfinite(value[best]):
-                chosen[row] = near[best]
-    if (chosen == sight.chosen).all():
-        return None
-    return _look(scene.camera, candidates, frame, t, chosen)
-
-
-def _put(array: IntArray, row: int, value: int) -> IntArray:
-    array[row] = value
-    return array
 
 
 def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:
@@ -197,7 +152,7 @@ def _estimate_covariance(
     observations share, are added (consider covariance: Bierman 1977, section VIII.2).
     """
     structure, values, count = fit.structure, fit.values, len(fit.structure)
-    rows_of = observations_of(sight.observed, structure, values)
+    rows_of = assign_times(sight.observed.t, structure, values)
     shifted = []
     for j in range(len(_CAMERA_STEPS)):
         moved = camera.parameters.copy()
@@ -212,7 +167,7 @@ def _estimate_covariance(
         residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
         factor, slope = bound_residuals(residual)
         bounded = residual * factor[:, None]
-        used[rows] = (residual**2).sum(axis=1) < _GATE**2
+        used[rows] = (residual**2).sum(axis=1) < GATE**2
         series.append(bounded)
         freedom = 2 * len(rows) - 6
         chi2.append(float((bounded**2).sum()) / freedom if freedom > 0 else float("nan"))

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
-from models.core.typing import BoolArray, FloatArray, IntArray
+from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import (
     BOUNCE_SPREAD,
     CONTACT_SPREAD,
@@ -147,20 +147,20 @@ def refine_fit(
     return RallyFit(structure, best.point, information, best.cost, float(evidence))
 
 
-def observations_of(observed: FlightObservations, structure: RallyStructure, values: FloatArray) -> list[IntArray]:
-    """Assign the observations to the flights that cover their times.
+def assign_times(t: FloatArray, structure: RallyStructure, values: FloatArray) -> list[IntArray]:
+    """Assign times (N,), s, in their order, to the flights that cover them.
 
     Returns:
-        Indices of the observations of each flight.
+        Indices of the times of each flight.
     """
     count = len(structure)
     starts = values[1 + PARAMETER_COUNT * count :]
     rows = []
     for k in range(count):
-        low = starts[k] if structure.joined[k] else structure.begin[k]
+        low = starts[k] if structure.joined[k] else structure.begin[k] - 1e-9
         is_ended = k + 1 < count and structure.joined[k + 1]
         high = starts[k + 1] if is_ended else structure.end[k] + 1e-9
-        begin, end = np.searchsorted(observed.t, [low, high])
+        begin, end = np.searchsorted(t, [low, high])
         rows.append(np.arange(begin, end))
     return rows
 
@@ -200,7 +200,7 @@ class _Problem:
         drag = sport.object.drag
         self._add_linear({0: 1.0}, values[0] - drag.mean, drag.sigma)
         before: tuple[int, FloatArray, FloatArray, float] | None = None
-        for k, rows in enumerate(observations_of(self.observed, structure, values)):
+        for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
             part, start = flight_slice(k), values[start_row(k, count)]
             p, turn_time = values[part], structure.turn_time(k, sport)
             ends_joined = k + 1 < count and structure.joined[k + 1]
@@ -360,15 +360,3 @@ def accelerate(p: FloatArray, state: FloatArray) -> FloatArray:
     v = state[3:]
     speed = float(np.linalg.norm(v))
     return np.asarray(speed * (np.cross(p[7:10], v) - p[6] * v) - np.array([0.0, 0.0, GRAVITY]))
-
-
-def find_outliers(observed: FlightObservations, fit: RallyFit, sport: Sport, sigmas: float) -> BoolArray:
-    """Find the observations (N,) that no flight explains within a number of standard deviations."""
-    outside = np.ones(len(observed), np.bool_)
-    for k, rows in enumerate(observations_of(observed, fit.structure, fit.values)):
-        start = fit.values[start_row(k, len(fit.structure))]
-        turn_time = fit.structure.turn_time(k, sport)
-        path = fly(fit.values[flight_slice(k)], observed.t[rows] - start, turn_time)
-        residual, _ = compare_places(observed.select(rows), path.states[:, :3])
-        outside[rows] = (residual**2).sum(axis=1) > sigmas**2
-    return outside

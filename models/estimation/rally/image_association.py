@@ -17,8 +17,10 @@ from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_observations import stabilize_places
 
-# s that the object may be hidden without the path beginning anew: half the time of a fast exchange at the net.
-_LONGEST_GAP = 0.25
+# s and frames that the object may be hidden without the path beginning anew: half the time of a fast exchange.
+_LONGEST_GAP, _MOST_FRAMES = 0.25, 5
+# Natural logarithm by which a partial path may be worse than the best: beginning anew costs less.
+_WORST = 16.0
 # Probability of a candidate in a frame that shows the object.
 _DETECTION = 0.85
 # Hits and bounces per second, and path beginnings per second, as prior rates.
@@ -172,10 +174,11 @@ def _find_best_path(weigh: _Weights, row: IntArray, t: FloatArray) -> IntArray:
     ended_score, ended_pair = np.zeros(len(t) + 1), np.full(len(t) + 1, -1, np.int64)
     for now in range(len(t)):
         ended_score[now + 1], ended_pair[now + 1] = ended_score[now], ended_pair[now]
-        begin = int(np.searchsorted(t, t[now] - max(_LONGEST_GAP, 1.01 * interval)))
+        begin = max(int(np.searchsorted(t, t[now] - max(_LONGEST_GAP, 1.01 * interval))), now - _MOST_FRAMES)
         last = np.arange(first_of[now], first_of[now + 1])
         before = np.arange(first_of[begin], first_of[now])
-        pairs = _Pairs(*(np.empty(0, kind) for kind in (np.int64, np.int64, np.float64, np.int64, np.int64)))
+        none = np.empty(0, np.int64)
+        pairs = _Pairs(none, none, np.empty(0), none, none)
         if len(last) and len(before):
             pair_before, pair_last = np.repeat(before, len(last)), np.tile(last, len(before))
             gaps = miss * (now - row[pair_before] - 1)
@@ -200,7 +203,7 @@ def _find_best_path(weigh: _Weights, row: IntArray, t: FloatArray) -> IntArray:
                 better = value > best[with_parent]
                 best[with_parent[better]] = value[better]
                 parent[with_parent[better]] = offsets[begin] + top[with_parent[better]] // len(last)
-            usable = np.isfinite(best)
+            usable = best > max(ended_score[now], float(best.max())) - _WORST
             root = np.where(parent < 0, ended_pair[row[pair_before]], -1)
             pairs = _Pairs(*(one[usable] for one in (pair_before, pair_last, best, parent, root)))
             if len(pairs.score) and pairs.score.max() > ended_score[now + 1]:

@@ -25,7 +25,7 @@ PARAMETER_COUNT = len(FLIGHT_PARAMETERS)
 _LONGEST_STEP, _LARGEST_LOSS = 0.04, 0.12
 # (m/s)^2 that keep |v| differentiable at rest.
 _MIN_SQUARE = 1e-8
-# Columns of derivatives that are integrated: by velocity (3), drag, lift (3) and turn-over; those by place are constant.
+# Integrated columns of derivatives: by velocity (3), drag, lift (3) and turn-over; those by place are constant.
 _COLUMNS = 8
 # m/s above which a flight is impossible: no search may make the integration endless.
 _LARGEST_SPEED = 400.0
