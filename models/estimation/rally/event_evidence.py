@@ -28,6 +28,9 @@ REACH_SOFTNESS, SURROUNDINGS_SOFTNESS = 0.25, 1.0
 NET_SHARES = (0.15, 0.25)
 # m, depth of the net as an obstacle: its tape gives way.
 NET_DEPTH = 0.08
+# Shares of the reach outside of which the density of hits, 6 u (1 - u) at a share u, falls no further: a racket seldom
+# gets to the floor, and seldom as high as a jump.
+HIT_HEIGHTS = (0.01, 0.98)
 # Probability that a hit sends the object away from the net: mishits.
 _MISHIT = 0.02
 # chi2 up to which an improbable state of a flight counts: an absurd one must not gain by being explained.
@@ -208,6 +211,8 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     off += _excess(place[:, 1], -beside, sport.width + beside) ** 2 / (deviation[:, 1] ** 2 + SURROUNDINGS_SOFTNESS**2)
     low = sport.floor if sport.floor < 0 else 0.0
     off += _excess(place[:, 2], low, sport.floor + sport.reach) ** 2 / (deviation[:, 2] ** 2 + REACH_SOFTNESS**2)
+    share = np.clip((place[:, 2] - sport.floor) / sport.reach, *HIT_HEIGHTS)
+    off -= 2 * np.log(6 * share * (1 - share))
     is_near = ndtr((sport.length / 2 - place[:, 0]) / deviation[:, 0])
     to_far = ndtr(joint.v_b[:, 0] / np.sqrt(joint.cov_b[:, 3, 3]))
     return np.asarray(np.log(_MISHIT + (1 - _MISHIT) * (is_near * to_far + (1 - is_near) * (1 - to_far))) - 0.5 * off)

@@ -31,6 +31,7 @@ from models.estimation.rally.flight_segmentation import segment_rally
 from models.estimation.rally.guided_association import GATE, LEAST_SIGMA, choose_candidates
 from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, merge_landings, predict_landing
+from models.estimation.rally.structure_revision import revise_structure
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly
@@ -38,6 +39,8 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT, fly
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
 # is computed from a model that is never wholly true, and so counts by half.
 _EVIDENCE_SHARE = 0.5
+# Natural logarithm of the evidence by which a rival may be worse, and their largest number.
+_WORST_RIVAL, _MOST_RIVALS = 16.0, 8
 # Natural logarithm of the density of clutter for an observation that no flight explains.
 _CLUTTER_COST = 12.0
 # s before the end of a clip within which a landing counts as an event of it.
@@ -87,11 +90,14 @@ def explain_rally(
     if not fits:
         return _build_empty(scene, candidates, frame, t)
     fits.sort(key=lambda fit: -_weigh_fit(fit, sight.observed))
+    revised = revise_structure(sight.observed, sport, fits[0], lambda fit: _weigh_fit(fit, sight.observed))
+    fits = [*revised, *(fit for fit in fits[1:] if not any(_are_same(fit, other) for other in revised))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     if (chosen != sight.chosen).any():
         sight = _look(scene.camera, candidates, frame, t, chosen)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
+    fits = _select_fits(fits, sight.observed)
     evidence = np.array([_weigh_fit(fit, sight.observed) for fit in fits])
     order = np.argsort(-evidence, kind="stable")
     weights = np.exp(_EVIDENCE_SHARE * (evidence[order] - evidence.max()))
@@ -99,6 +105,17 @@ def explain_rally(
     rallies = [_build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order]
     progress(1.0)
     return _combine(rallies, weights, t)
+
+
+def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[RallyFit]:
+    """Leave out explanations that occur twice, or that no longer matter."""
+    best = sorted(fits, key=lambda fit: -_weigh_fit(fit, observed))
+    selected: list[RallyFit] = []
+    for fit in best:
+        matters = _weigh_fit(fit, observed) > _weigh_fit(best[0], observed) - _WORST_RIVAL
+        if matters and len(selected) < _MOST_RIVALS and not any(_are_same(fit, other) for other in selected):
+            selected.append(fit)
+    return selected
 
 
 def _look(camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray) -> _Sight:

@@ -17,6 +17,7 @@ from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.event_evidence import (
     BOUNCE_SPREAD,
     CONTACT_SPREAD,
+    HIT_HEIGHTS,
     HIT_RATE,
     NET_DEPTH,
     NET_SHARE,
@@ -331,7 +332,8 @@ class _Problem:
             add(unit[axis], -unit[axis], state[axis] - p[axis], CONTACT_SPREAD)
         if kind == "hit":
             self._add_reach(k, p)
-            self.normalizer += float(np.log(HIT_RATE))
+            share = float(np.clip((p[2] - sport.floor) / sport.reach, *HIT_HEIGHTS))
+            self.normalizer += float(np.log(HIT_RATE * 6 * share * (1 - share)))
         elif kind == "bounce":
             assert item.restitution is not None and item.retention is not None
             add(0 * unit[0], unit[2], p[2] - self.structure.heights[k] - item.radius, _BOUNCE_HEIGHT)

@@ -216,14 +216,14 @@ def _find_sequences(
         ended += [_Step(step.score - rest, step.node, step.previous, step.kind, step.t) for step in ends[at]]
     best = sorted(ended, key=lambda step: -step.score)
     hypotheses: dict[tuple[object, ...], RallyHypothesis] = {}
-    for step in best[: 8 * _BEST]:
+    for step in best:
         hypothesis = _trace(step, nodes, kinks)
-        key = tuple(
-            (guess.first, guess.kind, round(float(guess.flight.parameters[0]), 1)) for guess in hypothesis.flights
-        )
+        key = tuple((guess.first, guess.kind) for guess in hypothesis.flights)
         if hypothesis.flights and key not in hypotheses:
             hypotheses[key] = hypothesis
-    return tuple(hypotheses.values())[:_BEST]
+        if len(hypotheses) == _BEST:
+            break
+    return tuple(hypotheses.values())
 
 
 def _join(
