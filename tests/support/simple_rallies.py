@@ -72,7 +72,7 @@ def play_rally(sport: Sport, hits: int, rng: np.random.Generator, fps: float = 2
     for k in range(hits):
         parameters = _aim(sport, place, side, drag, rng, k == hits - 1)
         events.append(("hit", t, place, float(np.linalg.norm(parameters[3:6]))))
-        turn = item.turn_time
+        turn = item.turn_length
         while True:
             fall = find_surface_contact(parameters, turn > 0, sport, 0.0)
             state = fly(parameters, np.array([fall]), turn).states[0]
@@ -183,10 +183,10 @@ def _aim(
         lift = rng.standard_normal(3) * item.lift * 0.5
         over = max(item.turn_drag.mean + 0.5 * item.turn_drag.sigma * rng.standard_normal(), 0.0)
         parameters = np.concatenate([place, velocity, [drag], lift, [over]])
-        fall = find_descent(parameters, item.turn_time, item.radius, 0.0, 6.0, 0.05)
+        fall = find_descent(parameters, item.turn_length, item.radius, 0.0, 6.0, 0.05)
         if not np.isfinite(fall):
             continue
-        states = fly(parameters, np.linspace(0, fall, 60), item.turn_time).states
+        states = fly(parameters, np.linspace(0, fall, 60), item.turn_length).states
         crossing = np.argmin(np.abs(states[:, 0] - half))
         landing = states[-1]
         margin = 0.6 if is_last else 0.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.court import Sport
+from models.core.court import Range, Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
 from models.estimation.rally.single_flight import FlightPrior
@@ -21,7 +21,7 @@ HIT_RATE, NET_SHARE = 0.8, 0.02
 # m by which a racket displaces the object while it touches it, and by which one moves during a bounce.
 CONTACT_SPREAD = 0.02
 # m/s by which spin and unevenness change a bounce, beyond the ranges of restitution and retention.
-BOUNCE_SPREAD = (0.6, 0.3)
+BOUNCE_SPREAD = (0.8, 0.3)
 # m, softness of the players' reach, and of the edges of the surroundings.
 REACH_SOFTNESS, SURROUNDINGS_SOFTNESS = 0.25, 1.0
 # Shares of the speed that the net leaves, as mean and standard deviation along and across.
@@ -35,7 +35,9 @@ HIT_HEIGHTS = (0.01, 0.98)
 _MISHIT = 0.02
 # chi2 up to which an improbable state of a flight counts: an absurd one must not gain by being explained.
 _LARGEST_SURPRISE = 9.0
-_KINDS: tuple[RallyEventKind, ...] = ("hit", "bounce", "net")
+_KINDS: tuple[RallyEventKind, ...] = ("hit", "bounce", "landing", "net")
+# Shares of the speed that a shuttle keeps where it lands, across and along the floor: it hops and slides a little.
+_HOP, _SLIDE = Range(0.2, 0.15), Range(0.4, 0.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,7 @@ def weigh_events(
     outcome: dict[RallyEventKind, tuple[FloatArray, FloatArray]] = {}
     shape = len(before.state), len(after.state)
     for kind in _KINDS:
-        if kind == "bounce" and sport.object.restitution is None:
+        if kind in ("bounce", "landing") and (kind == "bounce") == (sport.object.restitution is None):
             continue
         heights = (0.0,) if kind != "bounce" or sport.floor == 0 else (0.0, sport.floor)
         best = np.full(shape[0] * shape[1], -np.inf)
@@ -94,6 +96,17 @@ def weigh_events(
             best, when = np.where(better, value, best), np.where(better, t, when)
         outcome[kind] = best.reshape(shape), when.reshape(shape)
     return outcome
+
+
+def name_contact(sport: Sport) -> RallyEventKind:
+    """Name what happens where the object meets the ground."""
+    return "landing" if sport.object.restitution is None else "bounce"
+
+
+def contact_ranges(sport: Sport) -> tuple[Range, Range]:
+    """Return the restitution and the retention of a contact with the ground; a shuttle hops and slides a little."""
+    item = sport.object
+    return (_HOP, _SLIDE) if item.restitution is None or item.retention is None else (item.restitution, item.retention)
 
 
 def _weigh_kind(
@@ -124,7 +137,7 @@ def _weigh_kind(
     deviation = np.sqrt(np.maximum(np.einsum("nii->ni", joint.cov_a[:, :3, :3] - gain @ joint.cov_a[:, :3, :3]), 1e-6))
     if kind == "hit":
         value += np.log(HIT_RATE) + _weigh_hit(place, deviation, joint, sport)
-    elif kind == "bounce":
+    elif kind in ("bounce", "landing"):
         value += np.log(np.maximum(-joint.v_a[:, 2], 0.05))
         inside = _excess(place[:, 0], -0.02, sport.length + 0.02) ** 2 / (deviation[:, 0] ** 2 + 0.02**2)
         inside += _excess(place[:, 1], -0.02, sport.width + 0.02) ** 2 / (deviation[:, 1] ** 2 + 0.02**2)
@@ -179,16 +192,16 @@ def _state_constraint(
     extra[:, :3, :3] = spread
     to_b[:, 4:, 3:] = np.eye(3)
     more, more_rate = np.zeros((n, 4)), np.zeros((n, 4))
-    if kind == "bounce":
-        assert item.restitution is not None and item.retention is not None
-        left = np.array([item.retention.mean, item.retention.mean, -item.restitution.mean])
+    if kind in ("bounce", "landing"):
+        restitution, retention = contact_ranges(sport)
+        left = np.array([retention.mean, retention.mean, -restitution.mean])
         to_b[:, 3, 2] = 1.0
         more[:, 0], more_rate[:, 0] = joint.p_b[:, 2] - height - item.radius, joint.v_b[:, 2]
         extra[:, 3, 3] = CONTACT_SPREAD**2
         level = joint.v_a[:, :2]
-        extra[:, 4:6, 4:6] = item.retention.sigma**2 * level[:, :, None] * level[:, None, :]
+        extra[:, 4:6, 4:6] = retention.sigma**2 * level[:, :, None] * level[:, None, :]
         extra[:, [4, 5], [4, 5]] += BOUNCE_SPREAD[0] ** 2
-        extra[:, 6, 6] = (item.restitution.sigma * joint.v_a[:, 2]) ** 2 + BOUNCE_SPREAD[1] ** 2
+        extra[:, 6, 6] = (restitution.sigma * joint.v_a[:, 2]) ** 2 + BOUNCE_SPREAD[1] ** 2
     else:
         left = np.full(3, NET_SHARES[0])
         to_b[:, 3, 0] = 1.0

@@ -24,6 +24,7 @@ from models.estimation.rally.event_evidence import (
     NET_SHARES,
     REACH_SOFTNESS,
     SURROUNDINGS_SOFTNESS,
+    contact_ranges,
 )
 from models.estimation.rally.flight_observations import FlightObservations, bound_residuals, compare_places
 from models.estimation.rally.flight_segmentation import RallyHypothesis
@@ -57,9 +58,9 @@ class RallyStructure:
     def __len__(self) -> int:
         return len(self.kinds)
 
-    def turn_time(self, index: int, sport: Sport) -> float:
-        """Return the time constant of the turn-over of a flight, s; 0 where it does not begin with a hit."""
-        return 0.0 if self.kinds[index] in ("bounce", "net") else sport.object.turn_time
+    def turn_length(self, index: int, sport: Sport) -> float:
+        """Return the length of path, m, over which a flight turns over; 0 where it does not begin with a hit."""
+        return 0.0 if self.kinds[index] in ("bounce", "landing", "net") else sport.object.turn_length
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ class RallyFit:
 
     @property
     def covariance(self) -> FloatArray:
-        """(P, P)"""
+        """Covariance (P, P) of the values."""
         return invert_semidefinite(self.information)
 
 
@@ -105,18 +106,23 @@ def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypot
     guesses = hypothesis.flights
     if not guesses:
         return None
-    values, heights = [sport.object.drag.mean], []
+    values, heights, joined = [sport.object.drag.mean], [], []
     for guess in guesses:
         p = guess.flight.parameters.copy()
-        if guess.is_joined:
-            p[:6] = fly(p, np.array([guess.t - observed.t[guess.first]]), 0.0).states[0]
+        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), 0.0).states[0]
+        # a flight that is followed back too far grows absurdly fast: nothing is known of what came before it
+        joined.append(guess.is_joined and bool(np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed))
+        if joined[-1]:
+            p[:6] = moved
         on_floor = sport.floor < 0 and p[2] < sport.floor / 2
         heights.append(sport.floor if on_floor else 0.0)
         values.extend(p)
-    starts = [guess.t if guess.is_joined else observed.t[guess.first] for guess in guesses]
+    starts = [
+        guess.t if is_joined else observed.t[guess.first] for guess, is_joined in zip(guesses, joined, strict=True)
+    ]
     structure = RallyStructure(
         tuple(guess.kind for guess in guesses),
-        tuple(guess.is_joined for guess in guesses),
+        tuple(joined),
         observed.t[[guess.first for guess in guesses]],
         observed.t[[guess.last for guess in guesses]],
         np.array(heights),
@@ -203,16 +209,16 @@ class _Problem:
         before: tuple[int, FloatArray, FloatArray, float] | None = None
         for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
             part, start = flight_slice(k), values[start_row(k, count)]
-            p, turn_time = values[part], structure.turn_time(k, sport)
+            p, turn_length = values[part], structure.turn_length(k, sport)
             ends_joined = k + 1 < count and structure.joined[k + 1]
             end = values[start_row(k + 1, count)] if ends_joined else self.structure.end[k]
-            path = fly(p, np.append(self.observed.t[rows], end) - start, turn_time)
+            path = fly(p, np.append(self.observed.t[rows], end) - start, turn_length)
             if not np.isfinite(path.states).all():
                 return None
             self._add_prior(k, values, part, prior.mean, prior.sigma)
             self._add_observations(rows, path, k, part)
             self._add_surface(path, k, part)
-            self._add_net(k, part, p, path, turn_time, np.append(self.observed.t[rows], end) - start)
+            self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
             if structure.joined[k] and before is not None:
                 self._add_event(k, values, *before[1:])
             elif structure.kinds[k] == "hit":
@@ -272,7 +278,9 @@ class _Problem:
         if len(rows):
             self._add(depth[rows] / _FLOOR_SOFTNESS, path.derivatives[rows, 2] / _FLOOR_SOFTNESS, part)
 
-    def _add_net(self, k: int, part: slice, p: FloatArray, path: FlightPath, turn_time: float, tau: FloatArray) -> None:
+    def _add_net(
+        self, k: int, part: slice, p: FloatArray, path: FlightPath, turn_length: float, tau: FloatArray
+    ) -> None:
         """Keep the flight above the net where it crosses it."""
         if self.structure.kinds[k] == "net":
             return
@@ -283,7 +291,7 @@ class _Problem:
             return
         c = crossings[0]
         at = times[c] + (times[c + 1] - times[c]) * x[c] / (x[c] - x[c + 1])
-        over = fly(p, np.array([at]), turn_time)
+        over = fly(p, np.array([at]), turn_length)
         state, by = over.states[0], over.derivatives[0]
         edge = float(self.sport.net.height_at(state[1:2], self.sport.width)[0]) + self.sport.object.radius
         outside = state[1] < -self.sport.net.overhang or state[1] > self.sport.width + self.sport.net.overhang
@@ -334,20 +342,20 @@ class _Problem:
             self._add_reach(k, p)
             share = float(np.clip((p[2] - sport.floor) / sport.reach, *HIT_HEIGHTS))
             self.normalizer += float(np.log(HIT_RATE * 6 * share * (1 - share)))
-        elif kind == "bounce":
-            assert item.restitution is not None and item.retention is not None
+        elif kind in ("bounce", "landing"):
+            restitution, retention = contact_ranges(sport)
             add(0 * unit[0], unit[2], p[2] - self.structure.heights[k] - item.radius, _BOUNCE_HEIGHT)
             level = float(np.hypot(state[3], state[4]))
             along = np.array([state[3], state[4]]) / max(level, 1e-6)
             for direction, left, sigma in (
-                (along, item.retention.mean, np.hypot(item.retention.sigma * level, BOUNCE_SPREAD[0])),
-                (np.array([-along[1], along[0]]), item.retention.mean, BOUNCE_SPREAD[0]),
+                (along, retention.mean, np.hypot(retention.sigma * level, BOUNCE_SPREAD[0])),
+                (np.array([-along[1], along[0]]), retention.mean, BOUNCE_SPREAD[0]),
             ):
                 by = np.zeros(6)
                 by[3:5] = direction
                 add(-left * by, by, float(by @ (p[:6] - left * state)), float(sigma))
-            sigma = np.hypot(item.restitution.sigma * state[5], BOUNCE_SPREAD[1])
-            add(item.restitution.mean * unit[5], unit[5], p[5] + item.restitution.mean * state[5], float(sigma))
+            sigma = np.hypot(restitution.sigma * state[5], BOUNCE_SPREAD[1])
+            add(restitution.mean * unit[5], unit[5], p[5] + restitution.mean * state[5], float(sigma))
             self.normalizer += float(np.log(max(-state[5], 0.05)))
         else:
             add(0 * unit[0], unit[0], p[0] - sport.length / 2, NET_DEPTH)

@@ -23,7 +23,9 @@ from models.physics.flight.flight_motion import GRAVITY
 # s, longest flight between two events, and most stretches between kinks in it.
 _LONGEST_FLIGHT, _MOST_STRETCHES = 3.5, 7
 # Standard deviations of a place in the image for kinks, and the cost of one: low, so that none is missed.
-_KINK_SIGMAS, _KINK_COST = 1.5, 7.0
+_KINK_SIGMAS, _KINK_COST = 1.2, 5.0
+# Gravities of acceleration within a flight, seen from any side, and s in which they may change as much.
+_KINK_GRAVITIES, _BEND_TIME = 2.0, 0.1
 # chi2 per observation from which a stretch is no flight, and longer ones are not tried.
 _HOPELESS = 25.0
 # Natural logarithm of the density of clutter per standard deviation of a place: 1/(2 pi sigma^2) against an image.
@@ -69,25 +71,31 @@ class _Node:
     evidence: float
 
 
-def find_kinks(observed: FlightObservations, px: FloatArray) -> IntArray:
+def find_kinks(observed: FlightObservations, px: FloatArray, sport: Sport) -> IntArray:
     """Find where the path in the image may have kinks.
 
     Args:
         observed: N observations.
         px: (N, 2) places in an image that stands still.
+        sport: Sport.
 
     Returns:
         Indices (M + 1,) of the first observations of M stretches, and N.
     """
     n = len(observed)
-    sigma = _KINK_SIGMAS / np.sqrt(
-        np.maximum(np.einsum("nij,nij->n", observed.whitening, observed.whitening) / 2, 1e-9)
-    )
+    noise = np.sqrt(np.maximum(np.einsum("nij,nij->n", observed.whitening, observed.whitening) / 2, 1e-9))
+    middle = np.array([sport.length / 2, sport.width / 2, 1.0, 1.0])
+    per_metre = np.linalg.norm(observed.matrix[:, 0, :3], axis=1) / np.maximum(observed.matrix[:, 2] @ middle, 1.0)
+    steps = np.linalg.norm(np.diff(px, axis=0), axis=1) / np.diff(observed.t)
     best, source = np.full(n + 1, np.inf), np.zeros(n + 1, np.int64)
     best[0] = 0.0
     for i in range(n):
         last = int(np.searchsorted(observed.t, observed.t[i] + _LONGEST_FLIGHT))
-        cost = best[i] + _KINK_COST + 0.5 * _fit_cubics(observed.t[i:last] - observed.t[i], px[i:last], sigma[i:last])
+        fastest = float(steps[i : i + 3].max(initial=0.0))
+        slowing = sport.object.drag.mean * fastest**2 / per_metre[i]
+        bend = np.hypot(_KINK_GRAVITIES * GRAVITY * per_metre[i], slowing)
+        tau, sigma = observed.t[i:last] - observed.t[i], _KINK_SIGMAS / noise[i:last]
+        cost = best[i] + _KINK_COST + 0.5 * _fit_cubics(tau, px[i:last], sigma, float(bend))
         ends = slice(i + 1, last + 1)
         better = cost < best[ends]
         best[ends] = np.where(better, cost, best[ends])
@@ -98,8 +106,11 @@ def find_kinks(observed: FlightObservations, px: FloatArray) -> IntArray:
     return np.array(kinks[::-1])
 
 
-def _fit_cubics(t: FloatArray, px: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return chi2 (L,) of cubics in time that are fitted to the first 1 to L of L places."""
+def _fit_cubics(t: FloatArray, px: FloatArray, sigma: FloatArray, bend: float) -> FloatArray:
+    """Return chi2 (L,) of cubics in time that are fitted to the first 1 to L of L places.
+
+    `bend`, px/s^2, is the standard deviation of their acceleration, which may change as much in `_BEND_TIME`.
+    """
     scale = max(float(t[-1]), 1e-6) if len(t) else 1.0
     powers = (t / scale)[:, None] ** np.arange(7) / sigma[:, None] ** 2
     moments = np.cumsum(powers, axis=0)
@@ -107,7 +118,8 @@ def _fit_cubics(t: FloatArray, px: FloatArray, sigma: FloatArray) -> FloatArray:
     right = np.cumsum(powers[:, :4, None] * off[:, None, :], axis=0)
     total = np.cumsum((off**2 / sigma[:, None] ** 2).sum(axis=1))
     normal = moments[:, np.arange(4)[:, None] + np.arange(4)]
-    normal = normal + 1e-9 * normal[:, :1, :1] * np.eye(4)
+    stiff = np.array([0.0, 0.0, 2 / (bend * scale**2), 6 * _BEND_TIME / (bend * scale**3)])
+    normal = normal + np.diag(stiff**2) + 1e-9 * normal[:, :1, :1] * np.eye(4)
     solved = np.linalg.solve(normal, right)
     return np.asarray(np.maximum(total - (solved * right).sum(axis=(1, 2)), 0.0))
 
@@ -128,7 +140,7 @@ def segment_rally(
     """
     if len(observed) < 3:
         return ()
-    kinks, prior = find_kinks(observed, px), build_flight_prior(sport)
+    kinks, prior = find_kinks(observed, px, sport), build_flight_prior(sport)
     nodes: list[_Node] = []
     for begin in range(len(kinks) - 1):
         nodes += _fit_from(begin, kinks, observed, px, sport, prior)

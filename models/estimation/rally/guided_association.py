@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from models.core.court_camera import CourtScene
+from models.core.court_camera import CourtCamera, CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import compare_places, prepare_observations
+from models.estimation.rally.flight_observations import FlightObservations, compare_places, prepare_observations
 from models.physics.flight.flight_motion import fly
 
 # Standard deviations within which a candidate is taken for the object once the flights are known.
 GATE = 4.0
 # px, least error of a place that a detector may claim: pixels, compression, and the centre of a moving blur.
 LEAST_SIGMA = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Which candidate shows the object in each of T frames."""
+
+    chosen: IntArray
+    """(T,) -1 for none."""
+    rows: IntArray
+    """(N,) frames that show it."""
+    observed: FlightObservations
+
+
+def look_at_candidates(
+    camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray
+) -> Sight:
+    """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
+    rows = np.flatnonzero(chosen >= 0)
+    return Sight(chosen, rows, observe_candidates(camera, candidates, frame, t, chosen, rows))
+
+
+def observe_candidates(
+    camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray, rows: IntArray
+) -> FlightObservations:
+    """Prepare the observations of some rows (N,) of the frames."""
+    at = chosen[rows]
+    sigma = np.maximum(np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1), LEAST_SIGMA)
+    return prepare_observations(camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma)
 
 
 def choose_candidates(
@@ -63,7 +93,7 @@ def _predict_places(scene: CourtScene, t: FloatArray, fit: RallyFit) -> tuple[Fl
     for k, rows in enumerate(assign_times(t, fit.structure, fit.values)):
         part = flight_slice(k)
         tau = t[rows] - fit.values[start_row(k, count)]
-        path = fly(fit.values[part], tau, fit.structure.turn_time(k, scene.sport))
+        path = fly(fit.values[part], tau, fit.structure.turn_length(k, scene.sport))
         by = path.derivatives[:, :3]
         xyz[rows], spread[rows] = path.states[:, :3], by @ covariance[part, part] @ by.transpose(0, 2, 1)
     return xyz, spread

@@ -34,11 +34,11 @@ def predict_landing(flight: Flight, sport: Sport, last_seen: float, interval: fl
     Returns:
         The landing with the probability that the flight gets there; None where it does not come down.
     """
-    turn_time = sport.object.turn_time if flight.begins_with_hit else 0.0
+    turn_length = sport.object.turn_length if flight.begins_with_hit else 0.0
     tau = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, max(last_seen - flight.start, 0.0))
     if not np.isfinite(tau):
         return None
-    path = fly(flight.parameters, np.array([tau]), turn_time)
+    path = fly(flight.parameters, np.array([tau]), turn_length)
     place, velocity, by = path.states[0, :3], path.states[0, 3:], path.derivatives[0, :3]
     # the time at which the ground is reached changes with the height
     on_ground = by - velocity[:, None] / velocity[2] * by[2]

@@ -73,13 +73,13 @@ def find_surface_contact(parameters: FloatArray, begins_with_hit: bool, sport: S
     Returns:
         s after the start; NaN where it does not happen within `_LONGEST_FLIGHT`.
     """
-    turn_time = sport.object.turn_time if begins_with_hit else 0.0
-    on_surface = find_descent(parameters, turn_time, sport.object.radius, after, after + _LONGEST_FLIGHT)
+    turn_length = sport.object.turn_length if begins_with_hit else 0.0
+    on_surface = find_descent(parameters, turn_length, sport.object.radius, after, after + _LONGEST_FLIGHT)
     if sport.floor == 0 or not np.isfinite(on_surface):
         return on_surface
-    if is_on_surface(fly(parameters, np.array([on_surface]), turn_time).states[0, :2], sport):
+    if is_on_surface(fly(parameters, np.array([on_surface]), turn_length).states[0, :2], sport):
         return on_surface
-    return find_descent(parameters, turn_time, sport.floor + sport.object.radius, after, after + _LONGEST_FLIGHT)
+    return find_descent(parameters, turn_length, sport.floor + sport.object.radius, after, after + _LONGEST_FLIGHT)
 
 
 def is_on_surface(xy: FloatArray, sport: Sport) -> bool:

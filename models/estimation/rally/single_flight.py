@@ -98,12 +98,12 @@ def fit_single_flight(
     Returns:
         The flight; None where the search finds no possible one.
     """
-    turn_time = sport.object.turn_time if turns else 0.0
+    turn_length = sport.object.turn_length if turns else 0.0
     tau = observed.t - observed.t[0]
-    start = _solve_linear(observed, tau, prior, turn_time, heading)
+    start = _solve_linear(observed, tau, prior, turn_length, heading)
 
     def evaluate(p: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray] | None:
-        path = fly(p, tau, turn_time)
+        path = fly(p, tau, turn_length)
         if not np.isfinite(path.states).all():
             return None
         residual, by_place = compare_places(observed, path.states[:, :3])
@@ -131,12 +131,12 @@ def fit_single_flight(
     information = rows[1].T @ rows[1]
     scaled = information * prior.sigma * prior.sigma[:, None]
     evidence = -0.5 * best.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
-    path = fly(best.point, tau, turn_time)
+    path = fly(best.point, tau, turn_length)
     return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
 
 
 def _solve_linear(
-    observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_time: float, heading: float
+    observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_length: float, heading: float
 ) -> FloatArray:
     """Solve for place and velocity at the start, with the drag of several initial speeds; the best one starts a fit."""
     rows = observed.matrix[:, :2] - observed.px[:, :, None] * observed.matrix[:, 2:]  # (N, 2, 4)
@@ -144,7 +144,7 @@ def _solve_linear(
     fastest = float(prior.sigma[3]) / _SPEED_SHARE
     best, least = prior.mean.copy(), np.inf
     for share in _START_SPEEDS:
-        rate = prior.mean[6] * (1 + prior.mean[10] * (turn_time > 0) * 0.2) * share * fastest
+        rate = prior.mean[6] * (1 + prior.mean[10] * (turn_length > 0) * 0.2) * share * fastest
         # without gravity the speed falls as 1 / (1 + rate t); the fall is slowed at the same rate
         reach = np.log1p(rate * tau) / rate
         fall = -GRAVITY * (tau**2 / 4 + tau / (2 * rate) - np.log1p(rate * tau) / (2 * rate**2))
@@ -161,7 +161,7 @@ def _solve_linear(
             p[:6] = np.linalg.lstsq(by, np.append(right, mean / sigma), rcond=None)[0]
             xyz = p[:3] + p[3:6] * reach[:, None]
             now = np.maximum(np.einsum("nj,nj->n", observed.matrix[:, 2, :3], xyz) + observed.matrix[:, 2, 3], 1.0)
-        path = fly(p, tau, turn_time).states[:, :3]
+        path = fly(p, tau, turn_length).states[:, :3]
         if np.isfinite(path).all():
             residual = compare_places(observed, path)[0]
             cost = float((np.minimum(np.abs(residual), 1e3)).sum()) + float((((p[:6] - mean) / sigma) ** 2).sum())

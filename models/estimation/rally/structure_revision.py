@@ -14,6 +14,7 @@ import numpy as np
 from models.core.court import Sport
 from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
+from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
     RallyFit,
     RallyStructure,
@@ -100,7 +101,7 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
         if doubtful:
             yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
-        if structure.joined[k] and sport.object.restitution is not None:
+        if structure.joined[k]:
             flips += _flip(fit, k, deviation, sport)
     yield from flips
 
@@ -135,10 +136,10 @@ def _flip(fit: RallyFit, k: int, deviation: FloatArray, sport: Sport) -> list[tu
     outcome = []
     heights: tuple[float, ...] = (0.0,) if sport.floor == 0 else (0.0, sport.floor)
     other: RallyEventKind
-    if structure.kinds[k] == "bounce":
+    if structure.kinds[k] in ("bounce", "landing"):
         other, heights = "hit", (float(structure.heights[k]),)
     elif structure.kinds[k] == "hit":
-        other = "bounce"
+        other = name_contact(sport)
         off = np.abs(fit.values[at + 2] - np.array(heights) - sport.object.radius)
         heights = tuple(h for h, d in zip(heights, off, strict=True) if d < 4 * deviation[at + 2] + _NEAR_SURFACE)
     else:
