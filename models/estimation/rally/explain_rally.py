@@ -23,6 +23,7 @@ from models.estimation.rally.flight_observations import (
 from models.estimation.rally.flight_segmentation import segment_rally
 from models.estimation.rally.guided_association import choose_candidates, look_at_candidates
 from models.estimation.rally.image_association import associate_candidates
+from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally
 from models.estimation.rally.structure_revision import revise_structure
@@ -60,7 +61,7 @@ def explain_rally(
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
     for k, hypothesis in enumerate(hypotheses):
-        fit = fit_rally(sight.observed, sport, hypothesis)
+        fit = fit_rally(sight.observed, sport, align_flights(sight.observed, sport, hypothesis))
         if fit is not None and not any(_are_same(fit, other) for other in fits):
             fits.append(fit)
         progress(0.6 + 0.3 * (k + 1) / len(hypotheses))

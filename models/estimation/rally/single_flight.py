@@ -52,6 +52,18 @@ class FlightPrior:
 
 
 @dataclass(frozen=True, slots=True)
+class Pin:
+    """A place through which a flight is believed to pass."""
+
+    t: float
+    """s."""
+    place: FloatArray
+    """(3,) m."""
+    sigma: FloatArray
+    """(3,) m."""
+
+
+@dataclass(frozen=True, slots=True)
 class SingleFlight:
     """A flight that was fitted alone. Its parameters refer to its first observation."""
 
@@ -84,7 +96,12 @@ def build_flight_prior(sport: Sport) -> FlightPrior:
 
 
 def fit_single_flight(
-    observed: FlightObservations, sport: Sport, prior: FlightPrior, turns: bool = True, heading: float = 0.0
+    observed: FlightObservations,
+    sport: Sport,
+    prior: FlightPrior,
+    turns: bool = True,
+    heading: float = 0.0,
+    pins: tuple[Pin, ...] = (),
 ) -> SingleFlight | None:
     """Fit a flight to observations that it alone explains.
 
@@ -94,13 +111,15 @@ def fit_single_flight(
         prior: Prior of its parameters.
         turns: Whether it begins with a hit, after which a shuttle turns over.
         heading: Sign of the speed along the court with which the search starts; 0 for either.
+        pins: Places through which the flight passes.
 
     Returns:
         The flight; None where the search finds no possible one.
     """
     turn_length = sport.object.turn_length if turns else 0.0
     tau = observed.t - observed.t[0]
-    start = _solve_linear(observed, tau, prior, turn_length, heading)
+    start = _solve_linear(observed, tau, prior, turn_length, heading, pins)
+    pin_times = np.array([pin.t for pin in pins]) - observed.t[0]
 
     def evaluate(p: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray] | None:
         path = fly(p, tau, turn_length)
@@ -112,7 +131,15 @@ def fit_single_flight(
         rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
         by_parameters = (by_place @ path.derivatives[:, :3]) * slope[:, None, None]
         by_below = np.where(below < 0, 1 / _FLOOR_SOFTNESS, 0.0)[:, None] * path.derivatives[:, 2]
-        return rows, np.vstack([by_parameters.reshape(-1, PARAMETER_COUNT), np.diag(1 / prior.sigma), by_below])
+        by = np.vstack([by_parameters.reshape(-1, PARAMETER_COUNT), np.diag(1 / prior.sigma), by_below])
+        if pins:
+            pinned = fly(p, pin_times, turn_length)
+            if not np.isfinite(pinned.states).all():
+                return None
+            for pin, state, slopes in zip(pins, pinned.states, pinned.derivatives, strict=True):
+                rows = np.append(rows, (state[:3] - pin.place) / pin.sigma)
+                by = np.vstack([by, slopes[:3] / pin.sigma[:, None]])
+        return rows, by
 
     best = None
     for scale in (_FAR_SCALE, ROBUST_SCALE):
@@ -136,7 +163,12 @@ def fit_single_flight(
 
 
 def _solve_linear(
-    observed: FlightObservations, tau: FloatArray, prior: FlightPrior, turn_length: float, heading: float
+    observed: FlightObservations,
+    tau: FloatArray,
+    prior: FlightPrior,
+    turn_length: float,
+    heading: float,
+    pins: tuple[Pin, ...],
 ) -> FloatArray:
     """Solve for place and velocity at the start, with the drag of several initial speeds; the best one starts a fit."""
     rows = observed.matrix[:, :2] - observed.px[:, :, None] * observed.matrix[:, 2:]  # (N, 2, 4)
@@ -145,9 +177,10 @@ def _solve_linear(
     best, least = prior.mean.copy(), np.inf
     for share in _START_SPEEDS:
         rate = prior.mean[6] * (1 + prior.mean[10] * (turn_length > 0) * 0.2) * share * fastest
+        pin_tau = np.maximum(np.array([pin.t for pin in pins]) - observed.t[0], -0.2 / rate)
         # without gravity the speed falls as 1 / (1 + rate t); the fall is slowed at the same rate
-        reach = np.log1p(rate * tau) / rate
-        fall = -GRAVITY * (tau**2 / 4 + tau / (2 * rate) - np.log1p(rate * tau) / (2 * rate**2))
+        reach, fall = _slow_down(tau, rate)
+        pin_reach, pin_fall = _slow_down(pin_tau, rate)
         now, p = depth, prior.mean.copy()
         mean, sigma = prior.mean[:6].copy(), prior.sigma[:6].copy()
         if heading:
@@ -158,7 +191,11 @@ def _solve_linear(
             by = np.concatenate([by_place, by_place * reach[:, None, None]], axis=2).reshape(-1, 6)
             right = -(by_place[:, :, 2] * fall[:, None] + weighted[:, :, 3]).ravel()
             by = np.vstack([by, np.diag(1 / sigma)])
-            p[:6] = np.linalg.lstsq(by, np.append(right, mean / sigma), rcond=None)[0]
+            extra = [mean / sigma]
+            for pin, r, drop in zip(pins, pin_reach, pin_fall, strict=True):
+                by = np.vstack([by, np.hstack([np.eye(3), r * np.eye(3)]) / pin.sigma[:, None]])
+                extra.append((pin.place - [0.0, 0.0, drop]) / pin.sigma)
+            p[:6] = np.linalg.lstsq(by, np.concatenate([right, *extra]), rcond=None)[0]
             xyz = p[:3] + p[3:6] * reach[:, None]
             now = np.maximum(np.einsum("nj,nj->n", observed.matrix[:, 2, :3], xyz) + observed.matrix[:, 2, 3], 1.0)
         path = fly(p, tau, turn_length).states[:, :3]
@@ -168,3 +205,9 @@ def _solve_linear(
             if cost < least:
                 best, least = p.copy(), cost
     return best
+
+
+def _slow_down(tau: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Return by how far a drag of a rate, 1/s, lets a unit speed get in times (N,), s, and how far gravity pulls, m."""
+    slowed = np.log1p(rate * tau)
+    return slowed / rate, -GRAVITY * (tau**2 / 4 + tau / (2 * rate) - slowed / (2 * rate**2))
