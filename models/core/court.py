@@ -59,8 +59,9 @@ class Net:
 class FlyingObject:
     """The ball or shuttle of a sport, with what is known of its forces before a clip is seen.
 
-    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path. After a hit a shuttle turns
-    over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as fast.
+    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path. After a hit a shuttle
+    turns over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as
+    fast.
     """
 
     name: str
@@ -82,6 +83,8 @@ class FlyingObject:
     """Share of the speed along the surface that a bounce leaves."""
     max_speed: float
     """m/s that no player exceeds."""
+    law_error: float = 0.003
+    """m, root mean square by which flights depart from this law."""
 
 
 @dataclass(frozen=True, slots=True)

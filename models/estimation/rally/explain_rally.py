@@ -56,7 +56,7 @@ def explain_rally(
     sport = scene.sport
     chosen = associate_candidates(scene, candidates, frame, t)
     progress(0.2)
-    sight = look_at_candidates(scene.camera, candidates, frame, t, chosen)
+    sight = look_at_candidates(scene, candidates, frame, t, chosen)
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
@@ -72,7 +72,7 @@ def explain_rally(
     fits = [*revised, *(fit for fit in fits[1:] if not any(_are_same(fit, other) for other in revised))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     if (chosen != sight.chosen).any():
-        sight = look_at_candidates(scene.camera, candidates, frame, t, chosen)
+        sight = look_at_candidates(scene, candidates, frame, t, chosen)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = _select_fits(fits, sight.observed)

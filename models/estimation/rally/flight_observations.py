@@ -44,6 +44,8 @@ def prepare_observations(
     px: FloatArray,
     streak: FloatArray,
     sigma: FloatArray,
+    law_error: float = 0.0,
+    middle: tuple[float, float] = (0.0, 0.0),
 ) -> FlightObservations:
     """Prepare the places (N, 2), px, of frames (N,) at times (N,).
 
@@ -54,11 +56,17 @@ def prepare_observations(
         px: (N, 2) seen pixels.
         streak: (N, 2) px; (0, 0) where sharp.
         sigma: (N, 2) px across and along the streak.
+        law_error: m by which flights depart from their law.
+        middle: Place on the court, m, at whose distance that error is seen.
 
     Returns:
         The observations.
     """
     matrix = np.broadcast_to(camera.matrix_of(frame), (len(t), 3, 4))
+    per_metre = np.linalg.norm(matrix[:, 0, :3], axis=1) / np.maximum(
+        np.abs(matrix[:, 2] @ np.array([*middle, 1.0, 1.0])), 1.0
+    )
+    sigma = np.hypot(sigma, law_error * per_metre[:, None])
     length = np.linalg.norm(streak, axis=1)
     along = np.where(length[:, None] > 0, streak / np.where(length, length, 1.0)[:, None], [1.0, 0.0])
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.core.court_camera import CourtCamera, CourtScene
+from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import RallyFit, assign_times, flight_slice, start_row
@@ -31,20 +31,24 @@ class Sight:
 
 
 def look_at_candidates(
-    camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray
 ) -> Sight:
     """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
     rows = np.flatnonzero(chosen >= 0)
-    return Sight(chosen, rows, observe_candidates(camera, candidates, frame, t, chosen, rows))
+    return Sight(chosen, rows, observe_candidates(scene, candidates, frame, t, chosen, rows))
 
 
 def observe_candidates(
-    camera: CourtCamera, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray, rows: IntArray
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, chosen: IntArray, rows: IntArray
 ) -> FlightObservations:
     """Prepare the observations of some rows (N,) of the frames."""
     at = chosen[rows]
     sigma = np.maximum(np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1), LEAST_SIGMA)
-    return prepare_observations(camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma)
+    sport = scene.sport
+    return prepare_observations(
+        scene.camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma,
+        sport.object.law_error, (sport.length / 2, sport.width / 2),
+    )  # fmt: skip
 
 
 def choose_candidates(

@@ -75,12 +75,26 @@ def _fit_again(observed: FlightObservations, sport: Sport, guess: FlightGuess, p
 
 
 def _find_surface(observed: FlightObservations, sport: Sport, before: FlightGuess, t: float) -> Pin | None:
-    """Find where the ray to a bounce, seen where the flight before it ends, meets the table or the floor."""
-    path = fly(before.flight.parameters, np.array([t - observed.t[before.first]]), 0.0).states[0, :3]
-    if not np.isfinite(path).all():
+    """Find where a bounce, seen where the flight before it ends, is on the table or the floor."""
+    place = fly(before.flight.parameters, np.array([t - observed.t[before.first]]), 0.0).states[0, :3]
+    return pin_to_surface(observed.matrix[before.last], place, t, sport)
+
+
+def pin_to_surface(matrix: FloatArray, place: FloatArray, t: float, sport: Sport) -> Pin | None:
+    """Move a place along the camera's ray to the table or the floor.
+
+    Args:
+        matrix: (3, 4) projection.
+        place: (3,) m, in whatever depth.
+        t: s.
+        sport: Sport.
+
+    Returns:
+        Where the ray meets the surface; None where the place is not finite.
+    """
+    if not np.isfinite(place).all():
         return None
-    matrix = observed.matrix[before.last]
-    seen = matrix[:, :3] @ path + matrix[:, 3]
+    seen = matrix[:, :3] @ place + matrix[:, 3]
     for height in dict.fromkeys((0.0, sport.floor)):
         place = _meet_plane(matrix, seen, height + sport.object.radius)
         on_table = bool(((place[:2] > -0.05) & (place[:2] < np.array([sport.length, sport.width]) + 0.05)).all())

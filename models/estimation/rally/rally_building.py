@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.court import Sport
-from models.core.court_camera import CourtCamera, CourtScene
+from models.core.court_camera import CourtScene
 from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_evidence import name_contact
@@ -30,26 +30,26 @@ _TOSS_SHARE = 0.15
 
 
 def _estimate_covariance(
-    camera: CourtCamera,
+    scene: CourtScene,
     candidates: BallCandidates,
     frame: IntArray,
     t: FloatArray,
     sight: Sight,
     fit: RallyFit,
-    sport: Sport,
 ) -> tuple[FloatArray, list[float], BoolArray]:
     """Estimate the covariance of all values, chi2 per degree of freedom of each flight, and which places were used.
 
     What residuals exceed their nominal errors by raises the covariance; the errors of the camera, which all
     observations share, are added (consider covariance: Bierman 1977, section VIII.2).
     """
+    camera, sport = scene.camera, scene.sport
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     rows_of = assign_times(sight.observed.t, structure, values)
     shifted = []
     for j in range(len(_CAMERA_STEPS)):
         moved = camera.parameters.copy()
         moved[j] += _CAMERA_STEPS[j]
-        changed = camera.replace_parameters(moved)
+        changed = replace(scene, camera=camera.replace_parameters(moved))
         shifted.append(observe_candidates(changed, candidates, frame, t, sight.chosen, sight.rows))
     series, chi2, pull = [], [], np.zeros((len(values), len(_CAMERA_STEPS)))
     used = np.zeros(len(sight.rows), np.bool_)
@@ -80,7 +80,7 @@ def build_rally(
 ) -> Rally:
     """Build the rally of one fit, with its landing."""
     sport, structure, values, count = scene.sport, fit.structure, fit.values, len(fit.structure)
-    covariance, chi2, used = _estimate_covariance(scene.camera, candidates, frame, t, sight, fit, sport)
+    covariance, chi2, used = _estimate_covariance(scene, candidates, frame, t, sight, fit)
     interval = float(np.median(np.diff(t)))
     flights: list[Flight] = []
     events: list[RallyEvent] = []

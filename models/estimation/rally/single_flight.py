@@ -32,7 +32,7 @@ _NONE = 1e-5
 # m, softness of the floor, through which nothing flies.
 _FLOOR_SOFTNESS = 0.05
 # Share by which the drag of one flight departs from that of the clip: the drag coefficient varies with speed and spin.
-DRAG_SPREAD = 0.03
+DRAG_SPREAD = 0.04
 # Initial speeds with which the linear problem is solved, as shares of the largest; the best of them starts the search.
 _START_SPEEDS = (0.05, 0.15, 0.3, 0.5, 0.8)
 # Standard deviations from which residuals pull less in the first search: a start is far from what it should explain.

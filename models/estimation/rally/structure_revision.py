@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from models.core.court import Sport
-from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
@@ -24,14 +23,18 @@ from models.estimation.rally.flight_fit import (
     start_row,
 )
 from models.estimation.rally.flight_observations import FlightObservations
+from models.estimation.rally.initial_flights import pin_to_surface
+from models.estimation.rally.single_flight import Pin, build_flight_prior, fit_single_flight
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly
 
 # Joint fits that are tried, at most: half a second of work.
-_MOST_TRIALS = 14
+_MOST_TRIALS = 20
 # A flight of fewer observations, or shorter, s, may be none.
 _FEW, _SHORT = 5, 0.3
 # m above the surface, beyond four standard deviations, up to which a hit may be a bounce.
 _NEAR_SURFACE = 0.15
+# Share of the length of the court by which the depth of a hit may be wrong where it is a bounce.
+_DEPTH_SHARE = 0.5
 # Natural logarithm by which a rival may be worse and still counts.
 _WORST_RIVAL = 16.0
 
@@ -102,7 +105,7 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
             yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
         if structure.joined[k]:
-            flips += _flip(fit, k, deviation, sport)
+            flips += _flip(observed, fit, k, deviation, sport)
     yield from flips
 
 
@@ -130,23 +133,52 @@ def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[
     return fewer, np.concatenate([values[:1], *parts, starts[stays]])
 
 
-def _flip(fit: RallyFit, k: int, deviation: FloatArray, sport: Sport) -> list[tuple[RallyStructure, FloatArray]]:
-    """Take a bounce for a hit, or a hit near the ground for a bounce."""
+def _flip(
+    observed: FlightObservations, fit: RallyFit, k: int, deviation: FloatArray, sport: Sport
+) -> list[tuple[RallyStructure, FloatArray]]:
+    """Take a bounce for a hit, or a hit that is seen where a bounce might be for a bounce."""
     structure, at = fit.structure, flight_slice(k).start
-    outcome = []
-    heights: tuple[float, ...] = (0.0,) if sport.floor == 0 else (0.0, sport.floor)
-    other: RallyEventKind
-    if structure.kinds[k] in ("bounce", "landing"):
-        other, heights = "hit", (float(structure.heights[k]),)
-    elif structure.kinds[k] == "hit":
-        other = name_contact(sport)
-        off = np.abs(fit.values[at + 2] - np.array(heights) - sport.object.radius)
-        heights = tuple(h for h, d in zip(heights, off, strict=True) if d < 4 * deviation[at + 2] + _NEAR_SURFACE)
-    else:
+    kinds = list(structure.kinds)
+    if kinds[k] in ("bounce", "landing"):
+        kinds[k] = "hit"
+        return [(replace(structure, kinds=tuple(kinds)), fit.values.copy())]
+    start = float(fit.values[start_row(k, len(structure))])
+    row = min(int(np.searchsorted(observed.t, start)), len(observed) - 1)
+    pin = pin_to_surface(observed.matrix[row], fit.values[at : at + 3], start, sport)
+    if kinds[k] != "hit" or pin is None or not _may_bounce(pin, fit.values[at : at + 3], deviation[at + 2], sport):
         return []
-    for height in heights:
-        kinds = (*structure.kinds[:k], other, *structure.kinds[k + 1 :])
-        changed = structure.heights.copy()
-        changed[k] = height
-        outcome.append((replace(structure, kinds=kinds, heights=changed), fit.values.copy()))
-    return outcome
+    kinds[k] = name_contact(sport)
+    heights = structure.heights.copy()
+    heights[k] = sport.floor if pin.place[2] < sport.floor / 2 else 0.0
+    changed = replace(structure, kinds=tuple(kinds), heights=heights)
+    return [(changed, _pin_flights(observed, fit, changed, k, pin, sport))]
+
+
+def _may_bounce(pin: Pin, place: FloatArray, sigma: float, sport: Sport) -> bool:
+    """Check whether a hit is near the surface, or in a depth that a bounce would correct within the surroundings."""
+    behind, beside = sport.surroundings
+    inside = -behind < pin.place[0] < sport.length + behind and -beside < pin.place[1] < sport.width + beside
+    is_near = abs(place[2] - pin.place[2]) < 4 * sigma + _NEAR_SURFACE
+    return bool(is_near or (inside and np.linalg.norm(place - pin.place) < _DEPTH_SHARE * sport.length))
+
+
+def _pin_flights(
+    observed: FlightObservations, fit: RallyFit, structure: RallyStructure, k: int, pin: Pin, sport: Sport
+) -> FloatArray:
+    """Fit the flights on both sides of a bounce again, through its place."""
+    values, count, prior = fit.values.copy(), len(structure), build_flight_prior(sport)
+    rows_of = assign_times(observed.t, structure, values)
+    for j in (k - 1, k):
+        if len(rows_of[j]) < 2:
+            continue
+        part = observed.select(rows_of[j])
+        turns = structure.kinds[j] in (None, "hit")
+        flights = [fit_single_flight(part, sport, prior, turns, heading, (pin,)) for heading in (1.0, -1.0)]
+        usable = [flight for flight in flights if flight is not None]
+        if not usable:
+            continue
+        p = min(usable, key=lambda flight: flight.cost).parameters.copy()
+        moved = fly(p, np.array([values[start_row(j, count)] - part.t[0]]), 0.0).states[0]
+        if np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed:
+            values[flight_slice(j)] = np.append(moved, p[6:])
+    return values
