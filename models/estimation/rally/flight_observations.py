@@ -80,7 +80,7 @@ def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArr
     if camera.motion is None:
         return flat
     at = np.clip(frame - camera.first_frame, 0, len(camera.motion) - 1)
-    return apply_homography(np.linalg.inv(camera.motion[at]), flat)
+    return apply_homography(np.asarray(np.linalg.inv(camera.motion[at])), flat)
 
 
 def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,8 @@ from models.core.rally import Flight, Rally
 from models.core.typing import FloatArray
 from models.physics.flight.flight_motion import find_descent, fly, fly_flight
 
+# s by which a flight may end on the surface too early or too late.
+_CONTACT_TIME = 0.03
 # s up to which a flight is continued: the highest lobs last less.
 _LONGEST_FLIGHT = 6.0
 
@@ -55,7 +57,9 @@ def continue_flight(rally: Rally, index: int, seconds: float, step: float = 0.01
         Places from the end of the flight on; the last one lies on the surface where the object gets there in time.
     """
     flight, sport = rally.flights[index], rally.scene.sport
-    contact = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, flight.end - flight.start)
+    # a flight that ends in a bounce is there already
+    ahead = max(flight.end - flight.start - _CONTACT_TIME, 0.0)
+    contact = find_surface_contact(flight.parameters, flight.begins_with_hit, sport, ahead)
     last = min(flight.end + seconds, flight.start + contact) if np.isfinite(contact) else flight.end + seconds
     count = max(int(np.ceil((last - flight.end) / step)), 1)
     return _evaluate_flight(flight, np.linspace(flight.end, max(last, flight.end), count + 1), sport)
@@ -75,10 +79,12 @@ def find_surface_contact(parameters: FloatArray, begins_with_hit: bool, sport: S
     """
     turn_length = sport.object.turn_length if begins_with_hit else 0.0
     on_surface = find_descent(parameters, turn_length, sport.object.radius, after, after + _LONGEST_FLIGHT)
-    if sport.floor == 0 or not np.isfinite(on_surface):
+    if sport.floor == 0:
         return on_surface
-    if is_on_surface(fly(parameters, np.array([on_surface]), turn_length).states[0, :2], sport):
-        return on_surface
+    if np.isfinite(on_surface):
+        place = fly(parameters, np.array([on_surface]), turn_length).states[0]
+        if is_on_surface(place[:2], sport):
+            return on_surface
     return find_descent(parameters, turn_length, sport.floor + sport.object.radius, after, after + _LONGEST_FLIGHT)
 
 
