@@ -36,6 +36,9 @@ from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, Flight
 _FLOOR_SOFTNESS, _EDGE_SOFTNESS = 0.02, 0.05
 # m by which the height of a bounce is known: the object is pressed flat.
 _BOUNCE_HEIGHT = 0.01
+# m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times that,
+# the distance counts less: the feet of someone who is half hidden are not seen. s within which people must be seen.
+_ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
 # s, least time between events, and the longest step of an event in the search.
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
 _SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
@@ -222,7 +225,7 @@ class _Problem:
             if structure.joined[k] and before is not None:
                 self._add_event(k, values, *before[1:])
             elif structure.kinds[k] == "hit":
-                self._add_reach(k, p)
+                self._add_reach(k, p, start)
             before = (k, path.states[-1], path.derivatives[-1], end)
         return np.concatenate(self.rows), np.vstack(self.by)
 
@@ -299,8 +302,8 @@ class _Problem:
             slope = by[2] - state[5] / state[3] * by[0]
             self._add(np.array([(state[2] - edge) / _EDGE_SOFTNESS]), slope[None] / _EDGE_SOFTNESS, part)
 
-    def _add_reach(self, k: int, p: FloatArray) -> None:
-        """Keep a hit within the players' reach and near the court."""
+    def _add_reach(self, k: int, p: FloatArray, t: float) -> None:
+        """Keep a hit within the players' reach, near the court and, where people are seen, near one of them."""
         sport, at = self.sport, flight_slice(k).start
         behind, beside = sport.surroundings
         limits = (
@@ -315,6 +318,28 @@ class _Problem:
                 row[0, at + axis] = 1 / softness
                 self.rows.append(np.array([off / softness]))
                 self.by.append(row)
+
+        feet = self._find_feet(p, t)
+        if feet is not None:
+            off = (p[:2] - feet) / _ARM
+            factor, slope = bound_residuals(off[None], _PLAYER_SCALE)
+            self._add(off * factor[0], np.eye(2) * slope[0] / _ARM, np.array([at, at + 1]))
+            area = (sport.length + 2 * behind) * (sport.width + 2 * beside)
+            self.normalizer += float(np.log(area / (2 * np.pi * _ARM**2)))
+
+    def _find_feet(self, p: FloatArray, t: float) -> FloatArray | None:
+        """Find the place (2,) m of the player who is seen nearest to a place; None where nobody is seen at that time."""
+        people = self.observed.players
+        people = people[np.abs(people[:, 0] - t) < _PLAYER_TIME]
+        if not len(people):
+            return None
+        people = people[np.abs(people[:, 0] - t) < np.abs(people[:, 0] - t).min() + 1e-6]
+        matrix = self.observed.matrix[min(int(np.searchsorted(self.observed.t, t)), len(self.observed) - 1)]
+        ahead = matrix[:, :3] @ p[:3] + matrix[:, 3]
+        px, size = ahead[:2] / max(ahead[2], 0.1), people[:, 4] - people[:, 2]
+        beside = np.maximum(np.maximum(people[:, 1] - px[0], px[0] - people[:, 3]), 0.0)
+        above = np.maximum(np.maximum(people[:, 2] - px[1], px[1] - people[:, 4]), 0.0)
+        return np.asarray(people[int(np.argmin(np.hypot(beside, above) / np.maximum(size, 1.0))), 5:7])
 
     def _add_event(self, k: int, values: FloatArray, state: FloatArray, derivative: FloatArray, _: float) -> None:
         """Join a flight to the end, (6,) with derivatives (6, 11), of the one before."""
@@ -339,7 +364,7 @@ class _Problem:
         for axis in range(3):
             add(unit[axis], -unit[axis], state[axis] - p[axis], CONTACT_SPREAD)
         if kind == "hit":
-            self._add_reach(k, p)
+            self._add_reach(k, p, float(values[at_start]))
             share = float(np.clip((p[2] - sport.floor) / sport.reach, *HIT_HEIGHTS))
             self.normalizer += float(np.log(HIT_RATE * 6 * share * (1 - share)))
         elif kind in ("bounce", "landing"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,15 @@ class FlightObservations:
     """(N, 3, 4) projections of places in space."""
     whitening: FloatArray
     """(N, 2, 2) from px to standard deviations: across the streak, and along it."""
+    players: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
+    """(P, 7) people on the court: s; left, top, right and bottom, px; x and y of their feet, m."""
 
     def __len__(self) -> int:
         return len(self.t)
 
     def select(self, rows: slice | IntArray | BoolArray) -> FlightObservations:
         """Return the observations of some rows."""
-        return FlightObservations(self.t[rows], self.px[rows], self.matrix[rows], self.whitening[rows])
+        return replace(self, t=self.t[rows], px=self.px[rows], matrix=self.matrix[rows], whitening=self.whitening[rows])
 
 
 def prepare_observations(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,16 @@ def look_at_candidates(
 ) -> Sight:
     """Collect the observations of the chosen candidates (T,), -1 for none, of frames (T,) at times (T,), s."""
     rows = np.flatnonzero(chosen >= 0)
-    return Sight(chosen, rows, observe_candidates(scene, candidates, frame, t, chosen, rows))
+    observed = observe_candidates(scene, candidates, frame, t, chosen, rows)
+    return Sight(chosen, rows, replace(observed, players=_locate_players(scene, candidates.players, frame, t)))
+
+
+def _locate_players(scene: CourtScene, boxes: FloatArray, frame: IntArray, t: FloatArray) -> FloatArray:
+    """Find where the people (P, 5) of `BallCandidates` stand, as (P, 7) of `FlightObservations`."""
+    row = np.minimum(np.searchsorted(frame, boxes[:, 0]), len(frame) - 1)
+    feet = np.stack([(boxes[:, 1] + boxes[:, 3]) / 2, boxes[:, 4]], axis=1)
+    place = scene.camera.to_court(feet, scene.sport.floor, frame[row])
+    return np.column_stack([t[row], boxes[:, 1:], place[:, :2]])
 
 
 def observe_candidates(

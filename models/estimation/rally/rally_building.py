@@ -15,6 +15,7 @@ from models.estimation.rally.flight_fit import RallyFit, accelerate, assign_time
 from models.estimation.rally.flight_observations import bound_residuals, compare_places
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
+from models.estimation.rally.rally_views import is_on_surface
 from models.numerics.least_squares import invert_semidefinite
 from models.numerics.statistics import measure_lack_of_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
@@ -23,6 +24,9 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
 _CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
 # Probability of a hit of which only the flight behind it is seen.
 _UNSEEN_START = 0.8
+# Probability of a hit within this height, m, and four standard deviations of the surface: few strokes are so low, and
+# in foreign simulations those that were wrong were bounces there.
+_LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
 # s before a flight in which the object may last have been seen, in a hand.
 _HAND_GAP = 0.4
 # Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
@@ -142,11 +146,17 @@ def _build_event(
         float(np.sqrt(block[-1, -1])),
         p[:3].copy(),
         block[:3, :3].copy(),
-        1.0,
+        _LOW_HIT if kind == "hit" and _is_low(p[:3], float(np.sqrt(block[2, 2])), sport) else 1.0,
         speed,
         float(np.sqrt(along @ spread @ along)),
         name_player(p[:3], sport) if kind == "hit" else "",
     )
+
+
+def _is_low(place: FloatArray, sigma: float, sport: Sport) -> bool:
+    """Check whether a hit is so near the floor or the table that it may be a bounce."""
+    levels = [0.0, sport.floor] if is_on_surface(place[:2], sport) else [sport.floor]
+    return any(abs(place[2] - level - sport.object.radius) < 4 * sigma + _LOW_HEIGHT for level in levels)
 
 
 def name_player(place: FloatArray, sport: Sport) -> str:
