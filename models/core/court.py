@@ -84,7 +84,7 @@ class FlyingObject:
     max_speed: float
     """m/s that no player exceeds."""
     law_error: float = 0.003
-    """m, root mean square by which flights depart from this law."""
+    """m by which flights depart from this law; of a shuttle while it turns over."""
 
 
 @dataclass(frozen=True, slots=True)

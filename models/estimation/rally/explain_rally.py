@@ -36,6 +36,8 @@ _EVIDENCE_SHARE = 0.5
 _WORST_RIVAL, _MOST_RIVALS = 16.0, 8
 # Natural logarithm of the density of clutter for an observation that no flight explains.
 _CLUTTER_COST = 12.0
+# Natural logarithm of the odds against strokes after a landing: nobody plays on.
+_AFTER_LANDING = 30.0
 
 
 def explain_rally(
@@ -108,7 +110,9 @@ def _are_same(one: RallyFit, other: RallyFit) -> bool:
 def _weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     """Return the evidence of a fit, the observations that it leaves as clutter included."""
     explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
-    return fit.evidence - _CLUTTER_COST * (len(observed) - explained)
+    kinds = fit.structure.kinds
+    goes_on = "landing" in kinds and "hit" in kinds[kinds.index("landing") :]
+    return fit.evidence - _CLUTTER_COST * (len(observed) - explained) - _AFTER_LANDING * goes_on
 
 
 def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:

@@ -26,7 +26,12 @@ from models.estimation.rally.event_evidence import (
     SURROUNDINGS_SOFTNESS,
     contact_ranges,
 )
-from models.estimation.rally.flight_observations import FlightObservations, bound_residuals, compare_places
+from models.estimation.rally.flight_observations import (
+    FlightObservations,
+    bound_residuals,
+    compare_places,
+    weigh_by_law,
+)
 from models.estimation.rally.flight_segmentation import RallyHypothesis
 from models.estimation.rally.single_flight import DRAG_SPREAD, build_flight_prior
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
@@ -36,8 +41,8 @@ from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, Flight
 _FLOOR_SOFTNESS, _EDGE_SOFTNESS = 0.02, 0.05
 # m by which the height of a bounce is known: the object is pressed flat.
 _BOUNCE_HEIGHT = 0.01
-# m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times that,
-# the distance counts less: the feet of someone who is half hidden are not seen. s within which people must be seen.
+# m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
+# that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
 # s, least time between events, and the longest step of an event in the search.
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
@@ -258,6 +263,10 @@ class _Problem:
     def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:
         observed = self.observed.select(rows)
         residual, by_place = compare_places(observed, path.states[:-1, :3])
+        turn_length = self.structure.turn_length(k, self.sport)
+        weight = weigh_by_law(by_place, path.states[:-1, :3], self.sport.object, turn_length)
+        self.normalizer += 2 * float(np.log(weight).sum())
+        residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual)
         by = (by_place @ path.derivatives[:-1, :3]) * slope[:, None, None]
         by_start = -np.einsum("nij,nj->ni", by_place, path.states[:-1, 3:]) * slope[:, None]
@@ -328,7 +337,7 @@ class _Problem:
             self.normalizer += float(np.log(area / (2 * np.pi * _ARM**2)))
 
     def _find_feet(self, p: FloatArray, t: float) -> FloatArray | None:
-        """Find the place (2,) m of the player who is seen nearest to a place; None where nobody is seen at that time."""
+        """Find the place (2,), m, of the player who is seen nearest to a place; None where nobody is seen then."""
         people = self.observed.players
         people = people[np.abs(people[:, 0] - t) < _PLAYER_TIME]
         if not len(people):

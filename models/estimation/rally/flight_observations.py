@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from models.core.court import FlyingObject
 from models.core.court_camera import CourtCamera
 from models.core.scene import apply_homography
 from models.core.typing import BoolArray, FloatArray, IntArray
@@ -46,8 +47,6 @@ def prepare_observations(
     px: FloatArray,
     streak: FloatArray,
     sigma: FloatArray,
-    law_error: float = 0.0,
-    middle: tuple[float, float] = (0.0, 0.0),
 ) -> FlightObservations:
     """Prepare the places (N, 2), px, of frames (N,) at times (N,).
 
@@ -58,17 +57,11 @@ def prepare_observations(
         px: (N, 2) seen pixels.
         streak: (N, 2) px; (0, 0) where sharp.
         sigma: (N, 2) px across and along the streak.
-        law_error: m by which flights depart from their law.
-        middle: Place on the court, m, at whose distance that error is seen.
 
     Returns:
         The observations.
     """
     matrix = np.broadcast_to(camera.matrix_of(frame), (len(t), 3, 4))
-    per_metre = np.linalg.norm(matrix[:, 0, :3], axis=1) / np.maximum(
-        np.abs(matrix[:, 2] @ np.array([*middle, 1.0, 1.0])), 1.0
-    )
-    sigma = np.hypot(sigma, law_error * per_metre[:, None])
     length = np.linalg.norm(streak, axis=1)
     along = np.where(length[:, None] > 0, streak / np.where(length, length, 1.0)[:, None], [1.0, 0.0])
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -102,6 +95,26 @@ def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[Float
     by = (observed.matrix[:, :2, :3] - px[:, :, None] * observed.matrix[:, 2:, :3]) / depth[:, None, None]
     residual = np.einsum("nij,nj->ni", observed.whitening, px - observed.px)
     return residual, np.asarray(observed.whitening @ by)
+
+
+def weigh_by_law(by_place: FloatArray, xyz: FloatArray, item: FlyingObject, turn_length: float) -> FloatArray:
+    """Compute by how much the errors of the law of flight lower the weight of observations.
+
+    Args:
+        by_place: (N, 2, 3) derivatives of residuals by places.
+        xyz: (N, 3) m, places of one flight, in the order of time.
+        item: The object.
+        turn_length: m of path over which these errors fade; 0 where they last.
+
+    Returns:
+        Factors (N,) on residuals and derivatives.
+    """
+    error = np.full(len(xyz), item.law_error)
+    if turn_length > 0:
+        steps = np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1)
+        error *= np.exp(-np.cumsum(steps) / turn_length)
+    largest = np.linalg.norm(by_place, axis=2).max(axis=1, initial=0.0)
+    return np.asarray(1 / np.sqrt(1 + (error * largest) ** 2))
 
 
 def bound_residuals(residual: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray]:

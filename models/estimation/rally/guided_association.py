@@ -53,11 +53,7 @@ def observe_candidates(
     """Prepare the observations of some rows (N,) of the frames."""
     at = chosen[rows]
     sigma = np.maximum(np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1), LEAST_SIGMA)
-    sport = scene.sport
-    return prepare_observations(
-        scene.camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma,
-        sport.object.law_error, (sport.length / 2, sport.width / 2),
-    )  # fmt: skip
+    return prepare_observations(scene.camera, frame[rows], t[rows], candidates.centre[at], candidates.streak[at], sigma)
 
 
 def choose_candidates(

@@ -12,7 +12,7 @@ from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, 
 from models.core.typing import BoolArray, FloatArray, IntArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import RallyFit, accelerate, assign_times, flight_slice, start_row
-from models.estimation.rally.flight_observations import bound_residuals, compare_places
+from models.estimation.rally.flight_observations import bound_residuals, compare_places, weigh_by_law
 from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
 from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
 from models.estimation.rally.rally_views import is_on_surface
@@ -27,6 +27,8 @@ _UNSEEN_START = 0.8
 # Probability of a hit within this height, m, and four standard deviations of the surface: few strokes are so low, and
 # in foreign simulations those that were wrong were bounces there.
 _LOW_HIT, _LOW_HEIGHT = 0.9, 0.1
+# Frames by which the moment of a landing is known at best.
+_LANDING_FRAMES = 0.3
 # s before a flight in which the object may last have been seen, in a hand.
 _HAND_GAP = 0.4
 # Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
@@ -61,6 +63,8 @@ def _estimate_covariance(
         part, start = flight_slice(k), values[start_row(k, count)]
         path = fly(values[part], sight.observed.t[rows] - start, structure.turn_length(k, sport))
         residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
+        weight = weigh_by_law(by_place, path.states[:, :3], sport.object, structure.turn_length(k, sport))
+        residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual)
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
@@ -70,7 +74,9 @@ def _estimate_covariance(
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
         columns = np.append(np.arange(part.start, part.stop), start_row(k, count))
         for j, other in enumerate(shifted):
-            change = (compare_places(other.select(rows), path.states[:, :3])[0] - residual) / _CAMERA_STEPS[j]
+            change = (
+                compare_places(other.select(rows), path.states[:, :3])[0] * weight[:, None] - residual
+            ) / _CAMERA_STEPS[j]
             pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
     covariance = invert_semidefinite(fit.information)
     free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
@@ -99,6 +105,10 @@ def build_rally(
         if structure.joined[k] and kind is not None:
             events.append(_build_event(kind, block, p, start, flights[-1], sport))
             if kind == "landing":
+                # how a shuttle hops is hardly known, and so is the moment between two frames at which it lands
+                velocity = fly_flight(flights[-1], np.array([start]), sport.object).states[0, 3:] * [1, 1, 0]
+                spread = np.outer(velocity, velocity) * (_LANDING_FRAMES * interval) ** 2
+                events[-1] = replace(events[-1], covariance=events[-1].covariance + spread)
                 break
         to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
         to_fixed[:6, -1] = -np.concatenate([p[3:6], accelerate(p, p[:6])])

@@ -19,6 +19,7 @@ from models.estimation.rally.flight_observations import (
     FlightObservations,
     bound_residuals,
     compare_places,
+    weigh_by_law,
 )
 from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
 from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
@@ -126,6 +127,8 @@ def fit_single_flight(
         if not np.isfinite(path.states).all():
             return None
         residual, by_place = compare_places(observed, path.states[:, :3])
+        weight = weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)
+        residual, by_place = residual * weight[:, None], by_place * weight[:, None, None]
         factor, slope = bound_residuals(residual, scale)
         below = np.minimum(path.states[:, 2] - sport.object.radius - sport.floor, 0.0) / _FLOOR_SOFTNESS
         rows = np.concatenate([(residual * factor[:, None]).ravel(), (p - prior.mean) / prior.sigma, below])
@@ -159,6 +162,8 @@ def fit_single_flight(
     scaled = information * prior.sigma * prior.sigma[:, None]
     evidence = -0.5 * best.cost - 0.5 * float(np.linalg.slogdet(scaled)[1])
     path = fly(best.point, tau, turn_length)
+    by_place = compare_places(observed, path.states[:, :3])[1]
+    evidence += 2 * float(np.log(weigh_by_law(by_place, path.states[:, :3], sport.object, turn_length)).sum())
     return SingleFlight(best.point, invert_semidefinite(information), best.cost, evidence, path)
 
 
