@@ -167,7 +167,7 @@ def find_descent(
     Returns:
         s after the start; NaN where it does not happen.
     """
-    times: FloatArray = after + step * np.arange(max(int(np.ceil((until - after) / step)), 1) + 1)
+    times = np.asarray(after + step * np.arange(max(int(np.ceil((until - after) / step)), 1) + 1), np.float64)
     above = fly(parameters, times, turn_length).states[:, 2] - height
     falls = np.flatnonzero((above[:-1] >= 0) & (above[1:] < 0))
     if not len(falls):
