@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -16,8 +17,15 @@ from support.rally_stand_ins import use_stand_ins
 
 import trueroll
 from models.core.errors import OptionError
+from models.core.progress import Progress, ignore_progress
+from pipeline.actions.diagnose_batch import group_by_table
 from pipeline.api import RallyRun
+from pipeline.batch.clip_job import ClipLimits, ClipResult
+from pipeline.batch.clip_run import run_job
+from pipeline.batch.run_batch import Batch, run_batch
+from pipeline.engine.result_cache import ResultCache
 from pipeline.io.saved_shot import read_rally
+from pipeline.run_options import RunOptions, list_setting_values
 from video.io.video_writer import VideoWriter
 
 FILES = {
@@ -28,6 +36,7 @@ FILES = {
 
 def film_noise(path: Path, width: int = 320, views: int = 1, frames: int = 50) -> Path:
     """Film changing noise in the lower half of every view, each view of another brightness."""
+    path.parent.mkdir(exist_ok=True)
     rng = np.random.default_rng(5)
     with VideoWriter(path, width, 180, Fraction(25)) as writer:
         for k in range(views * frames):
@@ -221,3 +230,46 @@ def test_frames_between_the_frames_of_a_rally_leave_the_originals_as_they_are(co
     assert "are for billiards" in done.err
     done = run_program("interpolate", courts.out, "--factor", 4, "-o", tmp_path / "fine.csv")
     assert "the flights of the run" in done.out
+
+
+class QuietFollower:
+    """Follows a batch and its clips without a word."""
+
+    def start_stage(self, stage: str) -> Progress:
+        return ignore_progress
+
+    def finish_stage(self, stage: str, seconds: float, cached: bool) -> None: ...
+
+    def start_shot(self, number: int, count: int, done: float) -> None: ...
+
+    def write_note(self, sentence: str) -> None: ...
+
+    def show_progress(self, clip: str, message: dict[str, Any]) -> None: ...
+
+    def show_result(self, row: ClipResult, expected: int) -> None: ...
+
+
+def test_a_batch_lists_rallies_and_what_is_neither(courts: Home, tmp_path: Path) -> None:
+    clips = [film_noise(tmp_path / "in" / "nothing.mp4", width=160), film_noise(tmp_path / "in" / "rally.mp4")]
+    clips.append(film_noise(tmp_path / "in" / "match.mp4", views=2))
+    work = Batch(tmp_path / "in", tmp_path / "out", ResultCache(courts.cache), list_setting_values(RunOptions()),
+                 ClipLimits())  # fmt: skip
+    work.assign_folders(clips)
+    follower = QuietFollower()
+    run_batch(work, clips, lambda jobs, _: (run_job(job, follower) for job in jobs if job is not None), follower)
+    match, nothing, rally = work.results
+    assert (rally.status, rally.trust, rally.contacts, rally.sentence) == ("done", "green", 2, "")
+    assert (match.shots, match.in_shots) == (2, True)
+    assert nothing.status == "failed"
+    page = (tmp_path / "out" / "summary.html").read_text()
+    assert "badminton; 1 hit, 0 bounces" in page
+    assert "landing: in" in page
+    merged = (tmp_path / "out" / "match" / "events.csv").read_text().splitlines()
+    rows = [line.split(",")[:2] for line in merged[1:]]
+    assert rows == [["0", "hit"], ["0", "landing"], ["1", "hit"], ["1", "landing"]]
+        ["0", "hit"],
+        ["0", "landing"],
+        ["1", "hit"],
+        ["1", "landing"],
+    ]
+    assert list(group_by_table(work.results)) == []

@@ -24,6 +24,8 @@ LEAST_SIGMA = 1e-6
 NET_STEP_S = 0.002
 # s up to which an event and a landing hypothesis are the same moment: half a frame at 25 fps.
 SAME_MOMENT_S = 0.02
+# Standard deviations from the net up to which a landing may lie on either side of it.
+NET_SIGMAS = 3.0
 # m by which an outer edge of a line and of an area may differ by rounding.
 EDGE_TOLERANCE = 1e-6
 
@@ -48,7 +50,7 @@ class LandingCall:
     landing: LandingHypothesis | None
     """The most probable one; None without any."""
     line: str
-    """The line that decides: the nearest, or of an out the one that it missed by most; empty without a landing."""
+    """The line that decides: with the least distance in standard deviations, or `net`; empty without a landing."""
     distance: float
     """m from the outer edge of that line to the place of contact, positive for in; NaN without a landing."""
     distance_sigma: float
@@ -230,20 +232,21 @@ def _measure_distance(
 ) -> tuple[str, float, float]:
     """Measure the distance, m, from the line that decides, its sigma, and the name of the line.
 
-    Of several rectangles, that counts in which the place lies deepest; between two of them there is no line to miss.
+    That line is the one with the least distance in standard deviations. Of several rectangles, that counts in which the
+    place lies deepest. The net is no line that one lands near, but a landing that may lie on either side of it.
     """
     best = ("", -math.inf, math.nan)
+    sigmas = np.maximum(np.sqrt(np.diag(landing.covariance)[:2]), LEAST_SIGMA)
     for x0, y0, x1, y1 in rectangles:
         x, y = landing.place[:2]
-        edges = ((x - x0, 0, x0), (x1 - x, 0, x1), (y - y0, 1, y0), (y1 - y, 1, y1))
-        names = [_name_edge(axis, at, sport, float(landing.place[1 - axis])) for _, axis, at in edges]
-        margin, axis, name = min(
-            (distance, axis, name)
-            for (distance, axis, _), name in zip(edges, names, strict=True)
-            if name != "net" or distance < 0  # the net is no line that one lands near
-        )
-        if margin > best[1]:
-            best = (name, float(margin), math.sqrt(float(landing.covariance[axis, axis])))
+        margins = []
+        for distance, axis, at in ((x - x0, 0, x0), (x1 - x, 0, x1), (y - y0, 1, y0), (y1 - y, 1, y1)):
+            name, sigma = _name_edge(axis, at, sport, float(landing.place[1 - axis])), float(sigmas[axis])
+            if name != "net" or distance < NET_SIGMAS * sigma:
+                margins.append((distance / sigma, name, float(distance), sigma))
+        _, name, distance, sigma = min(margins)
+        if distance > best[1]:
+            best = (name, distance, sigma)
     return best
 
 

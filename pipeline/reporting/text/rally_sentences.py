@@ -143,7 +143,7 @@ def _format_side(call: LandingCall) -> str:
     """Format on which side of which line a landing is."""
     line = f"the {call.line}" if call.line else "the line"
     if call.line == "net":
-        return "on the wrong side of the net"
+        return "beyond the net" if call.distance >= 0 else "short of the net"
     return f"{'inside' if call.distance >= 0 else 'beyond'} the outer edge of {line}"
 
 
