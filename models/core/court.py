@@ -59,8 +59,8 @@ class Net:
 class FlyingObject:
     """The ball or shuttle of a sport, with what is known of its forces before a clip is seen.
 
-    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path; after a hit a shuttle
-    turns over, and its drag is larger by the factor 1 + `turn_drag` exp(-t / `turn_time`).
+    The acceleration is -g z - k |v| v + |v| l x v, with drag k and a lift l across the path. After a hit a shuttle turns
+    over: at a length s of path its drag is k (1 + `turn_drag` exp(-s / `turn_length`)), and its lift falls as fast.
     """
 
     name: str
@@ -74,8 +74,8 @@ class FlyingObject:
     lift: float
     """1/m, standard deviation of each component of l about 0; 0 where there is no lift."""
     turn_drag: Range
-    turn_time: float
-    """s."""
+    turn_length: float
+    """m of path; 0 for a ball."""
     restitution: Range | None
     """Share of the speed across the surface that a bounce leaves; None where the object comes to rest on it."""
     retention: Range | None

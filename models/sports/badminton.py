@@ -1,7 +1,8 @@
 """Badminton: BWF Statutes, section 4.1 (Laws of Badminton); lines of 40 mm belong to the area that they bound.
 
 The drag is that of a terminal speed of 6.8 m/s (Chen, Pan and Chen 2009, J. Sports Sci. Med. 8, 643; 6.51 to 6.87 m/s);
-the turn-over after a hit takes 20 to 30 ms and raises the drag (Cohen et al. 2015, New J. Phys. 17, 063001).
+the turn-over after a hit takes 20 to 30 ms at 50 m/s, changes the drag and pushes the shuttle aside by about a third of
+the drag (Cohen et al. 2015, New J. Phys. 17, 063001).
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ SPORT = Sport(
     LINES,
     Net(0.0, 1.524, 1.55),
     FlyingObject(
-        "shuttle", radius=0.033, mass=0.0052, drag=Range(0.212, 0.02), lift=0.0, turn_drag=Range(0.6, 0.4),
-        turn_time=0.03, restitution=None, retention=None, max_speed=120.0,
+        "shuttle", radius=0.033, mass=0.0052, drag=Range(0.212, 0.02), lift=0.06, turn_drag=Range(0.2, 0.5),
+        turn_length=1.2, restitution=None, retention=None, max_speed=120.0,
     ),
     areas={
         "singles": ((0.0, SINGLES, HALF, WIDTH - SINGLES), (HALF, SINGLES, LENGTH, WIDTH - SINGLES)),

@@ -1,7 +1,7 @@
 """Table tennis: ITTF Laws, section 2.1 and 2.2; the white lines belong to the surface.
 
 Drag and lift: Inaba et al. 2017, Int. J. Sports Sci. Coaching 12; drag coefficient 0.4 to 0.5, lift up to 0.3. Bounces:
-restitution 0.85 to 0.93, which is higher for slow balls; speed along the table changes with spin.
+restitution 0.75 to 0.93, higher for slow balls; topspin may speed a ball up along the table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SPORT = Sport(
     Net(0.1525, 0.1525, 0.1525),
     FlyingObject(
         "ball", radius=0.020, mass=0.0027, drag=Range(0.126, 0.02), lift=0.06, turn_drag=Range(0.0, 0.0),
-        turn_time=0.03, restitution=Range(0.89, 0.05), retention=Range(0.75, 0.2), max_speed=35.0,
+        turn_length=0.0, restitution=Range(0.86, 0.06), retention=Range(0.9, 0.25), max_speed=35.0,
     ),
     areas={
         "singles": HALVES,

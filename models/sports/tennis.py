@@ -1,7 +1,7 @@
 """Tennis: ITF Rules of Tennis, rule 1 and appendices; lines belong to the area that they bound.
 
 Drag and lift: Mehta and Pallis 2001, "The aerodynamics of a tennis ball": drag coefficients 0.5 to 0.65, lift to 0.3.
-Bounces: Cross 2002, Am. J. Phys. 70, 1093, and the court pace rating of the ITF.
+Bounces: Cross 2002, Am. J. Phys. 70, 1093, and the court pace rating of the ITF; topspin keeps more of the speed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SPORT = Sport(
     Net(0.914, 0.914, 1.07),
     FlyingObject(
         "ball", radius=0.0335, mass=0.0577, drag=Range(0.0205, 0.003), lift=0.006, turn_drag=Range(0.0, 0.0),
-        turn_time=0.03, restitution=Range(0.75, 0.07), retention=Range(0.68, 0.12), max_speed=75.0,
+        turn_length=0.0, restitution=Range(0.74, 0.07), retention=Range(0.75, 0.18), max_speed=75.0,
     ),
     areas={
         "singles": ((0.0, SINGLES, HALF, WIDTH - SINGLES), (HALF, SINGLES, LENGTH, WIDTH - SINGLES)),

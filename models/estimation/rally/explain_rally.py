@@ -1,0 +1,138 @@
+"""From candidates to a rally: association, search over sequences of flights, joint fit, landing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.core.court_camera import CourtScene
+from models.core.progress import Progress
+from models.core.rally import BallCandidates, Rally
+from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.flight_fit import (
+    RallyFit,
+    assign_times,
+    fit_rally,
+    refine_fit,
+)
+from models.estimation.rally.flight_observations import (
+    FlightObservations,
+    stabilize_places,
+)
+from models.estimation.rally.flight_segmentation import segment_rally
+from models.estimation.rally.guided_association import choose_candidates, look_at_candidates
+from models.estimation.rally.image_association import associate_candidates
+from models.estimation.rally.initial_flights import align_flights
+from models.estimation.rally.landing_hypotheses import merge_landings
+from models.estimation.rally.rally_building import build_rally
+from models.estimation.rally.structure_revision import revise_structure
+from models.physics.flight.flight_motion import PARAMETER_COUNT
+
+# Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
+# is computed from a model that is never wholly true, and so counts by half.
+_EVIDENCE_SHARE = 0.5
+# Natural logarithm of the evidence by which a rival may be worse, and their largest number.
+_WORST_RIVAL, _MOST_RIVALS = 16.0, 8
+# Natural logarithm of the density of clutter for an observation that no flight explains.
+_CLUTTER_COST = 12.0
+
+
+def explain_rally(
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, progress: Progress
+) -> Rally:
+    """Explain the candidates of a clip as one rally.
+
+    Args:
+        scene: Court and camera.
+        candidates: Candidates of all frames.
+        frame: (T,) indices of the distinct frames in the file.
+        t: (T,) s.
+        progress: Receives the finished share.
+
+    Returns:
+        The most probable rally; without flights where nothing flies.
+    """
+    sport = scene.sport
+    chosen = associate_candidates(scene, candidates, frame, t)
+    progress(0.2)
+    sight = look_at_candidates(scene.camera, candidates, frame, t, chosen)
+    px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
+    hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
+    fits: list[RallyFit] = []
+    for k, hypothesis in enumerate(hypotheses):
+        fit = fit_rally(sight.observed, sport, align_flights(sight.observed, sport, hypothesis))
+        if fit is not None and not any(_are_same(fit, other) for other in fits):
+            fits.append(fit)
+        progress(0.6 + 0.3 * (k + 1) / len(hypotheses))
+    if not fits:
+        return _build_empty(scene, candidates, frame, t)
+    fits.sort(key=lambda fit: -_weigh_fit(fit, sight.observed))
+    revised = revise_structure(sight.observed, sport, fits[0], lambda fit: _weigh_fit(fit, sight.observed))
+    fits = [*revised, *(fit for fit in fits[1:] if not any(_are_same(fit, other) for other in revised))]
+    chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
+    if (chosen != sight.chosen).any():
+        sight = look_at_candidates(scene.camera, candidates, frame, t, chosen)
+        refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
+        fits = [fit for fit in refined if fit is not None] or fits
+    fits = _select_fits(fits, sight.observed)
+    evidence = np.array([_weigh_fit(fit, sight.observed) for fit in fits])
+    order = np.argsort(-evidence, kind="stable")
+    weights = np.exp(_EVIDENCE_SHARE * (evidence[order] - evidence.max()))
+    weights = weights / weights.sum()
+    rallies = [build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order]
+    progress(1.0)
+    return _combine(rallies, weights, t)
+
+
+def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[RallyFit]:
+    """Leave out explanations that occur twice, or that no longer matter."""
+    best = sorted(fits, key=lambda fit: -_weigh_fit(fit, observed))
+    selected: list[RallyFit] = []
+    for fit in best:
+        matters = _weigh_fit(fit, observed) > _weigh_fit(best[0], observed) - _WORST_RIVAL
+        if matters and len(selected) < _MOST_RIVALS and not any(_are_same(fit, other) for other in selected):
+            selected.append(fit)
+    return selected
+
+
+def _are_same(one: RallyFit, other: RallyFit) -> bool:
+    return (
+        one.structure.kinds == other.structure.kinds
+        and one.structure.joined == other.structure.joined
+        and abs(one.evidence - other.evidence) < 0.5
+        and bool(np.abs(one.values - other.values)[: 1 + PARAMETER_COUNT].max() < 0.05)
+    )
+
+
+def _weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
+    """Return the evidence of a fit, the observations that it leaves as clutter included."""
+    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
+    return fit.evidence - _CLUTTER_COST * (len(observed) - explained)
+
+
+def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:
+    nothing = np.full((len(t), 2), np.nan)
+    return Rally(
+        scene, frame, t, nothing, nothing, nothing, np.zeros(len(t), np.bool_), (), (),
+        players=candidates.players, notes=("no-flight",),
+    )  # fmt: skip
+
+
+def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray) -> Rally:
+    """Weigh the events and the landing of the best rally by all explanations."""
+    best, interval = rallies[0], float(np.median(np.diff(t)))
+    events = []
+    for event in best.events:
+        support = sum(
+            weight
+            for rally, weight in zip(rallies, weights, strict=True)
+            if any(other.kind == event.kind and abs(other.t - event.t) < 1.5 * interval for other in rally.events)
+        )
+        events.append(replace(event, probability=float(min(event.probability * support, 1.0))))
+    pairs = [
+        (float(weight), rally.landings[0] if rally.landings else None)
+        for rally, weight in zip(rallies, weights, strict=True)
+    ]
+    landings, nothing = merge_landings(pairs)
+    return replace(best, events=tuple(events), landings=landings, no_landing=nothing)

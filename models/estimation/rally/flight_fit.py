@@ -1,0 +1,372 @@
+"""All flights of a rally fitted together: one drag, events that join them, one least-squares problem.
+
+The parameters are the drag of the clip, the 11 parameters of every flight at its start, and the times of the events
+between joined flights. An observation belongs to the flight that covers its time; since the flights meet at an event,
+the cost is continuous where an event passes an observation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.core.court import Sport
+from models.core.rally import RallyEventKind
+from models.core.typing import FloatArray, IntArray
+from models.estimation.rally.event_evidence import (
+    BOUNCE_SPREAD,
+    CONTACT_SPREAD,
+    HIT_HEIGHTS,
+    HIT_RATE,
+    NET_DEPTH,
+    NET_SHARE,
+    NET_SHARES,
+    REACH_SOFTNESS,
+    SURROUNDINGS_SOFTNESS,
+    contact_ranges,
+)
+from models.estimation.rally.flight_observations import FlightObservations, bound_residuals, compare_places
+from models.estimation.rally.flight_segmentation import RallyHypothesis
+from models.estimation.rally.single_flight import DRAG_SPREAD, build_flight_prior
+from models.numerics.least_squares import SearchOptions, invert_semidefinite, minimize_residuals
+from models.physics.flight.flight_motion import GRAVITY, PARAMETER_COUNT, FlightPath, fly
+
+# m, softness of the surface below a flight, and of the upper edge of the net, which gives way and hangs unevenly.
+_FLOOR_SOFTNESS, _EDGE_SOFTNESS = 0.02, 0.05
+# m by which the height of a bounce is known: the object is pressed flat.
+_BOUNCE_HEIGHT = 0.01
+# s, least time between events, and the longest step of an event in the search.
+_SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
+_SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
+
+
+@dataclass(frozen=True, slots=True)
+class RallyStructure:
+    """What the flights of a rally are, without their numbers."""
+
+    kinds: tuple[RallyEventKind | None, ...]
+    """(F,) the event that begins each flight."""
+    joined: tuple[bool, ...]
+    """(F,) whether the flight before each ends with that event."""
+    begin: FloatArray
+    end: FloatArray
+    """(F,) s, the first and last observation of each, which bound it where no event does."""
+    heights: FloatArray
+    """(F,) height of the surface of a bounce, m."""
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    def turn_length(self, index: int, sport: Sport) -> float:
+        """Return the length of path, m, over which a flight turns over; 0 where it does not begin with a hit."""
+        return 0.0 if self.kinds[index] in ("bounce", "landing", "net") else sport.object.turn_length
+
+
+@dataclass(frozen=True, slots=True)
+class RallyFit:
+    """Fitted flights of a rally."""
+
+    structure: RallyStructure
+    values: FloatArray
+    """(P,) drag, 11 parameters of each flight, and the start of each flight, s."""
+    information: FloatArray
+    """(P, P), of priors and observations."""
+    cost: float
+    evidence: float
+    """Natural logarithm (Laplace)."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (P, P) of the values."""
+        return invert_semidefinite(self.information)
+
+
+def flight_slice(index: int) -> slice:
+    """Return where the parameters of a flight stand among the values of a fit."""
+    return slice(1 + PARAMETER_COUNT * index, 1 + PARAMETER_COUNT * (index + 1))
+
+
+def start_row(index: int, flights: int) -> int:
+    """Return where the start of a flight stands among the values of a fit."""
+    return 1 + PARAMETER_COUNT * flights + index
+
+
+def fit_rally(observed: FlightObservations, sport: Sport, hypothesis: RallyHypothesis) -> RallyFit | None:
+    """Fit the flights of a hypothesis together.
+
+    Args:
+        observed: N observations.
+        sport: Sport.
+        hypothesis: Flights to start from.
+
+    Returns:
+        The fit; None where the flights that it starts from are not possible.
+    """
+    guesses = hypothesis.flights
+    if not guesses:
+        return None
+    values, heights, joined = [sport.object.drag.mean], [], []
+    for guess in guesses:
+        p = guess.flight.parameters.copy()
+        moved = fly(p, np.array([guess.t - observed.t[guess.first]]), 0.0).states[0]
+        # a flight that is followed back too far grows absurdly fast: nothing is known of what came before it
+        joined.append(guess.is_joined and bool(np.linalg.norm(moved[3:]) < 1.5 * sport.object.max_speed))
+        if joined[-1]:
+            p[:6] = moved
+        on_floor = sport.floor < 0 and p[2] < sport.floor / 2
+        heights.append(sport.floor if on_floor else 0.0)
+        values.extend(p)
+    starts = [
+        guess.t if is_joined else observed.t[guess.first] for guess, is_joined in zip(guesses, joined, strict=True)
+    ]
+    structure = RallyStructure(
+        tuple(guess.kind for guess in guesses),
+        tuple(joined),
+        observed.t[[guess.first for guess in guesses]],
+        observed.t[[guess.last for guess in guesses]],
+        np.array(heights),
+    )
+    return refine_fit(observed, sport, structure, np.array([*values, *starts], np.float64))
+
+
+def refine_fit(
+    observed: FlightObservations, sport: Sport, structure: RallyStructure, values: FloatArray
+) -> RallyFit | None:
+    """Fit flights of a known structure from initial values (P,)."""
+    problem = _Problem(observed, sport, structure)
+    try:
+        best = minimize_residuals(values, problem.evaluate, _SEARCH, problem.limit)
+    except ValueError:
+        return None
+    problem.normalizer = 0.0
+    rows = problem.evaluate(best.point)
+    assert rows is not None
+    information = rows[1].T @ rows[1]
+    # fixed starts have no rows
+    fixed = [start_row(k, len(structure)) for k, is_joined in enumerate(structure.joined) if not is_joined]
+    information[fixed, fixed] += 1e12
+    free = np.delete(np.arange(len(information)), fixed)
+    scale = np.sqrt(np.diag(information)[free])
+    logdet = float(np.linalg.slogdet(information[np.ix_(free, free)] / scale / scale[:, None])[1])
+    logdet += 2 * float(np.log(scale).sum())
+    evidence = -0.5 * best.cost + problem.normalizer + 0.5 * len(free) * np.log(2 * np.pi) - 0.5 * logdet
+    return RallyFit(structure, best.point, information, best.cost, float(evidence))
+
+
+def assign_times(t: FloatArray, structure: RallyStructure, values: FloatArray) -> list[IntArray]:
+    """Assign times (N,), s, in their order, to the flights that cover them.
+
+    Returns:
+        Indices of the times of each flight.
+    """
+    count = len(structure)
+    starts = values[1 + PARAMETER_COUNT * count :]
+    rows = []
+    for k in range(count):
+        low = starts[k] if structure.joined[k] else structure.begin[k] - 1e-9
+        is_ended = k + 1 < count and structure.joined[k + 1]
+        high = starts[k + 1] if is_ended else structure.end[k] + 1e-9
+        begin, end = np.searchsorted(t, [low, high])
+        rows.append(np.arange(begin, end))
+    return rows
+
+
+class _Problem:
+    """Residuals of a rally and their Jacobian."""
+
+    def __init__(self, observed: FlightObservations, sport: Sport, structure: RallyStructure) -> None:
+        self.observed, self.sport, self.structure = observed, sport, structure
+        self.prior = build_flight_prior(sport)
+        self.size = 1 + (PARAMETER_COUNT + 1) * len(structure)
+        self.normalizer = 0.0
+        self.rows: list[FloatArray] = []
+        self.by: list[FloatArray] = []
+
+    def limit(self, old: FloatArray, new: FloatArray) -> FloatArray:
+        """Keep the events in their order."""
+        limited, count = new.copy(), len(self.structure)
+        first = start_row(0, count)
+        for k in range(count):
+            at = first + k
+            if not self.structure.joined[k]:
+                limited[at] = old[at]
+                continue
+            low = limited[at - 1] + _SHORTEST_FLIGHT
+            until = old[at + 1] if k + 1 < count else self.structure.end[k]
+            high = max(until - _SHORTEST_FLIGHT, low)
+            limited[at] = np.clip(
+                new[at], max(low, old[at] - _LONGEST_SHIFT), max(min(high, old[at] + _LONGEST_SHIFT), low)
+            )
+        return limited
+
+    def evaluate(self, values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Evaluate residuals (R,) and their derivatives (R, P)."""
+        self.rows, self.by, self.normalizer = [], [], 0.0
+        sport, structure, prior, count = self.sport, self.structure, self.prior, len(self.structure)
+        drag = sport.object.drag
+        self._add_linear({0: 1.0}, values[0] - drag.mean, drag.sigma)
+        before: tuple[int, FloatArray, FloatArray, float] | None = None
+        for k, rows in enumerate(assign_times(self.observed.t, structure, values)):
+            part, start = flight_slice(k), values[start_row(k, count)]
+            p, turn_length = values[part], structure.turn_length(k, sport)
+            ends_joined = k + 1 < count and structure.joined[k + 1]
+            end = values[start_row(k + 1, count)] if ends_joined else self.structure.end[k]
+            path = fly(p, np.append(self.observed.t[rows], end) - start, turn_length)
+            if not np.isfinite(path.states).all():
+                return None
+            self._add_prior(k, values, part, prior.mean, prior.sigma)
+            self._add_observations(rows, path, k, part)
+            self._add_surface(path, k, part)
+            self._add_net(k, part, p, path, turn_length, np.append(self.observed.t[rows], end) - start)
+            if structure.joined[k] and before is not None:
+                self._add_event(k, values, *before[1:])
+            elif structure.kinds[k] == "hit":
+                self._add_reach(k, p)
+            before = (k, path.states[-1], path.derivatives[-1], end)
+        return np.concatenate(self.rows), np.vstack(self.by)
+
+    def _add(self, residual: FloatArray, by: FloatArray, columns: slice | IntArray) -> None:
+        full = np.zeros((len(residual), self.size))
+        full[:, columns] = by
+        self.rows.append(residual)
+        self.by.append(full)
+
+    def _add_linear(self, by: dict[int, float], residual: float, sigma: float) -> None:
+        row = np.zeros((1, self.size))
+        for column, slope in by.items():
+            row[0, column] = slope / sigma
+        self.rows.append(np.array([residual / sigma]))
+        self.by.append(row)
+        self.normalizer -= float(np.log(sigma)) + 0.5 * float(np.log(2 * np.pi))
+
+    def _add_prior(self, k: int, values: FloatArray, part: slice, mean: FloatArray, sigma: FloatArray) -> None:
+        kind, is_joined, start = self.structure.kinds[k], self.structure.joined[k], part.start
+        used = [7, 8, 9, 10]
+        if kind in (None, "hit") or not is_joined:
+            used += [3, 4, 5]
+        if not is_joined:
+            used += [0, 1, 2]
+        for j in used:
+            self._add_linear({start + j: 1.0}, values[start + j] - mean[j], sigma[j])
+        spread = DRAG_SPREAD * mean[6]
+        self._add_linear({start + 6: 1.0, 0: -1.0}, values[start + 6] - values[0], spread)
+
+    def _add_observations(self, rows: IntArray, path: FlightPath, k: int, part: slice) -> None:
+        observed = self.observed.select(rows)
+        residual, by_place = compare_places(observed, path.states[:-1, :3])
+        factor, slope = bound_residuals(residual)
+        by = (by_place @ path.derivatives[:-1, :3]) * slope[:, None, None]
+        by_start = -np.einsum("nij,nj->ni", by_place, path.states[:-1, 3:]) * slope[:, None]
+        columns = np.append(np.arange(part.start, part.stop), start_row(k, len(self.structure)))
+        if not self.structure.joined[k]:
+            by_start = 0 * by_start
+        full = np.concatenate([by, by_start[:, :, None]], axis=2).reshape(-1, PARAMETER_COUNT + 1)
+        self._add((residual * factor[:, None]).ravel(), full, columns)
+
+    def _add_surface(self, path: FlightPath, k: int, part: slice) -> None:
+        """Keep the flight above the floor, and above a table."""
+        states, sport = path.states, self.sport
+        level = np.full(len(states), sport.floor)
+        if sport.floor < 0:
+            over = (np.abs(states[:, 0] - sport.length / 2) < sport.length / 2) & (
+                np.abs(states[:, 1] - sport.width / 2) < sport.width / 2
+            )
+            level[over & (states[:, 2] > sport.floor / 4)] = 0.0
+        depth = np.minimum(states[:, 2] - level - sport.object.radius, 0.0)
+        rows = np.flatnonzero(depth < 0)
+        if len(rows):
+            self._add(depth[rows] / _FLOOR_SOFTNESS, path.derivatives[rows, 2] / _FLOOR_SOFTNESS, part)
+
+    def _add_net(
+        self, k: int, part: slice, p: FloatArray, path: FlightPath, turn_length: float, tau: FloatArray
+    ) -> None:
+        """Keep the flight above the net where it crosses it."""
+        if self.structure.kinds[k] == "net":
+            return
+        times, x = np.append(0.0, tau), np.append(p[0], path.states[:, 0]) - self.sport.length / 2
+        crossings = np.flatnonzero(x[:-1] * x[1:] < 0)
+        ends_at_net = k + 1 < len(self.structure) and self.structure.kinds[k + 1] == "net"
+        if not len(crossings) or ends_at_net:
+            return
+        c = crossings[0]
+        at = times[c] + (times[c + 1] - times[c]) * x[c] / (x[c] - x[c + 1])
+        over = fly(p, np.array([at]), turn_length)
+        state, by = over.states[0], over.derivatives[0]
+        edge = float(self.sport.net.height_at(state[1:2], self.sport.width)[0]) + self.sport.object.radius
+        outside = state[1] < -self.sport.net.overhang or state[1] > self.sport.width + self.sport.net.overhang
+        if state[2] < edge and not outside and abs(state[3]) > 1e-3:
+            slope = by[2] - state[5] / state[3] * by[0]
+            self._add(np.array([(state[2] - edge) / _EDGE_SOFTNESS]), slope[None] / _EDGE_SOFTNESS, part)
+
+    def _add_reach(self, k: int, p: FloatArray) -> None:
+        """Keep a hit within the players' reach and near the court."""
+        sport, at = self.sport, flight_slice(k).start
+        behind, beside = sport.surroundings
+        limits = (
+            (0, -behind, sport.length + behind, SURROUNDINGS_SOFTNESS),
+            (1, -beside, sport.width + beside, SURROUNDINGS_SOFTNESS),
+            (2, sport.floor + sport.object.radius, sport.floor + sport.reach, REACH_SOFTNESS),
+        )
+        for axis, low, high, softness in limits:
+            off = max(p[axis] - high, 0.0) + min(p[axis] - low, 0.0)
+            if off:
+                row = np.zeros((1, self.size))
+                row[0, at + axis] = 1 / softness
+                self.rows.append(np.array([off / softness]))
+                self.by.append(row)
+
+    def _add_event(self, k: int, values: FloatArray, state: FloatArray, derivative: FloatArray, _: float) -> None:
+        """Join a flight to the end, (6,) with derivatives (6, 11), of the one before."""
+        sport, kind, count = self.sport, self.structure.kinds[k], len(self.structure)
+        item, part, earlier = sport.object, flight_slice(k), flight_slice(k - 1)
+        p, at_start, before_start = values[part], start_row(k, count), start_row(k - 1, count)
+        acceleration = accelerate(values[earlier], state)
+        rate = np.concatenate([state[3:], acceleration])
+
+        def add(of_state: FloatArray, of_start: FloatArray, residual: float, sigma: float) -> None:
+            row = np.zeros((1, self.size))
+            row[0, earlier] = of_state @ derivative
+            row[0, at_start] = of_state @ rate
+            if self.structure.joined[k - 1]:
+                row[0, before_start] = -(of_state @ rate)
+            row[0, part.start : part.start + 6] = of_start
+            self.rows.append(np.array([residual / sigma]))
+            self.by.append(row / sigma)
+            self.normalizer -= float(np.log(sigma)) + 0.5 * float(np.log(2 * np.pi))
+
+        unit = np.eye(6)
+        for axis in range(3):
+            add(unit[axis], -unit[axis], state[axis] - p[axis], CONTACT_SPREAD)
+        if kind == "hit":
+            self._add_reach(k, p)
+            share = float(np.clip((p[2] - sport.floor) / sport.reach, *HIT_HEIGHTS))
+            self.normalizer += float(np.log(HIT_RATE * 6 * share * (1 - share)))
+        elif kind in ("bounce", "landing"):
+            restitution, retention = contact_ranges(sport)
+            add(0 * unit[0], unit[2], p[2] - self.structure.heights[k] - item.radius, _BOUNCE_HEIGHT)
+            level = float(np.hypot(state[3], state[4]))
+            along = np.array([state[3], state[4]]) / max(level, 1e-6)
+            for direction, left, sigma in (
+                (along, retention.mean, np.hypot(retention.sigma * level, BOUNCE_SPREAD[0])),
+                (np.array([-along[1], along[0]]), retention.mean, BOUNCE_SPREAD[0]),
+            ):
+                by = np.zeros(6)
+                by[3:5] = direction
+                add(-left * by, by, float(by @ (p[:6] - left * state)), float(sigma))
+            sigma = np.hypot(restitution.sigma * state[5], BOUNCE_SPREAD[1])
+            add(restitution.mean * unit[5], unit[5], p[5] + restitution.mean * state[5], float(sigma))
+            self.normalizer += float(np.log(max(-state[5], 0.05)))
+        else:
+            add(0 * unit[0], unit[0], p[0] - sport.length / 2, NET_DEPTH)
+            sigma = float(NET_SHARES[1] * np.linalg.norm(state[3:]) + 0.5)
+            for axis in (3, 4, 5):
+                add(-NET_SHARES[0] * unit[axis], unit[axis], p[axis] - NET_SHARES[0] * state[axis], sigma)
+            self.normalizer += float(np.log(NET_SHARE * max(abs(state[3]), 0.05)))
+
+
+def accelerate(p: FloatArray, state: FloatArray) -> FloatArray:
+    """Compute the acceleration (3,) of a flight long after its start."""
+    v = state[3:]
+    speed = float(np.linalg.norm(v))
+    return np.asarray(speed * (np.cross(p[7:10], v) - p[6] * v) - np.array([0.0, 0.0, GRAVITY]))

@@ -1,0 +1,109 @@
+"""What the camera saw of the object, ready for a fit: pixels without distortion, projections and whitening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.court_camera import CourtCamera
+from models.core.scene import apply_homography
+from models.core.typing import BoolArray, FloatArray, IntArray
+
+# Student-like loss: residuals far beyond this many standard deviations no longer pull. A detector's places have
+# tails that are wider than its own sigma says.
+ROBUST_SCALE = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlightObservations:
+    """Places in the image at N times, in the order of time."""
+
+    t: FloatArray
+    """(N,) s."""
+    px: FloatArray
+    """(N, 2) px, as a lens without distortion would show them."""
+    matrix: FloatArray
+    """(N, 3, 4) projections of places in space."""
+    whitening: FloatArray
+    """(N, 2, 2) from px to standard deviations: across the streak, and along it."""
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def select(self, rows: slice | IntArray | BoolArray) -> FlightObservations:
+        """Return the observations of some rows."""
+        return FlightObservations(self.t[rows], self.px[rows], self.matrix[rows], self.whitening[rows])
+
+
+def prepare_observations(
+    camera: CourtCamera,
+    frame: NDArray[np.int64],
+    t: FloatArray,
+    px: FloatArray,
+    streak: FloatArray,
+    sigma: FloatArray,
+) -> FlightObservations:
+    """Prepare the places (N, 2), px, of frames (N,) at times (N,).
+
+    Args:
+        camera: Camera.
+        frame: (N,) indices in the file.
+        t: (N,) s.
+        px: (N, 2) seen pixels.
+        streak: (N, 2) px; (0, 0) where sharp.
+        sigma: (N, 2) px across and along the streak.
+
+    Returns:
+        The observations.
+    """
+    matrix = np.broadcast_to(camera.matrix_of(frame), (len(t), 3, 4))
+    length = np.linalg.norm(streak, axis=1)
+    along = np.where(length[:, None] > 0, streak / np.where(length, length, 1.0)[:, None], [1.0, 0.0])
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    whitening = np.stack([across / sigma[:, :1], along / sigma[:, 1:]], axis=1)
+    return FlightObservations(t, camera.undistort(px), np.ascontiguousarray(matrix), whitening)
+
+
+def stabilize_places(camera: CourtCamera, frame: NDArray[np.int64], px: FloatArray) -> FloatArray:
+    """Map seen pixels (N, 2) of frames (N,) into the reference image, in which a camera that turns seems to stand."""
+    flat = camera.undistort(px)
+    if camera.motion is None:
+        return flat
+    at = np.clip(frame - camera.first_frame, 0, len(camera.motion) - 1)
+    return apply_homography(np.linalg.inv(camera.motion[at]), flat)
+
+
+def compare_places(observed: FlightObservations, xyz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compare places in space (N, 3), m, with what was observed of them.
+
+    Args:
+        observed: N observations.
+        xyz: (N, 3) m.
+
+    Returns:
+        Residuals (N, 2) in standard deviations, and their derivatives (N, 2, 3) by the places. A place behind the
+        camera counts as just before it, far from what was seen.
+    """
+    ahead = np.einsum("nij,nj->ni", observed.matrix[:, :, :3], xyz) + observed.matrix[:, :, 3]
+    depth = np.maximum(ahead[:, 2], 0.1)
+    px = ahead[:, :2] / depth[:, None]
+    by = (observed.matrix[:, :2, :3] - px[:, :, None] * observed.matrix[:, 2:, :3]) / depth[:, None, None]
+    residual = np.einsum("nij,nj->ni", observed.whitening, px - observed.px)
+    return residual, np.asarray(observed.whitening @ by)
+
+
+def bound_residuals(residual: FloatArray, scale: float = ROBUST_SCALE) -> tuple[FloatArray, FloatArray]:
+    """Bound the pull of outliers.
+
+    Args:
+        residual: (N, 2) standard deviations.
+        scale: Standard deviations from which they pull less.
+
+    Returns:
+        Factors (N,) on the residuals, whose squares then add to the robust cost, and factors (N,) on their derivatives.
+    """
+    square = np.maximum((residual**2).sum(axis=1), 1e-12) / scale**2
+    factor = np.sqrt(np.log1p(square) / square)
+    return factor, 1 / ((1 + square) * factor)

@@ -1,0 +1,229 @@
+"""A rally built from one fit: flights with their whole errors, events, and the landing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from models.core.court import Sport
+from models.core.court_camera import CourtCamera, CourtScene
+from models.core.rally import BallCandidates, Flight, LandingHypothesis, Rally, RallyEvent, RallyEventKind
+from models.core.typing import BoolArray, FloatArray, IntArray
+from models.estimation.rally.event_evidence import name_contact
+from models.estimation.rally.flight_fit import RallyFit, accelerate, assign_times, flight_slice, start_row
+from models.estimation.rally.flight_observations import bound_residuals, compare_places
+from models.estimation.rally.guided_association import GATE, Sight, observe_candidates
+from models.estimation.rally.landing_hypotheses import find_landing, predict_landing
+from models.numerics.least_squares import invert_semidefinite
+from models.numerics.statistics import measure_lack_of_fit
+from models.physics.flight.flight_motion import PARAMETER_COUNT, fly, fly_flight
+
+# Steps of differences by the parameters of a camera: m, rad, logarithm of the focal length, k1.
+_CAMERA_STEPS = np.array([0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
+# Probability of a hit of which only the flight behind it is seen.
+_UNSEEN_START = 0.8
+# s before a flight in which the object may last have been seen, in a hand.
+_HAND_GAP = 0.4
+# Share of the length of the court that the first stroke of a rally drives the object at least: less is a toss.
+_TOSS_SHARE = 0.15
+
+
+def _estimate_covariance(
+    camera: CourtCamera,
+    candidates: BallCandidates,
+    frame: IntArray,
+    t: FloatArray,
+    sight: Sight,
+    fit: RallyFit,
+    sport: Sport,
+) -> tuple[FloatArray, list[float], BoolArray]:
+    """Estimate the covariance of all values, chi2 per degree of freedom of each flight, and which places were used.
+
+    What residuals exceed their nominal errors by raises the covariance; the errors of the camera, which all
+    observations share, are added (consider covariance: Bierman 1977, section VIII.2).
+    """
+    structure, values, count = fit.structure, fit.values, len(fit.structure)
+    rows_of = assign_times(sight.observed.t, structure, values)
+    shifted = []
+    for j in range(len(_CAMERA_STEPS)):
+        moved = camera.parameters.copy()
+        moved[j] += _CAMERA_STEPS[j]
+        changed = camera.replace_parameters(moved)
+        shifted.append(observe_candidates(changed, candidates, frame, t, sight.chosen, sight.rows))
+    series, chi2, pull = [], [], np.zeros((len(values), len(_CAMERA_STEPS)))
+    used = np.zeros(len(sight.rows), np.bool_)
+    for k, rows in enumerate(rows_of):
+        part, start = flight_slice(k), values[start_row(k, count)]
+        path = fly(values[part], sight.observed.t[rows] - start, structure.turn_length(k, sport))
+        residual, by_place = compare_places(sight.observed.select(rows), path.states[:, :3])
+        factor, slope = bound_residuals(residual)
+        bounded = residual * factor[:, None]
+        used[rows] = (residual**2).sum(axis=1) < GATE**2
+        series.append(bounded)
+        freedom = 2 * len(rows) - 6
+        chi2.append(float((bounded**2).sum()) / freedom if freedom > 0 else float("nan"))
+        by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
+        columns = np.append(np.arange(part.start, part.stop), start_row(k, count))
+        for j, other in enumerate(shifted):
+            change = (compare_places(other.select(rows), path.states[:, :3])[0] - residual) / _CAMERA_STEPS[j]
+            pull[columns, j] += np.einsum("nip,ni,n->p", by, change, slope**2)
+    covariance = invert_semidefinite(fit.information)
+    free = min(6 * count, max(sum(2 * len(rows) for rows in rows_of) - 1, 0))
+    _, inflation = measure_lack_of_fit(series, free)
+    moved_by = covariance @ pull
+    return covariance * inflation + moved_by @ camera.covariance @ moved_by.T, chi2, used
+
+
+def build_rally(
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, sight: Sight, fit: RallyFit
+) -> Rally:
+    """Build the rally of one fit, with its landing."""
+    sport, structure, values, count = scene.sport, fit.structure, fit.values, len(fit.structure)
+    covariance, chi2, used = _estimate_covariance(scene.camera, candidates, frame, t, sight, fit, sport)
+    interval = float(np.median(np.diff(t)))
+    flights: list[Flight] = []
+    events: list[RallyEvent] = []
+    rally = _fill_places(scene, candidates, frame, t, sight, used)
+    for k in range(count):
+        part, at = flight_slice(k), start_row(k, count)
+        p, start, kind = values[part], float(values[at]), structure.kinds[k]
+        is_ended = k + 1 < count and structure.joined[k + 1]
+        end = float(values[at + 1]) if is_ended else float(structure.end[k])
+        columns = np.append(np.arange(part.start, part.stop), at)
+        block = covariance[np.ix_(columns, columns)]
+        if structure.joined[k] and kind is not None:
+            events.append(_build_event(kind, block, p, start, flights[-1], sport))
+            if kind == "landing":
+                break
+        to_fixed = np.eye(PARAMETER_COUNT, PARAMETER_COUNT + 1)
+        to_fixed[:6, -1] = -np.concatenate([p[3:6], accelerate(p, p[:6])])
+        turns = kind in (None, "hit")
+        flights.append(Flight(start, end, p, to_fixed @ block @ to_fixed.T, turns, chi2[k]))
+        if not structure.joined[k]:
+            event = _build_first_hit(scene, flights[-1], rally, interval)
+            events += [event] if event is not None else []
+    events = _drop_tosses(flights, events, sport)
+    last_seen = float(sight.observed.t[np.searchsorted(sight.observed.t, flights[-1].end + 1e-9) - 1])
+    landing = _finish(flights, events, sport, last_seen, interval, float(t[-1]))
+    nothing = 1.0 if landing is None else 1 - landing.weight
+    landings = () if landing is None else (landing,)
+    return replace(rally, flights=tuple(flights), events=tuple(events), landings=landings, no_landing=nothing)
+
+
+def _fill_places(
+    scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray, sight: Sight, used: BoolArray
+) -> Rally:
+    """Build a rally that has places in the image only."""
+    px = np.full((len(t), 2), np.nan)
+    sigma, streak, is_used = px.copy(), px.copy(), np.zeros(len(t), np.bool_)
+    at = sight.chosen[sight.rows]
+    px[sight.rows], streak[sight.rows] = candidates.centre[at], candidates.streak[at]
+    sigma[sight.rows] = np.stack([candidates.sigma[at], candidates.sigma_along[at]], axis=1)
+    is_used[sight.rows] = used
+    return Rally(scene, frame, t, px, sigma, streak, is_used, (), (), players=candidates.players)
+
+
+def _build_event(
+    kind: RallyEventKind, block: FloatArray, p: FloatArray, start: float, before: Flight, sport: Sport
+) -> RallyEvent:
+    """Build the event between two flights; `block` (12, 12) is the covariance of the second one and of its start."""
+    if kind == "hit":
+        velocity, spread = p[3:6], block[3:6, 3:6]
+    else:
+        path = fly_flight(before, np.array([start]), sport.object)
+        velocity, by = path.states[0, 3:], path.derivatives[0, 3:]
+        spread = by @ before.covariance @ by.T
+    speed = float(np.linalg.norm(velocity))
+    along = velocity / max(speed, 1e-9)
+    return RallyEvent(
+        kind,
+        start,
+        float(np.sqrt(block[-1, -1])),
+        p[:3].copy(),
+        block[:3, :3].copy(),
+        1.0,
+        speed,
+        float(np.sqrt(along @ spread @ along)),
+        name_player(p[:3], sport) if kind == "hit" else "",
+    )
+
+
+def name_player(place: FloatArray, sport: Sport) -> str:
+    """Name the player of a hit at a place (3,), m, by the half of the court."""
+    sides = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
+    return sides[int(place[0] > sport.length / 2)]
+
+
+def _build_first_hit(scene: CourtScene, flight: Flight, rally: Rally, interval: float) -> RallyEvent | None:
+    """Build the hit that begins a flight before which no flight is seen; None where the object may come from elsewhere.
+
+    It may come from outside the image, or have been in flight when the clip began. Where it was seen in a hand shortly
+    before, the flight begins where its path comes nearest to that place.
+    """
+    sport, camera, t = scene.sport, scene.camera, rally.t
+    row = int(np.searchsorted(t, flight.start - 1e-9))
+    if row < 2:
+        return None
+    earlier = np.flatnonzero(np.isfinite(rally.px[:row, 0]) & (t[:row] > flight.start - _HAND_GAP))
+    since = float(t[earlier[-1]]) if len(earlier) else float(t[row - 1])
+    times = np.linspace(since, flight.start, 21)
+    states = fly(flight.parameters, times - flight.start, 0.0).states
+    back, spread = (flight.start - since) / 2, (flight.start - since) / np.sqrt(12)
+    px = camera.to_pixels(states[:, :3], rally.frame[row])
+    if len(earlier):
+        off = np.linalg.norm(px - rally.px[earlier[-1]], axis=1)
+        best = int(np.argmin(np.where(np.isfinite(off), off, np.inf)))
+        back, spread = flight.start - times[best], max(spread / 3, interval / 10)
+    path = fly(flight.parameters, np.array([-back]), 0.0)
+    inside = ((px[0] >= 0) & (px[0] <= [camera.width_px, camera.height_px])).all()
+    height = path.states[0, 2] - sport.floor
+    if not inside or height > sport.reach + 2 * float(np.sqrt(flight.covariance[2, 2])):
+        return None
+    by, velocity = path.derivatives[0], path.states[0, 3:]
+    speed = float(np.linalg.norm(velocity))
+    along = velocity / max(speed, 1e-9)
+    covariance = by @ flight.covariance @ by.T
+    slowing = flight.parameters[6] * speed**2 * spread
+    return RallyEvent(
+        "hit",
+        float(flight.start - back),
+        float(spread),
+        path.states[0, :3].copy(),
+        covariance[:3, :3] + np.outer(velocity, velocity) * spread**2,
+        _UNSEEN_START,
+        speed,
+        float(np.hypot(np.sqrt(along @ covariance[3:, 3:] @ along), slowing)),
+        name_player(path.states[0, :3], sport),
+    )
+
+
+def _drop_tosses(flights: list[Flight], events: list[RallyEvent], sport: Sport) -> list[RallyEvent]:
+    """Leave out the first hits while they drive the object nowhere: a hand throws it up, or carries it."""
+    while len(events) > 1 and events[0].kind == "hit" and events[1].kind == "hit":
+        if abs(events[1].place[0] - events[0].place[0]) > _TOSS_SHARE * sport.length:
+            break
+        events = events[1:]
+    return events
+
+
+def _finish(
+    flights: list[Flight], events: list[RallyEvent], sport: Sport, last_seen: float, interval: float, clip_end: float
+) -> LandingHypothesis | None:
+    """Add the contact with the ground that ends the last flight, and return the landing of the rally."""
+    has_landed = bool(events) and events[-1].kind == "landing"
+    contact = None if has_landed else predict_landing(flights[-1], sport, last_seen, interval)
+    if contact is not None and contact.t <= clip_end + interval and contact.weight > 0.5:
+        flight = flights[-1]
+        path = fly_flight(flight, np.array([contact.t]), sport.object)
+        velocity, by = path.states[0, 3:], path.derivatives[0, 3:]
+        speed = float(np.linalg.norm(velocity))
+        spread = float(np.sqrt(velocity @ by @ flight.covariance @ by.T @ velocity)) / max(speed, 1e-9)
+        events.append(
+            RallyEvent(
+                name_contact(sport), contact.t, contact.t_sigma, contact.place, contact.covariance, contact.weight,
+                speed, spread,
+            )
+        )  # fmt: skip
+        flights[-1] = replace(flight, end=max(contact.t, flight.end))
+    return find_landing(tuple(flights), tuple(events), sport, last_seen, interval)

@@ -1,0 +1,1 @@
+"""Flight of the balls and shuttles of court sports."""
