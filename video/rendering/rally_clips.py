@@ -1,0 +1,209 @@
+"""Rendered clips of rallies with truth, as files and for training.
+
+    folders of rallies:  simulate_rallies("tennis", seed=1, count=20, folder=Path("rallies"))
+    one clip as files:   write_rally_clip(Path("out"), read_rally(Path("rallies/0000.npz")), "broadcast", 25, seed=7)
+    decoded clips:       for clip in generate_rally_clips(rng, rallies, frames=40): clip.frames, clip.truth
+
+The simulator runs as a process of its own, and shares no code with the program.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+
+from models.core.court_camera import CourtCamera
+from models.core.typing import ByteArray, FloatArray
+from video.io.video_writer import VideoWriter
+from video.rendering.court_renderer import CourtRenderer, FrameTruth
+from video.rendering.court_scene import (
+    CourtLook,
+    RallyPath,
+    View,
+    read_rally,
+    sample_camera,
+    sample_look,
+    sample_motion,
+)
+
+WORLD_SCRIPT = Path(__file__).resolve().parents[2] / "worlds" / "rallies.py"
+# A clip's object is visible where at least this share of its light is shown, and it changes a pixel by so many levels.
+LEAST_SHOWN, LEAST_CONTRAST = 0.5, 12.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RallyTruth:
+    """Truth of a rendered clip of T frames."""
+
+    sport: str
+    fps: Fraction
+    camera: CourtCamera
+    exposure: float
+    """s."""
+    t: FloatArray
+    """(T,) s of the clip at mid-exposure; the rally's own time is `start` later."""
+    start: float
+    xyz: FloatArray
+    """(T, 3) m, place of the object at mid-exposure."""
+    px: FloatArray
+    """(T, 2) px, its place in the picture; NaN behind the camera."""
+    streak: FloatArray
+    """(T, 2) px, its displacement during the exposure."""
+    radius_px: FloatArray
+    """(T,)"""
+    shown: FloatArray
+    """(T,) share of its light that is not hidden and lies in the frame."""
+    contrast: FloatArray
+    """(T,) largest change of a pixel that it makes, of 255 levels, before noise and coding."""
+    players: FloatArray
+    """(T, N, 4) px, left, top, right and bottom."""
+    events: tuple[dict[str, Any], ...]
+    """`kind`, `t` (s of the clip), `frame` (a float), `place`, and `player` of hits; `after` for what follows the
+    landing."""
+    rally: RallyPath
+
+    @property
+    def is_visible(self) -> ByteArray:
+        """(T,) bool, whether the object can be seen."""
+        return np.asarray((self.shown >= LEAST_SHOWN) & (self.contrast >= LEAST_CONTRAST))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RallyClip:
+    """Decoded frames of a rendered clip, and their truth."""
+
+    frames: ByteArray
+    """(T, H, W, 3) sRGB."""
+    truth: RallyTruth
+
+
+def simulate_rallies(sport: str, seed: int, count: int, folder: Path, **experiment: Any) -> list[Path]:
+    """Let the simulator write rallies into a folder; returns their files, see `read_rally`.
+
+    Args:
+        experiment: further entries, see `worlds/rallies.py`: `strokes` and `ending`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "experiment.json"
+    path.write_text(json.dumps({"sport": sport, "seed": seed, "rallies": count, **experiment}))
+    subprocess.run([sys.executable, str(WORLD_SCRIPT), str(path), str(folder)], check=True)
+    return [folder / f"{i:04d}.npz" for i in range(count)]
+
+
+def stage_rally(
+    rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int], span: tuple[float, float]
+) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
+    """Draw a look and a camera for a rally; also return the times (T,), s of the rally, of frames within a span, s."""
+    sport = rally.sport
+    look = sample_look(rng, sport.name, str(rally.truth["surface"]), view, float(fps))
+    camera = sample_camera(rng, sport, view, size)
+    t = span[0] + np.arange(int((span[1] - span[0]) * fps)) / float(fps)
+    if view == "phone" and rng.random() < 0.5:
+        shake = float(rng.uniform(2e-4, 1.5e-3))
+        camera = replace(camera, motion=sample_motion(rng, camera, len(t), float(fps), 4 * shake, shake, 0.003))
+    elif view == "broadcast" and rng.random() < (0.75 if sport.is_filmed_from_side else 0.25):
+        pan, zoom = (0.02, 0.03) if sport.is_filmed_from_side else (0.004, 0.01)
+        pan, zoom = pan * rng.uniform(0.2, 1.5), zoom * rng.uniform(0.0, 1.5)
+        camera = replace(camera, motion=sample_motion(rng, camera, len(t), float(fps), pan, 0.0, zoom))
+    return CourtRenderer(rng, rally, camera, look, view, t), camera, look, t
+
+
+def write_rally_clip(
+    folder: Path, rally: RallyPath, view: View, fps: float, seed: int, size: tuple[int, int] = (1280, 720),
+    span: tuple[float, float] | None = None,
+) -> RallyTruth:  # fmt: skip
+    """Render a rally to `clip.mp4`, with `truth.npz` and `truth.json`.
+
+    Args:
+        size: width and height, px.
+        span: s of the rally, of which the clip shows that part; None for all of it.
+
+    Returns:
+        The truth.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rng, rate = np.random.default_rng(seed), Fraction(fps).limit_denominator(1001)
+    renderer, camera, look, t = stage_rally(rng, rally, view, rate, size, span or (rally.t[0], rally.t[-1]))
+    truths = []
+    with VideoWriter(folder / "clip.mp4", *size, rate, crf=look.crf, threads=1) as writer:
+        for k in range(len(t)):
+            image, truth = renderer.render_frame(k)
+            writer.write(image)
+            truths.append(truth)
+    truth = collect_truth(rally, camera, look, rate, t, truths)
+    write_truth(folder, truth, view)
+    return truth
+
+
+def generate_rally_clips(
+    rng: np.random.Generator, rallies: Sequence[RallyPath | Path], frames: int = 40, size: tuple[int, int] = (1280, 720)
+) -> Iterator[RallyClip]:  # fmt: skip
+    """Generate short clips for training without end: a random rally, view, look, rate and moment for each.
+
+    Frames are decoded from H.264, as those of files are.
+    """
+    while True:
+        chosen = rallies[int(rng.integers(len(rallies)))]
+        rally = read_rally(chosen) if isinstance(chosen, Path) else chosen
+        view: View = "broadcast" if rng.random() < 0.6 else "phone"
+        fps = Fraction(int(rng.choice([25, 25, 30, 30, 50, 60])))
+        start = float(rng.uniform(0, max(rally.t[-1] - frames / fps, 0.01)))
+        span = (start, start + frames / float(fps) + 1e-6)
+        renderer, camera, look, t = stage_rally(rng, rally, view, fps, size, span)
+        with tempfile.TemporaryDirectory() as folder:
+            path, truths = Path(folder) / "clip.mp4", []
+            with VideoWriter(path, *size, fps, crf=look.crf, preset="ultrafast", threads=1) as writer:
+                for k in range(len(t)):
+                    image, truth = renderer.render_frame(k)
+                    writer.write(image)
+                    truths.append(truth)
+            with av.open(str(path)) as container:
+                decoded = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        yield RallyClip(np.stack(decoded), collect_truth(rally, camera, look, fps, t, truths))
+
+
+def collect_truth(
+    rally: RallyPath, camera: CourtCamera, look: CourtLook, fps: Fraction, t: FloatArray, truths: Sequence[FrameTruth]
+) -> RallyTruth:  # fmt: skip
+    """Collect the truth of frames at times t (T,), s of the rally."""
+    start, stop = float(t[0]), float(t[-1] + 1 / fps)
+    events = tuple(
+        {**e, "t": e["t"] - start, "frame": (e["t"] - start) * float(fps)}
+        for e in rally.truth["events"]
+        if start <= e["t"] < stop
+    )
+    columns = {
+        name: np.array([getattr(truth, name) for truth in truths])
+        for name in ("px", "streak", "radius_px", "shown", "contrast", "players")
+    }
+    return RallyTruth(
+        rally.sport.name, fps, camera, look.exposure, t - start, start, rally.place_at(t)[0], **columns, events=events, rally=rally
+    )  # fmt: skip
+
+
+def write_truth(folder: Path, truth: RallyTruth, view: View) -> None:
+    """Write `truth.npz` and `truth.json`."""
+    camera = truth.camera
+    motion = np.empty((0, 3, 3)) if camera.motion is None else camera.motion
+    np.savez_compressed(
+        folder / "truth.npz", t=truth.t, xyz=truth.xyz, px=truth.px, streak=truth.streak, radius_px=truth.radius_px,
+        shown=truth.shown, contrast=truth.contrast, is_visible=truth.is_visible, players=truth.players,
+        camera=camera.parameters, motion=motion,
+    )  # fmt: skip
+    content = {
+        "sport": truth.sport, "view": view, "fps": float(truth.fps), "exposure": truth.exposure, "start": truth.start,
+        "width": camera.width_px, "height": camera.height_px, "is_left_handed": camera.is_left_handed,
+        "events": truth.events, "strokes": truth.rally.truth["strokes"], "ending": truth.rally.truth["ending"],
+        "surface": truth.rally.truth["surface"],
+    }  # fmt: skip
+    (folder / "truth.json").write_text(json.dumps(content))
