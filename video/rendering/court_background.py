@@ -44,7 +44,9 @@ class CourtCanvas:
     net: ByteArray
     """(h, w, 4) of the net."""
     crowd: FloatArray
-    """(K, 3) m, places of spectators who may move."""
+    """(K, 3) m, places of spectators who move."""
+    people: FloatArray
+    """(K, 3) m, feet of others beside the court who move."""
 
 
 def paint_court(
@@ -61,7 +63,7 @@ def paint_court(
     width, height = ((high - low) * FINENESS).astype(int)
     painter = _Painter(to_canvas @ camera.matrix, np.zeros((height, width, 3), np.uint8))
     painter.image[:] = _byte(_scaled(look.stands, 0.5))
-    crowd = _paint_surroundings(rng, painter, sport, look, view)
+    crowd, people = _paint_surroundings(rng, painter, sport, look, view)
     empty = np.zeros((0, 0, 4), np.uint8)
     table = painter.layer() if sport.floor < 0 else None
     if table is None:
@@ -74,7 +76,7 @@ def paint_court(
     layers = (painter.image, empty if table is None else table.image, net.image)
     soft = max(look.blur, 0.4) * FINENESS
     blurred = [cv2.GaussianBlur(layer, (0, 0), soft) if layer.size else layer for layer in layers]
-    return CourtCanvas(painter.projection, to_canvas, *(np.asarray(b, np.uint8) for b in blurred), crowd)
+    return CourtCanvas(painter.projection, to_canvas, *(np.asarray(b, np.uint8) for b in blurred), crowd, people)
 
 
 @dataclass(slots=True, eq=False)
@@ -173,8 +175,8 @@ def paint_lines(image: ByteArray, projection: FloatArray, lines: Sequence[CourtL
 
 def _paint_surroundings(
     rng: np.random.Generator, painter: _Painter, sport: Sport, look: CourtLook, view: View
-) -> FloatArray:  # fmt: skip
-    """Paint floor, walls, stands and people; returns places (K, 3) of spectators."""
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Paint floor, walls, stands and people; returns places (K, 3) of spectators, and of others, who move."""
     is_side, floor, scale = (
         sport.is_filmed_from_side,
         sport.floor,
@@ -241,10 +243,10 @@ def _paint_surroundings(
         painter.spread(
             place(end, left, floor + board), place(0, right - left, 0), place(0, 0, -board), _make_boards(rng, look, 5)
         )
-    _paint_officials(rng, painter, sport, look, (end, left, right))
+    people = _paint_officials(rng, painter, sport, look, (end, left, right))
     depth = rng.uniform(0.05, 0.5, 12) * back
     seats = [place(end + d, rng.uniform(left, right), floor + board + rise * d / back + 0.5) for d in depth]
-    return np.array(seats) if has_stands else np.empty((0, 3))
+    return np.array(seats) if has_stands else np.empty((0, 3)), people
 
 
 def _make_floor(
@@ -371,9 +373,9 @@ def _make_crowd(rng: np.random.Generator, look: CourtLook) -> ByteArray:
 
 def _paint_officials(
     rng: np.random.Generator, painter: _Painter, sport: Sport, look: CourtLook, bounds: tuple[float, float, float]
-) -> None:  # fmt: skip
-    """Paint people who sit or stand beside the court, and boxes, farther ones first."""
-    end, left, right = bounds
+) -> FloatArray:  # fmt: skip
+    """Paint people who sit or stand beside the court, and boxes, farther ones first; returns those who move (K, 3)."""
+    (end, left, right), movers = bounds, []
     spots = [(end - 0.6, rng.uniform(left, right)) for _ in range(int(rng.integers(0, 6)))]
     spots += [
         (rng.uniform(-2, end), float(rng.choice([left + 0.6, right - 0.6]))) for _ in range(int(rng.integers(0, 8)))
@@ -387,7 +389,11 @@ def _paint_officials(
             _paint_box(painter, (x, y), half, sport.floor, tall, sample_tint(rng, (0.05, 0.8), (0.0, 0.9)))
         if rng.random() < 0.75:
             feet = np.array([x, y, sport.floor + (rng.uniform(0.0, 0.9) if rng.random() < 0.3 else 0.0)])
-            draw_capsules(painter.image, painter.projection, make_figure(rng, feet, sample_outfit(rng)))
+            if rng.random() < 0.4:
+                movers.append(feet)
+            else:
+                draw_capsules(painter.image, painter.projection, make_figure(rng, feet, sample_outfit(rng)))
+    return np.array(movers).reshape(-1, 3)
 
 
 def _paint_box(

@@ -14,6 +14,8 @@ from video.rendering.court_scene import Colour, Outfit, RallyPath
 SHIFT = 4
 # Points (16, 2) of a unit circle.
 CIRCLE = np.column_stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)])
+# Places along half an arc, -1 to 1.
+ARC = np.linspace(-1.0, 1.0, 8)
 # s within which a stroke raises the racket, and the time in which it sweeps half of its arc.
 SWING_S, SWEEP_S, SWEEP_RAD = 0.38, 0.055, 1.3
 # m, from the hand to the middle of the head, and radius of the head.
@@ -104,7 +106,7 @@ def pose_player(rally: RallyPath, player: int, outfit: Outfit, t: float) -> tupl
     """Return the body and the racket's head of a player at a time, s."""
     times = np.array([t - 0.05, t, t + 0.05])
     feet = rally.feet_at(player, times)
-    v = (feet[2] - feet[0]) / 0.1
+    v = (feet[2, :2] - feet[0, :2]) / 0.1
     speed, middle = float(np.hypot(*v)), rally.sport.length / 2
     to_net = 0.0 if feet[1, 0] < middle else np.pi
     facing = to_net + 0.5 * float(np.clip(v[1] / 4, -1, 1)) * (1 if feet[1, 0] < middle else -1)
@@ -116,7 +118,7 @@ def pose_player(rally: RallyPath, player: int, outfit: Outfit, t: float) -> tupl
     overhead = contact[2] - rally.sport.floor
     jump = share * max(overhead - 2.55 * outfit.size, 0.0)
     crouch = 0.25 * (1 - share) + share * float(np.clip(0.9 - 0.5 * overhead, 0.05, 0.8))
-    ground = np.array([*feet[1], rally.sport.floor + jump])
+    ground = np.array([*feet[1, :2], rally.sport.floor + jump])
     shoulder = ground + np.array([0, 0, outfit.size * (1.36 - 0.45 * crouch)])
     forward = np.array([np.cos(to_net), np.sin(to_net), 0.0])
     side = np.array([forward[1], -forward[0], 0.0]) * (-1.0 if outfit.is_left else 1.0)
@@ -139,7 +141,7 @@ def pose_player(rally: RallyPath, player: int, outfit: Outfit, t: float) -> tupl
         pointing = pointing + (1 - 2 * share) * np.array([0, 0, 0.8])
         pointing /= np.linalg.norm(pointing)
     hand = centre - rod * pointing
-    phase = float(np.sum(np.hypot(*np.diff(rally.feet_at(player, np.linspace(0, t, 60)), axis=0).T))) * 4.0
+    phase = 4.0 * float(feet[1, 2])
     stride = (phase + 0.8 * share, min(0.08 * speed, 0.38) + 0.25 * share)
     body = make_figure(None, ground, outfit, facing, stride, hand, crouch)
     body.append(Capsule(hand, centre - rim * pointing, 0.013, 0.01, outfit.racket))
@@ -170,13 +172,23 @@ def draw_capsules(
         - projection[2, :3] * (projection[0, :3] @ projection[2, :3]) / (projection[2, :3] @ projection[2, :3])
     )
     radius = np.array([[c.radius_a, c.radius_b] for c in capsules]) * scale / depth
+    # the outline: arcs about both ends between the common tangents
+    way = px[:, 1] - px[:, 0]
+    heading = np.arctan2(way[:, 1], way[:, 0])[:, None]
+    tangent = np.arccos(np.clip((radius[:, 0] - radius[:, 1]) / np.maximum(np.hypot(*way.T), 1e-6), -1, 1))[:, None]
+    angle = np.concatenate(
+        [heading + tangent * ARC, heading + tangent + (2 * np.pi - 2 * tangent) * (ARC + 1) / 2], axis=1
+    )
+    half = len(ARC)
+    far, near = (np.stack([np.cos(a), np.sin(a)], -1) for a in (angle[:, :half], angle[:, half:]))
+    outline = np.concatenate(
+        [px[:, 1:] + radius[:, 1, None, None] * far, px[:, :1] + radius[:, 0, None, None] * near], axis=1
+    )
+    fixed = np.rint(np.clip(outline, -2e4, 2e4) * 2**SHIFT).astype(np.int32)
     for i in np.argsort(-depth.mean(axis=1)):
-        if depth[i].min() < 0.3 or np.abs(px[i]).max() > 3e4:
-            continue
-        colour = (*(int(255 * c) for c in capsules[i].colour), 255)
-        outline = np.concatenate([px[i, 0] + radius[i, 0] * CIRCLE, px[i, 1] + radius[i, 1] * CIRCLE])
-        hull = cv2.convexHull(outline.astype(np.float32))[:, 0]
-        cv2.fillConvexPoly(image, np.rint(hull * 2**SHIFT).astype(np.int32), colour, cv2.LINE_AA, SHIFT)
+        if depth[i].min() >= 0.3:
+            colour = (*(int(255 * c) for c in capsules[i].colour), 255)
+            cv2.fillConvexPoly(image, fixed[i], colour, cv2.LINE_AA, SHIFT)
 
 
 def draw_head(image: ByteArray, projection: FloatArray, head: Head, offset: FloatArray) -> None:

@@ -19,15 +19,15 @@ import numpy as np
 from models.core.court_camera import CourtCamera
 from models.core.typing import ByteArray, Float32Array, FloatArray
 from video.rendering.court_background import CourtCanvas, paint_court
-from video.rendering.court_players import Capsule, draw_capsules, draw_head, pose_player
-from video.rendering.court_scene import CourtLook, RallyPath, View, sample_tint
+from video.rendering.court_players import Capsule, draw_capsules, draw_head, make_figure, pose_player
+from video.rendering.court_scene import CourtLook, Outfit, RallyPath, View, sample_outfit, sample_tint
 
 # Subdivision of pixels in the picture of the object.
 FINE = 4
 # px between two moments of the exposure, and their largest number.
 STEP_PX, MAX_MOMENTS = 0.4, 160
 # Moments at which a moving player is drawn.
-PLAYER_MOMENTS = 4
+PLAYER_MOMENTS = 3
 # m: from the middle of a shuttle to the ends of cork and feathers, and their radii.
 CORK, SKIRT, CORK_RADIUS, SKIRT_RADIUS = 0.040, 0.042, 0.013, 0.032
 SHIFT = 4
@@ -63,6 +63,27 @@ class _Layer:
     is_behind_table: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bystander:
+    """A person beside the court who shifts about, or runs to and fro."""
+
+    feet: FloatArray
+    outfit: Outfit
+    facing: float
+    pace: float
+    phase: float
+    habit: float
+
+    def pose(self, t: float) -> list[Capsule]:
+        turn = (0.3 + 2 * self.pace) * t + 2 * np.pi * self.phase
+        is_runner = self.habit < 0.15
+        reach = np.array([np.sin(turn / 2), np.cos(turn / 3), 0.0]) * (1.5 if is_runner else 0.08)
+        step = (4 * turn, 0.3) if is_runner else (0.0, 0.0)
+        hand = self.feet + reach + [0.3 * np.sin(turn), 0.2, 1.0 + 0.2 * np.sin(1.7 * turn)]
+        crouch = 0.05 if is_runner else 0.3 + 0.3 * self.habit
+        return make_figure(None, self.feet + reach, self.outfit, 2 * np.pi * self.facing, step, hand, crouch)
+
+
 class CourtRenderer:
     """Renders the frames of a rally.
 
@@ -89,6 +110,8 @@ class CourtRenderer:
             (p, sample_tint(rng, (0.1, 0.9), (0, 0.9)), rng.uniform(0.2, 2.5), rng.uniform(0, 6))
             for p in self._canvas.crowd
         ]
+        self._people = [_Bystander(p, sample_outfit(rng), *rng.uniform(0, 1, 4)) for p in self._canvas.people]
+        self._folds = [_make_folds(rng) for _ in rally.feet]
 
     def render_frame(self, k: int) -> tuple[ByteArray, FrameTruth]:
         """Render frame k (H, W, 3), sRGB."""
@@ -97,7 +120,9 @@ class CourtRenderer:
         projection = self._camera.matrix_of(k if self._camera.motion is not None else None)
         for place, colour, pace, phase in self._fans:
             self._draw_fan(image, projection, place, colour, float(np.sin(pace * self.t[k] * 3 + phase)))
-        players = [self._draw_player(projection, i, k) for i in range(len(self._rally.players))]
+        for person in self._people:
+            draw_capsules(image, projection, person.pose(float(self.t[k])))
+        players = [self._draw_player(projection, i, k) for i in range(len(self._rally.feet))]
         for layer, shadow in players:
             _blend(image, shadow)
         self._cast_object_shadow(image, k)
@@ -187,7 +212,7 @@ class CourtRenderer:
         count = PLAYER_MOMENTS * 2 if gap < 0.12 and half > 1e-3 else (PLAYER_MOMENTS if half > 3e-3 else 1)
         moments = self.t[k] + half * np.linspace(-1, 1, 2 * count + 1)[1::2]
         poses = [pose_player(rally, player, outfit, float(t)) for t in moments]
-        feet = np.array([*rally.feet_at(player, self.t[k : k + 1])[0], rally.sport.floor])
+        feet = np.array([*rally.feet_at(player, self.t[k])[:2], rally.sport.floor])
         ends = np.array(
             [end for body, head in poses for c in body for end in (c.a, c.b)]
             + [head.centre + s * head.axes[0] for _, head in poses for s in (-1, 1)]
@@ -205,6 +230,7 @@ class CourtRenderer:
             draw_capsules(window, projection, body, low - bend)
             total += window
         total = cv2.GaussianBlur(total / len(poses), (0, 0), max(look.blur, 0.4))
+        total[..., :3] *= cv2.resize(self._folds[player], size[::-1], interpolation=cv2.INTER_LINEAR)[..., None]
         eye = self._camera.centre
         behind = self._sides(np.array([[*feet[:2], rally.sport.floor + z] for z in (0.05, 0.4, 0.7)]))
         body = _Layer(total, int(low[0]), int(low[1]), float(np.linalg.norm(feet + [0, 0, 1] - eye)), *behind)
@@ -285,6 +311,8 @@ class CourtRenderer:
             total.astype(np.float32) / (255 * count), (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA
         )
         share = cv2.GaussianBlur(share, (0, 0), max(look.blur, 0.4))
+        if sport.name == "badminton":
+            share *= look.opacity
         colour = 255 * np.array(look.object, np.float32) * np.float32(0.92)
         rgba = np.concatenate([share[..., None] * colour, 255 * share[..., None]], axis=-1)
         distance = float(np.linalg.norm(places[1] - self._camera.centre))
@@ -367,7 +395,7 @@ class CourtRenderer:
         look, (h, w) = self._look, image.shape[:2]
         if look.scale < 0.97:
             small = cv2.resize(image, None, fx=look.scale, fy=look.scale, interpolation=cv2.INTER_AREA)
-            image = np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_CUBIC), np.uint8)
+            image = np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.uint8)
         y, x = self._rng.integers(0, 32, 2)
         more, less = (n[y : y + h, x : x + w] for n in self._noise)
         image = np.asarray(cv2.subtract(cv2.add(image, more), less), np.uint8)
@@ -451,6 +479,17 @@ def _make_noise(rng: np.random.Generator, shape: tuple[int, int, int], sigma: fl
     noise = cv2.GaussianBlur(rng.standard_normal(shape, np.float32), (0, 0), 0.6) * np.float32(2.1 * sigma)
     noise = np.rint(noise)
     return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
+
+
+def _make_folds(rng: np.random.Generator) -> Float32Array:
+    """Make the shading (h, w) of a body: folds of cloth, and light from above."""
+    folds = sum(
+        cv2.resize(rng.normal(0, s, (n * 2, n)).astype(np.float32), (64, 128), interpolation=cv2.INTER_CUBIC)
+        for n, s in ((6, 0.08), (20, 0.06))
+    )
+    light = np.linspace(rng.uniform(1.0, 1.15), rng.uniform(0.75, 1.0), 128, dtype=np.float32)[:, None]
+    side = np.linspace(rng.uniform(0.8, 1.0), rng.uniform(0.8, 1.0), 64, dtype=np.float32)[None]
+    return np.clip((1 + folds) * light * side, 0.4, 1.0).astype(np.float32)
 
 
 def _make_captions(rng: np.random.Generator, camera: CourtCamera, look: CourtLook) -> list[_Layer]:

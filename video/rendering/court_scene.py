@@ -23,6 +23,8 @@ from models.sports.sport_catalogue import find_sports
 
 View = Literal["broadcast", "phone"]
 Colour = tuple[float, float, float]
+# s between two places of a player's feet.
+FEET_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +38,8 @@ class RallyPath:
     """(S, 3) m."""
     nose: FloatArray
     """(S, 3) direction of the cork of a shuttle; anything for a ball."""
-    players: tuple[FloatArray, ...]
-    """(K, 3) per player: t, x and y of the feet at some moments."""
+    feet: FloatArray
+    """(N, F, 3) m, place of the feet of N players, and the way that they have run, every `FEET_STEP` from 0 on."""
     strokes: tuple[tuple[float, int, FloatArray], ...]
     """t, index of the player, place (3,)."""
     truth: Mapping[str, Any]
@@ -52,11 +54,11 @@ class RallyPath:
         return place, nose
 
     def feet_at(self, player: int, t: FloatArray) -> FloatArray:
-        """Interpolate where a player stands (..., 2), m, at times (...), s."""
-        track = self.players[player]
-        if len(track) == 1:
-            return np.broadcast_to(track[0, 1:], (*np.shape(t), 2))
-        return np.asarray(PchipInterpolator(track[:, 0], track[:, 1:])(np.clip(t, track[0, 0], track[-1, 0])))
+        """Interpolate where a player stands (..., 2), m, and the way run (...,), m, at times (...), s: (..., 3)."""
+        row = np.clip(np.asarray(t) / FEET_STEP, 0, self.feet.shape[1] - 1.001)
+        low = row.astype(np.int64)
+        share = (row - low)[..., None]
+        return np.asarray(self.feet[player, low] * (1 - share) + self.feet[player, low + 1] * share)
 
 
 def read_rally(path: Path) -> RallyPath:
@@ -64,12 +66,19 @@ def read_rally(path: Path) -> RallyPath:
     truth = json.loads(path.with_suffix(".json").read_text())
     with np.load(path.with_suffix(".npz")) as arrays:
         t, xyz, nose = arrays["t"], arrays["xyz"], arrays["nose"]
-    tracks = []
-    for track in truth["players"]:
+    clock = np.arange(0, t[-1] + 2 * FEET_STEP, FEET_STEP)
+    feet = np.zeros((len(truth["players"]), len(clock), 3))
+    for player, track in enumerate(truth["players"]):
         points = np.array(track, np.float64)
-        tracks.append(points[np.concatenate([[True], np.diff(points[:, 0]) > 1e-3])])
+        points = points[np.concatenate([[True], np.diff(points[:, 0]) > 1e-3])]
+        within = np.clip(clock, points[0, 0], points[-1, 0])
+        feet[player, :, :2] = (
+            PchipInterpolator(points[:, 0], points[:, 1:])(within) if len(points) > 1 else points[0, 1:]
+        )
+        steps = np.hypot(*np.diff(feet[player, :, :2], axis=0).T)
+        feet[player, 1:, 2] = np.cumsum(steps)
     strokes = tuple((s["t"], s["player"], np.array(s["place"])) for s in truth["strokes"])
-    return RallyPath(find_sports()[truth["sport"]], t, xyz, nose, tuple(tracks), strokes, truth)
+    return RallyPath(find_sports()[truth["sport"]], t, xyz, nose, feet, strokes, truth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +110,8 @@ class CourtLook:
     banners: tuple[Colour, ...]
     stands: Colour
     object: Colour
+    opacity: float
+    """Of the feathers of a shuttle."""
     tape: Colour
     mesh: float
     """Opacity of the net's mesh."""
@@ -134,6 +145,12 @@ def sample_tint(rng: np.random.Generator, value: tuple[float, float], saturation
 
 def _near(rng: np.random.Generator, colour: Colour, spread: float = 0.05) -> Colour:
     r, g, b = np.clip(np.array(colour) * rng.uniform(0.8, 1.15) + rng.normal(0, spread, 3), 0.01, 1)
+    return (float(r), float(g), float(b))
+
+
+def _dimmed(rng: np.random.Generator, colour: Colour) -> Colour:
+    """Return a colour under lamps that are brighter or fainter than the camera expects."""
+    r, g, b = np.clip(np.array(colour) * rng.uniform(0.65, 1.05) + rng.normal(0, 0.02, 3), 0.01, 1)
     return (float(r), float(g), float(b))
 
 
@@ -174,7 +191,7 @@ def sample_look(rng: np.random.Generator, sport: str, surface: str, view: View, 
         sample_tint(rng, (0.08, 0.6), (0.1, 0.9)),
         tuple(sample_tint(rng, (0.1, 0.9), (0.2, 0.95)) for _ in range(6)),
         sample_tint(rng, (0.04, 0.5), (0.0, 0.6)),
-        _near(rng, balls[rng.integers(len(balls))], 0.02), _near(rng, (0.93, 0.93, 0.93), 0.02),
+        _dimmed(rng, balls[rng.integers(len(balls))]), float(rng.uniform(0.25, 0.9)), _near(rng, (0.93, 0.93, 0.93), 0.02),
         float(rng.uniform(0.15, 0.45)), tuple(sample_outfit(rng) for _ in range(2)),
         np.array([*away, 1.0]) / np.linalg.norm([*away, 1.0]), float(rng.uniform(0.35, 0.6) if sunny else rng.uniform(0.05, 0.3)),
         (float(rng.normal(0, 0.08)), float(rng.normal(0, 0.1)), float(rng.uniform(0, 0.25))),
@@ -221,7 +238,7 @@ def make_camera(
 def sample_camera(rng: np.random.Generator, sport: Sport, view: View, size: tuple[int, int]) -> CourtCamera:
     """Sample a camera that does not move yet: behind an end, or beside a table."""
     length, width = sport.length, sport.width
-    for _ in range(1000):
+    for _ in range(3000):
         k1 = float(rng.normal(0, 0.01) if view == "broadcast" else rng.normal(-0.03, 0.03))
         if sport.is_filmed_from_side:
             away, angle = (
@@ -247,7 +264,9 @@ def sample_camera(rng: np.random.Generator, sport: Sport, view: View, size: tupl
         camera = make_camera(
             sport, place, target, focal, k1, size, float(rng.normal(0, 0.003 if view == "broadcast" else 0.02))
         )
-        if _shows_court(sport, camera, view):
+        # rallies that leave the picture show little; some do
+        high = np.array([0.5 * length, width / 2, rng.uniform(2.5, 6.0)])
+        if _shows_court(sport, camera, view) and (sport.name != "badminton" or camera.to_pixels(high)[1] > 0):
             return camera
     raise RuntimeError(f"no camera of a {view} view shows the court")
 
