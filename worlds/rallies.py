@@ -579,7 +579,7 @@ def play_rally(sport: str, chance: np.random.Generator, strokes: tuple[int, int]
     pieces.append(path[:stop])
     for e in touched:
         if e[1] < stop * STEP:
-            events.append(describe_event(e, now) | ({"kind": "landing"} if e is landing else {}))
+            events.append(describe_event(e, now) | ({"kind": "landing"} if e[1] == landing[1] else {}))
             if e[1] > landing[1]:
                 events[-1]["after"] = True
     tracks[side].append((now + pace, *home))

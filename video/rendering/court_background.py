@@ -244,7 +244,7 @@ def _paint_surroundings(
             place(end, left, floor + board), place(0, right - left, 0), place(0, 0, -board), _make_boards(rng, look, 5)
         )
     people = _paint_officials(rng, painter, sport, look, (end, left, right))
-    depth = rng.uniform(0.05, 0.5, 12) * back
+    depth = rng.uniform(0.1, 0.7, 12) * back
     seats = [place(end + d, rng.uniform(left, right), floor + board + rise * d / back + 0.5) for d in depth]
     return np.array(seats) if has_stands else np.empty((0, 3)), people
 

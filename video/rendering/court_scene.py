@@ -192,7 +192,7 @@ def sample_look(rng: np.random.Generator, sport: str, surface: str, view: View, 
         tuple(sample_tint(rng, (0.1, 0.9), (0.2, 0.95)) for _ in range(6)),
         sample_tint(rng, (0.04, 0.5), (0.0, 0.6)),
         _dimmed(rng, balls[rng.integers(len(balls))]), float(rng.uniform(0.25, 0.9)), _near(rng, (0.93, 0.93, 0.93), 0.02),
-        float(rng.uniform(0.15, 0.45)), tuple(sample_outfit(rng) for _ in range(2)),
+        float(rng.uniform(0.05, 0.35) if sport == "badminton" else rng.uniform(0.15, 0.45)), tuple(sample_outfit(rng) for _ in range(2)),
         np.array([*away, 1.0]) / np.linalg.norm([*away, 1.0]), float(rng.uniform(0.35, 0.6) if sunny else rng.uniform(0.05, 0.3)),
         (float(rng.normal(0, 0.08)), float(rng.normal(0, 0.1)), float(rng.uniform(0, 0.25))),
         soft, float(np.exp(rng.uniform(np.log(0.5), np.log(2.5 if view == "broadcast" else 5.0)))),
@@ -266,7 +266,10 @@ def sample_camera(rng: np.random.Generator, sport: Sport, view: View, size: tupl
         )
         # rallies that leave the picture show little; some do
         high = np.array([0.5 * length, width / 2, rng.uniform(2.5, 6.0)])
-        if _shows_court(sport, camera, view) and (sport.name != "badminton" or camera.to_pixels(high)[1] > 0):
+        behind = np.array([-rng.uniform(0.0, 3.5), width / 2, 0.0])
+        is_high_enough = sport.name != "badminton" or camera.to_pixels(high)[1] > 0
+        is_low_enough = sport.name != "tennis" or view == "phone" or camera.to_pixels(behind)[1] < size[1]
+        if _shows_court(sport, camera, view) and is_high_enough and is_low_enough:
             return camera
     raise RuntimeError(f"no camera of a {view} view shows the court")
 
