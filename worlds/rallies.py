@@ -583,6 +583,11 @@ def play_rally(sport: str, chance: np.random.Generator, strokes: tuple[int, int]
             if e[1] > landing[1]:
                 events[-1]["after"] = True
     tracks[side].append((now + pace, *home))
+    other, goal = 1 - side, stand_for(court, 1 - side, np.array([*landing[2:4], 0.0]), chance)
+    within = court.stride * max(landing[1] - 0.3, 0.0)
+    share = min(1.0, within / max(float(np.linalg.norm(goal - feet[other])), 1e-6)) * chance.uniform(0.3, 1.0)
+    tracks[other].append((max(now, tracks[other][-1][0]) + 0.25, *feet[other]))
+    tracks[other].append((tracks[other][-1][0] + landing[1], *(feet[other] + share * (goal - feet[other]))))
     states = np.concatenate(pieces)
     return {
         "path": states, "sport": sport, "surface": game.surface, "strokes": hits, "events": events,
