@@ -1,0 +1,282 @@
+"""The camera that puts a court's lines and net where they are seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.court import Sport
+from models.core.court_camera import CAMERA_PARAMETERS, CourtCamera
+from models.core.typing import FloatArray
+from video.calibration.court_lines import measure_crests
+
+# px in an image of `REFERENCE_WIDTH_PX`: how far paint is searched, step by step.
+REACHES = (8.0, 5.0, 3.0, 3.0)
+REFERENCE_WIDTH_PX = 1280
+# Largest number of places on one line; px between places along it, and px to another line where its paint disturbs.
+PLACES_PER_LINE, PLACE_STEP_PX, CROSSING_PX = 80, 4.0, 5.0
+# Least error of a place of a line, px: aliasing, coding.
+LEAST_ERROR_PX = 0.1
+# Before lines are seen: k1 of lenses of phones and broadcasts; logarithm of focal lengths in widths of the image.
+LENS_SIGMA, FOCAL_MEAN, FOCAL_SIGMA = 0.03, np.log(1.5), 1.0
+# Share of a net's height by which it is hung wrong or its tape is of another width, and width of the tape by it.
+NET_SIGMA_SHARE, TAPE_SHARE = 0.02, 0.055
+# px: thinner paint is not always seen.
+THIN_PX = 0.8
+GAUSS_NEWTON_STEPS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class CourtFit:
+    """A camera fitted to an image, and how well the image agrees."""
+
+    camera: CourtCamera
+    line_error: float
+    """px, root mean square distance of paint from the predicted lines."""
+    share: float
+    """Share of the length of the lines, inside the image and away from crossings, where paint was found."""
+    line_shares: FloatArray
+    """(lines,) the same of each line; NaN where less than `PLACE_STEP_PX` places are inside the image."""
+    net_share: float
+    """Share of the net's upper edge that is seen; NaN outside the image."""
+    seen_px: float
+    """px, length of the lines that is seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """K places on lines and net, and where paint is seen."""
+
+    xyz: FloatArray
+    """(K, 3) m."""
+    line: NDArray[np.int64]
+    """(K,) number of the line; that of the net follows them."""
+    normal: FloatArray
+    """(K, 2) px, across."""
+    px: FloatArray
+    """(K, 2) where paint is seen; NaN where none is."""
+    weight: FloatArray
+    """(K,) px of line that a place stands for, less where paint is too thin to be seen; 0 where none can be."""
+
+
+def build_court_camera(homography: FloatArray, sport: Sport, width: int, height: int) -> CourtCamera:
+    """Build a camera of square pixels from a homography (3, 3) from metres on the court to pixels.
+
+    The axes of the court are turned to what `models.core.court` says; a court looks the same from both ends.
+    """
+    middle = np.array([[1, 0, -(width - 1) / 2], [0, 1, -(height - 1) / 2], [0, 0, 1]])
+    plane = middle @ homography
+    plane *= np.sign(plane[2] @ np.array([sport.length / 2, sport.width / 2, 1]))
+    focal = _choose_focal_length(plane, width)
+    rays = plane / np.array([[focal], [focal], [1.0]])
+    scale = (np.linalg.norm(rays[:, 0]) + np.linalg.norm(rays[:, 1])) / 2
+    x_axis, y_axis, origin = (rays / scale).T
+    basis, _, rest = np.linalg.svd(np.column_stack([x_axis, y_axis]), full_matrices=False)
+    x_axis, y_axis = (basis @ rest).T
+    up = np.cross(x_axis, y_axis)
+    up = -up if up @ origin > 0 else up
+    ahead = np.array([0, 0, 1.0]) - up[2] * up
+    right = np.cross(ahead, up)
+    is_left_handed = bool(abs(x_axis @ ahead) > abs(x_axis @ right))
+    towards = (ahead, right) if is_left_handed else (right, ahead)
+    signs = [np.sign(axis @ way) or 1.0 for axis, way in zip((x_axis, y_axis), towards, strict=True)]
+    # The corner from which both axes point as they should.
+    sizes, axes = (sport.length, sport.width), (x_axis, y_axis)
+    for axis, sign, size in zip(axes, signs, sizes, strict=True):
+        origin = origin + (axis * size if sign < 0 else 0.0)
+    turn = np.column_stack([x_axis * signs[0], y_axis * signs[1], up])
+    centre = -turn.T @ origin
+    if is_left_handed:
+        turn = turn @ np.diag([1.0, -1.0, 1.0])
+    vector = cv2.Rodrigues(turn)[0].ravel()
+    parameters = np.array([*centre, *vector, np.log(focal), 0.0])
+    return CourtCamera(parameters, np.eye(CAMERA_PARAMETERS), width, height, is_left_handed)
+
+
+def _choose_focal_length(plane: FloatArray, width: int) -> float:
+    """Choose the focal length, px, that makes the axes of a plane square and of one scale."""
+    u, v = plane[:, 0], plane[:, 1]
+    focal = width * np.geomspace(0.35, 12.0, 200)
+    stretch = np.stack([1 / focal, 1 / focal, np.ones_like(focal)], -1)
+    a, b = u * stretch, v * stretch
+    lengths = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    misfit = ((a * b).sum(1) / (lengths[0] * lengths[1])) ** 2 + np.log(lengths[0] / lengths[1]) ** 2
+    return float(focal[np.argmin(misfit)])
+
+
+def fit_court_camera(brightness: NDArray[np.float32], sport: Sport, camera: CourtCamera) -> CourtFit:
+    """Fit a camera to the painted lines and the net in an image by robust least squares.
+
+    Args:
+        brightness: (H, W) grey levels.
+        sport: the court.
+        camera: a camera that is nearly right.
+    """
+    scale = max(1.0, brightness.shape[1] / REFERENCE_WIDTH_PX)
+    extended = np.append(camera.parameters, 0.0)
+    for reach in REACHES:
+        places = measure_places(brightness, sport, camera, reach * scale, extended[-1])
+        extended, spread, covariance = _solve(places, sport, camera, extended)
+        camera = camera.replace_parameters(extended[:CAMERA_PARAMETERS])
+    camera = replace(camera, covariance=covariance[:CAMERA_PARAMETERS, :CAMERA_PARAMETERS])
+    places = measure_places(brightness, sport, camera, REACHES[-1] * scale, extended[-1])
+    return _judge(places, sport, camera, extended, spread)
+
+
+def measure_places(
+    brightness: NDArray[np.float32], sport: Sport, camera: CourtCamera, reach: float, net_shift: float = 0.0,
+    frame: int | None = None,
+) -> _Places:  # fmt: skip
+    """Measure where paint is seen across the lines and the net that a camera predicts."""
+    parts = []
+    ends = [camera.to_pixels(_raise(np.array([one.start, one.end])), frame=frame) for one in sport.lines]
+    size = np.array([camera.width_px, camera.height_px])
+    for k, one in enumerate(sport.lines):
+        start, end = np.array(one.start), np.array(one.end)
+        share = _even_shares(camera, _raise(start), _raise(end), size, frame)
+        xyz = _raise(start + share[:, None] * (end - start))
+        along = _raise(end - start) / np.linalg.norm(end - start)
+        side = one.width / 2 * np.array([-along[1], along[0], 0])
+        px, normal, width, step = _look_at(camera, xyz, along * 0.01, side, frame)
+        free = np.ones(len(px), np.bool_)
+        for other, (p, q) in enumerate(ends):
+            if other != k and np.isfinite([*p, *q]).all():
+                free &= _distance_to(px, p, q) > CROSSING_PX + width
+        weight = np.where(free, step * np.clip(width / THIN_PX, 0, 1), 0.0)
+        parts.append((xyz, np.full(len(px), k), normal, px, width, weight))
+    parts.append(_net_places(sport, camera, net_shift, size, frame))
+    xyz, line, normal, px, width, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
+    inside = ((px > 3) & (px < size - 4)).all(-1)
+    xyz, line, normal, px, width, weight = (part[inside] for part in (xyz, line, normal, px, width, weight))
+    shift, _ = measure_crests(brightness, px, normal, width, reach)
+    return _Places(xyz, line, normal, px + shift[:, None] * normal, weight)
+
+
+def _net_places(
+    sport: Sport, camera: CourtCamera, net_shift: float, size: FloatArray, frame: int | None
+) -> tuple[FloatArray, ...]:
+    """Return places at the middle of the tape of the net, as `measure_places` lists them."""
+    net, half_tape = sport.net, TAPE_SHARE / 2 * sport.net.height
+    y = np.linspace(-net.overhang, sport.width + net.overhang, PLACES_PER_LINE)[1:-1]
+    z = net.height_at(y, sport.width) + net_shift - half_tape
+    xyz = np.column_stack([np.full_like(y, sport.length / 2), y, z])
+    px, normal, width, step = _look_at(
+        camera, xyz, np.array([0, 0.01, 0]), np.array([0, 0, half_tape]), frame
+    )
+    return xyz, np.full(len(y), len(sport.lines)), normal, px, width, step
+
+
+def _even_shares(
+    camera: CourtCamera, start: FloatArray, end: FloatArray, size: FloatArray, frame: int | None
+) -> FloatArray:
+    """Return shares of the way along a line, at even distances in the image, of places inside it."""
+    fine = np.linspace(0, 1, 200)
+    px = camera.to_pixels(start + fine[:, None] * (end - start), frame=frame)
+    inside = ((px > 0) & (px < size)).all(-1)
+    steps = np.where(inside[1:] & inside[:-1], np.linalg.norm(np.diff(px, axis=0), axis=1), 0.0)
+    run = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
+    count = int(min(PLACES_PER_LINE, run[-1] / PLACE_STEP_PX))
+    return np.interp((np.arange(count) + 0.5) / max(count, 1) * run[-1], run, fine)
+
+
+def _look_at(
+    camera: CourtCamera, xyz: FloatArray, along: FloatArray, side: FloatArray, frame: int | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Project places (K, 3): pixels, normals (K, 2) across, width across, and px of line per place (K,)."""
+    px = camera.to_pixels(xyz, frame=frame)
+    direction = camera.to_pixels(xyz + along, frame=frame) - px
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    normal = np.column_stack([-direction[:, 1], direction[:, 0]])
+    across = camera.to_pixels(xyz + side, frame=frame) - camera.to_pixels(xyz - side, frame=frame)
+    step = np.linalg.norm(np.gradient(px, axis=0), axis=1) if len(px) > 1 else np.zeros(len(px))
+    return px, normal, np.abs((across * normal).sum(1)), step
+
+
+def _raise(xy: FloatArray) -> FloatArray:
+    return np.concatenate([xy, np.zeros((*xy.shape[:-1], 1))], axis=-1)
+
+
+def _distance_to(px: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
+    """Measure the distances of pixels (K, 2) to a segment."""
+    way = q - p
+    share = np.clip((px - p) @ way / max(way @ way, 1e-12), 0, 1)
+    return np.asarray(np.linalg.norm(px - p - share[:, None] * way, axis=1))
+
+
+def _residuals(places: _Places, sport: Sport, camera: CourtCamera, extended: FloatArray) -> FloatArray:
+    """Compute px (K,) from where the camera puts lines to where paint is seen, across them."""
+    is_net = places.line == len(sport.lines)
+    xyz = places.xyz + np.where(is_net, extended[-1], 0.0)[:, None] * np.array([0, 0, 1.0])
+    px = camera.replace_parameters(extended[:CAMERA_PARAMETERS]).to_pixels(xyz)
+    return np.asarray(((places.px - px) * places.normal).sum(1))
+
+
+def _solve(
+    places: _Places, sport: Sport, camera: CourtCamera, extended: FloatArray
+) -> tuple[FloatArray, float, FloatArray]:
+    """Fit camera and height of the net: the parameters (9,), the spread of residuals, px, and the covariance."""
+    # Places of the net stand for a height that is one unknown more; the measured ones are relative to it.
+    is_net = places.line == len(sport.lines)
+    good = np.isfinite(places.px[:, 0]) & (places.weight > 0)
+    base = np.where(is_net, extended[-1], 0.0)
+    places = _Places(
+        (places.xyz - base[:, None] * np.array([0, 0, 1.0]))[good], places.line[good], places.normal[good],
+        places.px[good], places.weight[good],
+    )  # fmt: skip
+    prior_mean = np.array([*np.zeros(6), FOCAL_MEAN + np.log(camera.width_px), 0.0, 0.0])
+    net_sigma = NET_SIGMA_SHARE * sport.net.height
+    prior = np.diag([*np.zeros(6), FOCAL_SIGMA**-2, LENS_SIGMA**-2, net_sigma**-2])
+    covariance = np.linalg.pinv(prior + 1e-6 * np.eye(9))
+    spread = LEAST_ERROR_PX
+    if len(places.line) < 12:
+        return extended, np.inf, covariance
+    steps = np.array([1e-3 * sport.width] * 3 + [1e-5] * 3 + [1e-5, 1e-4, 1e-4])
+    for _ in range(GAUSS_NEWTON_STEPS):
+        r = _residuals(places, sport, camera, extended)
+        spread = max(LEAST_ERROR_PX, 1.4826 * float(np.median(np.abs(r))))
+        weight = 1 / (1 + (r / (2.5 * spread)) ** 2) ** 2
+        jacobian = np.column_stack([
+            (_residuals(places, sport, camera, extended + step) - _residuals(places, sport, camera, extended - step))
+            / (2 * step.sum()) for step in np.diag(steps)
+        ])  # fmt: skip
+        inflation = _correlation_length(r, places.line)
+        information = (jacobian.T * weight) @ jacobian / (spread**2 * inflation) + prior
+        gradient = (jacobian.T * weight) @ r / (spread**2 * inflation) + prior @ (extended - prior_mean)
+        try:
+            covariance = np.linalg.inv(information)
+        except np.linalg.LinAlgError:
+            return extended, np.inf, covariance
+        change = -covariance @ gradient
+        change *= min(1.0, 0.3 / max(abs(change[6]), 1e-9), 0.5 / max(np.abs(change[3:6]).max(), 1e-9))
+        extended = extended + change
+    return extended, spread, covariance
+
+
+def _correlation_length(r: FloatArray, line: NDArray[np.int64]) -> float:
+    """Estimate how many neighbouring places of a line share their error: twice the sum of the autocorrelation."""
+    total, power = 1.0, float((r**2).mean())
+    for lag in range(1, 25):
+        is_pair = line[lag:] == line[:-lag]
+        share = float((r[lag:] * r[:-lag])[is_pair].mean()) / max(power, 1e-12) if is_pair.any() else 0.0
+        if share < 0.05:
+            break
+        total += 2 * share
+    return total
+
+
+def _judge(places: _Places, sport: Sport, camera: CourtCamera, extended: FloatArray, spread: float) -> CourtFit:
+    count = len(sport.lines)
+    base = np.where(places.line == count, extended[-1], 0.0)
+    at_rest = replace(places, xyz=places.xyz - base[:, None] * np.array([0, 0, 1.0]))
+    r = _residuals(at_rest, sport, camera, extended)
+    seen = np.isfinite(r) & (np.abs(r) < max(2.0, 4 * spread))
+    totals = np.bincount(places.line, places.weight, count + 1)
+    hits = np.bincount(places.line, places.weight * seen, count + 1)
+    shares = np.where(totals > 0, hits / np.maximum(totals, 1e-9), np.nan)
+    on_lines = seen & (places.line < count) & (places.weight > 0)
+    error = float(np.sqrt((r[on_lines] ** 2).mean())) if on_lines.any() else np.inf
+    share = float(hits[:-1].sum() / max(totals[:-1].sum(), 1e-9))
+    return CourtFit(camera, error, share, shares[:-1], float(shares[-1]), float(hits[:-1].sum()))

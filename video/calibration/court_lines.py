@@ -1,0 +1,231 @@
+"""Painted lines in an image: bright ridges, the straight lines that they form, and places across predicted lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from models.core.typing import FloatArray, ImageArray
+
+# px: lines are searched in images reduced to this longer side.
+SEARCH_SIDE_PX = 1280
+# px, standard deviations of the smoothing at which ridges are measured: lines 1 to 16 px wide.
+RIDGE_SCALES = (1.2, 2.4, 4.8)
+# Grey levels by which paint must be brighter than both sides: an eye sees 8 of 255 at an edge.
+MIN_CONTRAST = 8.0
+# Share of the contrast of a bar that its curvature, times the squared smoothing, keeps where both have about one width.
+CURVATURE_SHARE = 0.35
+# Degrees and px of a cell in which directed ridge points vote for a line.
+ANGLE_STEP, OFFSET_STEP = 1.0, 2.0
+# Cells by which the direction of a ridge point may be wrong.
+ANGLE_SPREAD = 2
+# px from a line, and degrees from its direction, of ridge points that belong to it; lenses bend lines by this much.
+LINE_TOLERANCE, DIRECTION_TOLERANCE = 2.5, 7.0
+# px: gaps that are closed in a line, and the shortest stretch that counts: letters and limbs are shorter.
+MAX_GAP, MIN_RUN = 8, 24
+# Number of lines that are kept, the longest first: a court has 12, and stands, banners and overlays more than it.
+MAX_LINES = 72
+# Directions in which maps of ridge points are kept, and the neighbours that each accepts.
+MAP_DIRECTIONS = 18
+# px from a ridge within which a predicted line is confirmed.
+MAP_TOLERANCE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RidgePoints:
+    """Points on the crests of bright ridges."""
+
+    xy: FloatArray
+    """(K, 2) px, sub-pixel."""
+    angle: FloatArray
+    """(K,) rad, direction across the ridge, in [0, pi)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaintedLines:
+    """Straight lines of ridge points: L lines n . x = offset about the image centre."""
+
+    normal: FloatArray
+    """(L, 2) unit vectors."""
+    offset: FloatArray
+    """(L,) px from the image centre."""
+    cover: FloatArray
+    """(L, 2 R + 1) px that are painted from one end of the image diagonal to each place -R..R along the line."""
+
+    def lengths_between(self, line: NDArray[np.int64], start: FloatArray, end: FloatArray) -> FloatArray:
+        """Measure the painted length, px, of lines between places along them, px from the foot of the centre."""
+        radius = (self.cover.shape[1] - 1) // 2
+        low, high = (np.clip(np.rint(place), -radius, radius).astype(np.int64) + radius for place in (start, end))
+        return np.asarray(np.abs(self.cover[line, high] - self.cover[line, low]))
+
+
+def convert_to_brightness(image: ImageArray) -> NDArray[np.float32]:
+    """Compute the mean of the three channels (H, W): paint may be pink, and grass bright in green."""
+    return np.asarray(cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)).astype(np.float32))
+
+
+def find_ridge_points(brightness: NDArray[np.float32]) -> RidgePoints:
+    """Find the crests of bright ridges (Steger 1998, IEEE TPAMI 20, 113).
+
+    Args:
+        brightness: (H, W) grey levels.
+    """
+    shape = brightness.shape
+    strength, step = np.full(shape, CURVATURE_SHARE * MIN_CONTRAST, np.float32), np.full(shape, np.inf, np.float32)
+    angle = np.zeros(shape, np.float32)
+    for scale in RIDGE_SCALES:
+        smooth = cv2.GaussianBlur(brightness, (0, 0), scale)
+        gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
+        xx, yy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=1 / 4) for order in ((2, 0), (0, 2)))
+        xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4)
+        root = np.sqrt((xx - yy) ** 2 / 4 + xy**2)
+        bend = (xx + yy) / 2 - root
+        better = -(scale**2) * bend > strength
+        strength[better] = -(scale**2) * bend[better]
+        across = np.arctan2(bend[better] - xx[better], xy[better] + np.float32(1e-9))
+        angle[better] = across
+        step[better] = -(gx[better] * np.cos(across) + gy[better] * np.sin(across)) / bend[better]
+    y, x = np.nonzero(np.abs(step) <= 0.6)
+    theta, t = angle[y, x].astype(np.float64), step[y, x].astype(np.float64)
+    xy_crest = np.column_stack([x + t * np.cos(theta), y + t * np.sin(theta)])
+    return RidgePoints(xy_crest, np.mod(theta, np.pi))
+
+
+def find_painted_lines(points: RidgePoints, shape: tuple[int, int]) -> PaintedLines:
+    """Find the longest straight lines of ridge points by voting, the strongest first.
+
+    Args:
+        points: ridge points of an image.
+        shape: its height and width, px.
+    """
+    middle, radius = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2]), int(np.hypot(*shape) / 2) + 1
+    xy, angle = points.xy - middle, points.angle
+    bins, cells = round(180 / ANGLE_STEP), 2 * int(radius / OFFSET_STEP) + 3
+    column = np.rint(np.degrees(angle) / ANGLE_STEP).astype(np.int64)[:, None] + np.arange(
+        -ANGLE_SPREAD, ANGLE_SPREAD + 1
+    )
+    theta = np.radians(column * ANGLE_STEP)
+    rho = xy[:, :1] * np.cos(theta) + xy[:, 1:] * np.sin(theta)
+    # Half a turn reverses the normal.
+    rho = np.where((column >= 0) & (column < bins), rho, -rho)
+    cell = (column % bins) * cells + np.rint(rho / OFFSET_STEP).astype(np.int64) + cells // 2
+    votes = np.bincount(cell.ravel(), minlength=bins * cells)
+    free = np.ones(len(xy), np.bool_)
+    normals, offsets, covers = [], [], []
+    for _ in range(4 * MAX_LINES):
+        peak = int(np.argmax(votes))
+        if len(normals) == MAX_LINES or votes[peak] < MIN_RUN:
+            break
+        votes[peak] = 0
+        direction, offset = np.radians(peak // cells * ANGLE_STEP), (peak % cells - cells // 2) * OFFSET_STEP
+        line = _fit_line(xy, angle, free, (direction, offset), radius)
+        if line is None:
+            continue
+        normal, offset, cover, members = line
+        free[members] = False
+        votes -= np.bincount(cell[members].ravel(), minlength=len(votes))
+        normals.append(normal)
+        offsets.append(offset)
+        covers.append(cover)
+    order = np.argsort([-cover[-1] for cover in covers], kind="stable")
+    stack = (np.array(normals).reshape(-1, 2), np.array(offsets), np.array(covers).reshape(-1, 2 * radius + 1))
+    return PaintedLines(*(part[order] for part in stack))
+
+
+def _fit_line(
+    xy: FloatArray, angle: FloatArray, free: NDArray[np.bool_], guess: tuple[float, float], radius: int
+) -> tuple[FloatArray, float, FloatArray, NDArray[np.int64]] | None:
+    """Fit a line to the free points near a guess; None where they form no run.
+
+    Returns:
+        Normal (2,), offset, painted length up to each place (2 R + 1), and the points that belong to it.
+    """
+    direction, offset = guess
+    for _ in range(2):
+        normal = np.array([np.cos(direction), np.sin(direction)])
+        turn = np.abs(np.mod(angle - direction + np.pi / 2, np.pi) - np.pi / 2)
+        is_near = (np.abs(xy @ normal - offset) < LINE_TOLERANCE) & (turn < np.radians(DIRECTION_TOLERANCE))
+        members = np.flatnonzero(is_near & free)
+        along = np.rint(xy[members] @ np.array([-normal[1], normal[0]])).astype(np.int64) + radius
+        painted = np.zeros((1, 2 * radius + 1), np.uint8)
+        painted[0, np.clip(along, 0, 2 * radius)] = 1
+        painted = cv2.morphologyEx(painted, cv2.MORPH_CLOSE, np.ones((1, MAX_GAP + 1), np.uint8))
+        painted = cv2.morphologyEx(painted, cv2.MORPH_OPEN, np.ones((1, MIN_RUN), np.uint8))[0]
+        members = members[painted[np.clip(along, 0, 2 * radius)] > 0]
+        if len(members) < MIN_RUN // 2:
+            return None
+        mean = xy[members].mean(0)
+        normal = np.linalg.svd(xy[members] - mean, full_matrices=False)[2][1]
+        direction, offset = float(np.arctan2(normal[1], normal[0])), float(normal @ mean)
+    return normal, offset, np.cumsum(painted, dtype=np.float64), members
+
+
+def map_ridge_directions(points: RidgePoints, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Map where ridges of each direction are near (MAP_DIRECTIONS, H, W)."""
+    maps = np.zeros((MAP_DIRECTIONS, *shape), np.uint8)
+    x, y = (np.clip(np.rint(points.xy[:, k]).astype(np.int64), 0, shape[1 - k] - 1) for k in (0, 1))
+    direction = np.rint(points.angle / np.pi * MAP_DIRECTIONS).astype(np.int64)
+    for turn in (-1, 0, 1):
+        maps[(direction + turn) % MAP_DIRECTIONS, y, x] = 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MAP_TOLERANCE + 1,) * 2)
+    return np.stack([cv2.dilate(one, kernel) for one in maps]).astype(np.bool_)
+
+
+def measure_crests(
+    brightness: NDArray[np.float32], xy: FloatArray, normal: FloatArray, width: FloatArray, reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """Measure where paint lies across predicted lines.
+
+    Args:
+        brightness: (H, W) grey levels.
+        xy: (K, 2) px, predicted places of the centre of the paint.
+        normal: (K, 2) unit vectors across the lines.
+        width: (K,) px, of the paint.
+        reach: px across, up to which paint is searched.
+
+    Returns:
+        (K,) px along the normal from the prediction to the paint, NaN where there is none, and (K,) its contrast with
+        the brighter side.
+    """
+    if len(xy) == 0:
+        return np.empty(0), np.empty(0)
+    half = width / 2 + 1.5
+    extent = int(np.ceil(reach + 2 * np.max(half, initial=1.0))) + 1
+    s = np.arange(-2 * extent, 2 * extent + 1) / 2
+    at = (xy[:, None] + s[:, None] * normal[:, None]).astype(np.float32)
+    profile = cv2.remap(brightness, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    total = np.concatenate([np.zeros((len(xy), 1)), np.cumsum(profile, axis=1, dtype=np.float64)], axis=1)
+    core = np.clip(np.rint(width), 1, None).astype(np.int64)
+    gap = np.rint(width + 3).astype(np.int64)
+    inside = _mean_between(total, -core // 2, core - core // 2)
+    left, right = _mean_between(total, -gap - 3, -gap + 1), _mean_between(total, gap, gap + 4)
+    contrast = inside - np.maximum(left, right)
+    contrast[:, np.abs(s) > reach] = -np.inf
+    best = np.argmax(contrast, axis=1)
+    rows = np.arange(len(xy))
+    peak = contrast[rows, best]
+    # The centroid of what is brighter than the straight line between the two sides.
+    base_left, base_right = left[rows, best], right[rows, best]
+    off = s - s[best][:, None]
+    share = np.clip(off / (2 * half[:, None] + 1) + 0.5, 0, 1)
+    excess = profile - (base_left[:, None] * (1 - share) + base_right[:, None] * share)
+    excess = np.where(np.abs(off) <= half[:, None] + 0.25, np.maximum(excess, 0), 0)
+    weight = excess.sum(1)
+    centre = s[best] + (excess * off).sum(1) / np.where(weight > 0, weight, 1)
+    height, wide = brightness.shape
+    is_inside = ((xy > 2) & (xy < np.array([wide - 3, height - 3]))).all(1)
+    is_paint = is_inside & (peak > MIN_CONTRAST) & (np.abs(centre) < reach)
+    return np.where(is_paint, centre, np.nan), np.where(is_inside, peak, -np.inf)
+
+
+def _mean_between(total: FloatArray, start: NDArray[np.int64], stop: NDArray[np.int64]) -> FloatArray:
+    """Compute means of rows from `start` to before `stop` (K,) places after each place, from running totals (K, S+1)."""
+    size = total.shape[1] - 1
+    place = np.arange(size)
+    low = np.clip(place + start[:, None], 0, size)
+    high = np.clip(place + stop[:, None], 0, size)
+    sums = np.take_along_axis(total, high, 1) - np.take_along_axis(total, low, 1)
+    return np.asarray(sums / np.maximum(high - low, 1))
