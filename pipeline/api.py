@@ -21,24 +21,28 @@ import pyarrow as pa
 from pyarrow import csv
 
 from models.core.answer import format_html
+from models.core.court_camera import CourtScene
 from models.core.errors import OptionError
 from models.core.events import Events
 from models.core.fit_result import Fit, Trust, WholeShotFit
 from models.core.number_format import format_probability
 from models.core.progress import Progress, ignore_progress
+from models.core.rally import Rally, RallyEvent
 from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.tracks import Tracks
 from models.core.trajectory import Trajectory
-from pipeline.chain import default_run_folder
+from models.estimation.rally.rally_columns import RallyTracks, RallyTrajectory, tabulate_tracks
+from pipeline.chain import FinishedRally, default_run_folder
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.run_views import view_run
-from pipeline.io.saved_shot import read_shot
+from pipeline.io.saved_shot import read_saved, require_rally, require_shot
 from pipeline.io.shot_laws import find_laws
 from pipeline.io.text_table import TEXT_COLUMNS
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.recording.rerun_viewer import Viewer, find_recordings, has_display, start_viewer
+from pipeline.reporting.text.rally_sentences import assess_rally_trust, list_event_rows
 from pipeline.reporting.text.text_formatting import format_event_time, name_event
 from pipeline.run_options import RunSettings, build_options, list_settings
 
@@ -54,8 +58,8 @@ class Run:
 
     folder: Path
     """Folder with slow.mp4, report.html and the other files, which docs/reference/file-formats.md describes."""
-    shot: Shot
-    """The saved shot, of which everything else is a view or an export."""
+    saved: Shot | Rally
+    """The saved shot or rally, of which everything else is a view or an export."""
     laws: WholeShotFit | None = None
     """What published contact models make of it; None if neither `laws=True` nor `trueroll what-if` asked for them."""
 
@@ -77,6 +81,16 @@ class Run:
         ]  # fmt: skip
         lines = (f"{self.folder}: trust {self.trust.level}. {' '.join(self.trust.reasons)}", repr(self.tracks))
         return format_html(lines, [("time", "what", "probability"), *rows])
+
+    @property
+    def shot(self) -> Shot:
+        """The saved shot of billiards; raises OptionError where the clip shows a rally."""
+        return require_shot(self.saved, self.folder)
+
+    @property
+    def rally(self) -> Rally:
+        """The saved rally; raises OptionError where the clip shows billiards."""
+        return require_rally(self.saved, self.folder)
 
     @property
     def scene(self) -> Scene:
@@ -158,6 +172,44 @@ class Run:
         return viewer
 
 
+@dataclass(frozen=True, slots=True, repr=False)
+class RallyRun(Run):
+    """A finished run of a rally over a net, whose values have a height too."""
+
+    def __repr__(self) -> str:
+        return f"RallyRun({str(self.folder)!r}: trust {self.trust.level}, {self.rally!r})"
+
+    def _repr_html_(self) -> str:
+        """Show the trust level and the events in a notebook."""
+        lines = (f"{self.folder}: trust {self.trust.level}. {' '.join(self.trust.reasons)}", repr(self.tracks))
+        return format_html(lines, [("time", "what", "probability"), *list_event_rows(self.rally)])
+
+    @property
+    def scene(self) -> CourtScene:  # type: ignore[override]
+        """Court and camera."""
+        return self.rally.scene
+
+    @property
+    def tracks(self) -> RallyTracks:  # type: ignore[override]
+        """Places of the ball or shuttle, frame by frame."""
+        return tabulate_tracks(self.rally)
+
+    @property
+    def events(self) -> tuple[RallyEvent, ...]:  # type: ignore[override]
+        """Hits, bounces, touches of the net and the landing, in order of time."""
+        return self.rally.events
+
+    @property
+    def trajectory(self) -> RallyTrajectory:  # type: ignore[override]
+        """The flights; `.at(t)` is place, velocity and covariance at any times t, s."""
+        return RallyTrajectory(self.rally)
+
+    @property
+    def trust(self) -> Trust:
+        """Trust level of the run (green, amber or red) and its reasons."""
+        return assess_rally_trust(self.rally)
+
+
 def run(
     clip: str | Path,
     out: str | Path | None = None,
@@ -180,7 +232,7 @@ def run(
         settings: Options of `trueroll run`, such as slow=4 or table="pool-9ft".
 
     Returns:
-        The run with its values.
+        The run with its values; of a rally over a net, a `RallyRun`.
 
     Raises:
         TruerollError: The clip or a value cannot be used.
@@ -195,6 +247,8 @@ def run(
     finished = run_chosen_shot(
         path, folder, options, open_cache(cache), _CallbackWatcher(progress), ShotChoice(shot, at)
     )
+    if isinstance(finished, FinishedRally):
+        return RallyRun(folder, finished.rally)
     return Run(folder, finished.shot, finished.fit.laws)
 
 
@@ -205,14 +259,16 @@ def load(folder: str | Path) -> Run:
         folder: The run folder.
 
     Returns:
-        The run with its values.
+        The run with its values; of a rally over a net, a `RallyRun`.
 
     Raises:
         OptionError: It holds no saved shot.
     """
     place = Path(folder)
-    shot = read_shot(place)
-    return Run(place, shot, find_laws(place, shot, open_cache(None)))
+    saved = read_saved(place)
+    if isinstance(saved, Rally):
+        return RallyRun(place, saved)
+    return Run(place, saved, find_laws(place, saved, open_cache(None)))
 
 
 class _CallbackWatcher:

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from models.core.corrections import Corrections
-from models.core.errors import ClipError, OptionError
-from models.core.fit_result import Fit
+from models.core.errors import ClipError, OptionError, TableNotFound
+from models.core.fit_result import Fit, Trust
 from models.core.naming import Naming
+from models.core.rally import Rally
 from models.core.scene import Scene
 from models.core.shot import Shot
 from models.core.tracks import Tracks
@@ -31,6 +32,7 @@ from pipeline.io.run_views import view_inputs
 from pipeline.io.saved_shot import publish_shot
 from pipeline.io.shot_laws import keep_laws
 from pipeline.reporting.text.fit_sentences import format_corrections
+from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from pipeline.reporting.text.text_formatting import escape_text
 from pipeline.run_options import (
     RunOptions,
@@ -40,11 +42,15 @@ from pipeline.run_options import (
     list_overridden_flags,
 )
 from pipeline.stages.calibrate_stage import calibrate_stage
+from pipeline.stages.candidates_stage import candidates_stage
+from pipeline.stages.court_stage import court_stage
 from pipeline.stages.detect_stage import detect_stage
 from pipeline.stages.explain_stage import explain_stage
 from pipeline.stages.export_stage import export_stage
 from pipeline.stages.laws_stage import laws_stage
 from pipeline.stages.place_stage import place_stages
+from pipeline.stages.rally_output_stages import RallyPageOptions, rally_output_stages
+from pipeline.stages.rally_stage import rally_stage
 from pipeline.stages.read_stage import open_frame_memory, read_stage
 from pipeline.stages.record_stage import RecordOptions, record_stage
 from pipeline.stages.render_stage import background_stage, poster_stage, render_stage
@@ -69,7 +75,7 @@ STAGE_FILES: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class FinishedRun:
-    """A finished run."""
+    """A finished run of a shot of billiards."""
 
     folder: Path
     shot: Shot
@@ -77,6 +83,26 @@ class FinishedRun:
     """Views of the shot."""
     notes: tuple[str, ...] = ()
     """Sentences about irregularities of the clip, and on corrections by hand."""
+
+    @property
+    def trust(self) -> Trust:
+        """Trust level of the run."""
+        return self.fit.trust
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedRally:
+    """A finished run of a rally over a net."""
+
+    folder: Path
+    rally: Rally
+    notes: tuple[str, ...] = ()
+    """Sentences about irregularities of the clip, and on corrections by hand."""
+
+    @property
+    def trust(self) -> Trust:
+        """Trust level of the run."""
+        return assess_rally_trust(self.rally)
 
 
 def build_run_graph(
@@ -90,7 +116,7 @@ def build_run_graph(
 
     Args:
         clip: Path of the clip.
-        options: Options of all stages.
+        options: Options of all stages; without a sport, the graph is that of billiards.
         shot: The shot of the clip to run; None for the whole clip.
         executor: Where stages run parts of their work; it changes no result.
         memory: Keeps the decoded frames of the clip for the stages; None decodes it in each.
@@ -102,7 +128,16 @@ def build_run_graph(
         ClipError: The clip is no video or cannot be read.
     """
     digest = hash_clip(clip) if shot is None else shot.whole.digest
-    return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), shot, executor, memory)
+    own = honour_corrections(clip, digest, options, shot)
+    return _build_graph(clip, digest, own, options.court.has_court, shot, executor, memory)
+
+
+def build_court_graph(
+    clip: Path, options: RunOptions, shot: ClipShot | None = None, memory: FrameMemory | None = None
+) -> StageGraph:
+    """Build the graph of all stages of a run of a rally; see `build_run_graph`."""
+    digest = hash_clip(clip) if shot is None else shot.whole.digest
+    return _build_graph(clip, digest, honour_corrections(clip, digest, options, shot), True, shot, SERIAL, memory)
 
 
 def build_shot_graph(clip: Path, options: RunOptions, memory: FrameMemory | None = None) -> StageGraph:
@@ -147,16 +182,25 @@ def _read_own_corrections(clip: Path, digest: str, shot: ClipShot | None) -> Cor
 
 
 def _build_graph(
-    clip: Path, digest: str, options: RunOptions, shot: ClipShot | None, executor: Executor, memory: FrameMemory | None
-) -> StageGraph:
-    """Build the graph of a run whose options hold the corrections of the clip."""
+    clip: Path, digest: str, options: RunOptions, has_court: bool, shot: ClipShot | None, executor: Executor,
+    memory: FrameMemory | None,
+) -> StageGraph:  # fmt: skip
+    """Build the graph of a run whose options hold the corrections of the clip: of a rally, or of billiards."""
     settings = format_changed_settings(replace(options, render=replace(options.render, no_video=False)))
     title = escape_text(clip.name if shot is None else f"{clip.name}, {shot.name}")
     placed = place_stages(options.corrections)
     detections = placed[0].name if placed else "detect"
     read = read_stage(clip, digest, options.read, memory)
+    read = read if shot is None else shot_stage(shot, digest, options.read, memory)
+    name = digest if shot is None else f"{shot.name}-{digest}"
+    if has_court:
+        page = RallyPageOptions(title, options.render.slow, settings)
+        outputs = rally_output_stages(page, options.render)
+        return StageGraph.from_stages(
+            (read, court_stage(options.court), candidates_stage(), rally_stage(), *outputs), name
+        )
     stages = (
-        read if shot is None else shot_stage(shot, digest, options.read, memory),
+        read,
         calibrate_stage(options.calibrate),
         detect_stage(options.detect, executor),
         *placed,
@@ -170,7 +214,7 @@ def _build_graph(
         record_stage(RecordOptions(title, options.fit, detections)),
         *(() if options.render.no_video else (render_stage(options.render),)),
     )
-    return StageGraph.from_stages(stages, digest if shot is None else f"{shot.name}-{digest}")
+    return StageGraph.from_stages(stages, name)
 
 
 def run_shot_graph(graph: StageGraph, cache: ResultCache, watcher: RunWatcher) -> tuple[Clip, Shot]:
@@ -254,15 +298,16 @@ def run_clip(
     watcher: RunWatcher,
     snapshot: SourceSnapshot | None = None,
     shot: ClipShot | None = None,
-    answer_listener: Callable[[FinishedRun], None] | None = None,
+    answer_listener: Callable[[FinishedRun | FinishedRally], None] | None = None,
     executor: Executor = SERIAL,
     start_helpers: Callable[[Collection[str]], object] | None = None,
     memory: FrameMemory | None = None,
     notes: tuple[str, ...] = (),
-) -> FinishedRun:
+) -> FinishedRun | FinishedRally:
     """Run the chain on one clip and publish its files in a folder.
 
-    Tables, poster and report are published as soon as they exist, the recording and the slow motion at the end.
+    Tables, poster and report are published as soon as they exist, the recording and the slow motion at the end. A clip
+    without a billiards table is searched for a court.
 
     Args:
         clip: Path of the clip.
@@ -288,7 +333,8 @@ def run_clip(
     corrections = _read_own_corrections(clip, digest, shot)
     corrected = apply_corrections(options, corrections)
     memory = memory or open_frame_memory()
-    graph = _build_graph(clip, digest, corrected, shot, executor, memory)
+    has_court = options.court.has_court
+    graph = _build_graph(clip, digest, corrected, has_court, shot, executor, memory)
     require_writable_folder(folder)
     require_clip_not_overwritten(clip, folder)
     by_hand = len(format_corrections(corrected.corrections, Naming()))
@@ -300,7 +346,7 @@ def run_clip(
     def publish_answer(before: Mapping[str, CacheEntry]) -> None:
         """Publish tables, poster and report before a later stage runs."""
         nonlocal is_answered
-        if start_helpers is not None:
+        if start_helpers is not None and not has_court:
             start_helpers(before)
         if "report" not in before:
             return
@@ -310,8 +356,19 @@ def run_clip(
             answer_listener(_summarize_run(folder, graph, before, corrected, notes, memory))
         is_answered = True
 
+    check = partial(require_unchanged, digest)
     with memory:
-        entries = graph.run(cache, watcher, partial(require_unchanged, digest), snapshot, publish_answer)
+        try:
+            entries = graph.run(cache, watcher, check, snapshot, publish_answer)
+        except TableNotFound as refusal:
+            if options.court.sport is not None:
+                raise
+            has_court, graph = True, _build_graph(clip, digest, corrected, True, shot, executor, memory)
+            try:
+                graph.select("court").run(cache, watcher, check, snapshot)
+            except ClipError:
+                raise refusal from None
+            entries = graph.run(cache, watcher, check, snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))
     if "laws" in entries and not corrected.fit.profile:  # a profile is a prior that other questions do not share
@@ -322,9 +379,11 @@ def run_clip(
 def _summarize_run(
     folder: Path, graph: StageGraph, entries: Mapping[str, CacheEntry], options: RunOptions, notes: tuple[str, ...],
     memory: FrameMemory,
-) -> FinishedRun:  # fmt: skip
+) -> FinishedRun | FinishedRally:  # fmt: skip
     """Summarize a run whose fit is done; `notes` are added to those of the clip."""
     clip: Clip = graph.load("read", entries)
+    if "rally" in entries:
+        return FinishedRally(folder, graph.load("rally", entries), (*clip.notes, *memory.notes, *notes))
     values = {name: graph.load(name, entries) for name in ("explain", "laws") if name in entries}
     shot: Shot = values["explain"]
     fit = view_inputs(values, options.fit)

@@ -8,8 +8,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from models.core.errors import OptionError, TableNotFound
-from pipeline.chain import FinishedRun, hash_clip, honour_corrections, make_change_check, run_clip
+from models.core.errors import ClipError, OptionError, TableNotFound, TruerollError
+from pipeline.chain import (
+    FinishedRally,
+    FinishedRun,
+    build_court_graph,
+    hash_clip,
+    honour_corrections,
+    make_change_check,
+    run_clip,
+)
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
 from pipeline.engine.stage import Stage
@@ -32,6 +40,10 @@ class ShotChoice:
 
 
 LONGEST_SHOT = ShotChoice()
+# s of a view of a court that may show a rally: a serve and its landing take as long.
+MIN_RALLY_S = 1.0
+# Views, the longest, of a recording without a table in which a court is searched: others show players and spectators.
+COURT_TRIES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +66,8 @@ def find_recording_shots(
 ) -> RecordingShots:
     """Find the shots of a recording, whose frames `memory` keeps.
 
-    A clip without a cut or a fade that is too short for several shots is not searched.
+    A clip without a cut or a fade that is too short for several shots is not searched. Of a court, every view is one: a
+    cut ends a rally.
 
     Args:
         clip: Path of the recording.
@@ -73,11 +86,18 @@ def find_recording_shots(
     read, whole = _read_recording(clip, options, cache, watcher, unchanged, snapshot, memory)
     from video.calibration.shot_segmentation import list_shot_spans  # slow to import
 
+    if options.court.has_court:
+        return RecordingShots(_list_views(whole, unchanged))
     if find_single_span(whole):
         return RecordingShots()
     graph = StageGraph.from_stages([read, shots_stage()], whole.digest)
     intervals = graph.load("shots", graph.run(cache, watcher, partial(unchanged, whole.digest), snapshot))
     spans = list_shot_spans(whole, intervals)
+    if not len(intervals) and options.court.sport is None:
+        views = _list_views(whole, unchanged)
+        longest = sorted(views, key=lambda view: view.begins - view.ends)[:COURT_TRIES]
+        if any(_shows_court(clip, options, view, cache, watcher, memory) for view in longest):
+            return RecordingShots(views)
     if not spans:
         return RecordingShots()
     shots = tuple(
@@ -85,6 +105,28 @@ def find_recording_shots(
         for number, (first, stop, motion_s) in enumerate(spans)
     )
     return RecordingShots(shots, len(intervals.replays), intervals.views_without_table)
+
+
+def _list_views(whole: Clip, unchanged: Callable[[str], None]) -> tuple[ClipShot, ...]:
+    """List the views of a recording that may show a rally; none where it is one view."""
+    spans = [(first, stop, float(whole.t[stop - 1] - whole.t[first])) for first, stop in whole.views.tolist()]
+    lasting = [span for span in spans if span[2] >= MIN_RALLY_S] if len(spans) > 1 else []
+    return tuple(
+        ClipShot(whole, number, first, stop, unchanged, seconds)
+        for number, (first, stop, seconds) in enumerate(lasting)
+    )
+
+
+def _shows_court(
+    clip: Path, options: RunOptions, view: ClipShot, cache: ResultCache, watcher: RunWatcher, memory: FrameMemory | None
+) -> bool:
+    """Find out whether a view shows a court."""
+    part = None if memory is None else memory.extract_frames(view.first, view.stop)
+    try:
+        build_court_graph(clip, options, view, part).select("court").run(cache, watcher)
+    except ClipError:
+        return False
+    return True
 
 
 def read_recording_shot(
@@ -175,7 +217,7 @@ def run_chosen_shot(
     watcher: RunWatcher,
     choice: ShotChoice = LONGEST_SHOT,
     **how: Any,
-) -> FinishedRun:
+) -> FinishedRun | FinishedRally:
     """Run a clip, or of a recording with several views or shots the one that was asked for.
 
     Args:
@@ -198,7 +240,8 @@ def run_chosen_shot(
         if choice.number not in (None, 1):
             raise OptionError(f"{clip.name} is one shot; leave out --shot {choice.number}")
         return run_clip(clip, folder, options, cache, watcher, memory=memory, **how)
-    refusals: list[TableNotFound] = []
+    refusals: list[TruerollError] = []
+    refused: type[TruerollError] = ClipError if options.court.has_court else TableNotFound
     for shot in order_shots(recording, choice):
         others = tuple(
             f"shot {other.number + 1}, seconds {other.begins:.2f} to {other.ends:.2f}: --shot {other.number + 1}"
@@ -209,6 +252,6 @@ def run_chosen_shot(
         try:
             part = memory.extract_frames(shot.first, shot.stop)
             return run_clip(clip, folder, options, cache, watcher, memory=part, shot=shot, notes=others, **how)
-        except TableNotFound as error:
+        except refused as error:
             refusals.append(error)
     raise refusals[0]

@@ -16,7 +16,7 @@ from pipeline.settings import DoorOptions, Setting, collect_settings, replace_se
 from video.io.video_options import RenderOptions
 
 # Stages with options, in the order of the help.
-OPTION_STAGES = ("read", "calibrate", "detect", "track", "fit", "render")
+OPTION_STAGES = ("read", "calibrate", "court", "detect", "track", "fit", "render")
 # Settings that a person can correct; fields of `Corrections` have the same names.
 CORRECTED_SETTINGS = ("corners", "table", "ball_radius", "fps")
 # Settings whose value is the content of a file.
@@ -43,6 +43,7 @@ class RunSettings(TypedDict, total=False):
     table: str | None
     ball_radius: float | None
     profile: str
+    sport: str | None
     looks: str
     detector: Literal["auto", "hough", "onnx"]
     model: str | None

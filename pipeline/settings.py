@@ -10,7 +10,7 @@ from detectors.detect_options import DetectOptions
 from models.core.errors import OptionError
 from models.core.options import OptionSpec, list_option_specs
 from pipeline.stages.read_stage import ReadOptions
-from video.io.video_options import CalibrateOptions
+from video.io.video_options import CalibrateOptions, CourtOptions
 
 # A frozen dataclass with the options of one stage in each field.
 Options = TypeVar("Options")
@@ -22,6 +22,7 @@ class DoorOptions:
 
     read: ReadOptions = field(default_factory=ReadOptions)
     calibrate: CalibrateOptions = field(default_factory=CalibrateOptions)
+    court: CourtOptions = field(default_factory=CourtOptions)
     detect: DetectOptions = field(default_factory=DetectOptions)
 
 

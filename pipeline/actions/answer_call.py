@@ -23,8 +23,9 @@ from models.estimation.contact_test.rule_answers import FIRST_BALL_GROUPS, answe
 from models.estimation.contact_test.shot_record import REST_SPEED, ShotRecord
 from models.physics.billiards.cushion_geometry import find_mouth_line
 from pipeline.engine.atomic_write import replace_file, require_writable_folder
-from pipeline.io.run_folder import read_scene_document, read_source
+from pipeline.io.run_folder import read_source
 from pipeline.io.saved_shot import read_shot
+from pipeline.io.strict_json import read_json
 from pipeline.reporting.text.call_sentences import CallWords, format_call, format_sequence
 from pipeline.stages.read_stage import ReadOptions
 from video.io.clip import Clip, open_clip, read_frames
@@ -277,7 +278,7 @@ def open_run_clip(folder: Path, clip: Path | None) -> tuple[Clip | None, str]:
             raise OptionError(f"A clip was expected; {clip} is not a file")
         return None, "the clip of this run has been moved; name it with --clip."
     try:
-        digest = (read_scene_document(folder / "scene.json").get("clip") or {}).get("sha256")
+        digest = (read_json(folder / "scene.json", "A run folder has a scene.json").get("clip") or {}).get("sha256")
         if clip is None and digest not in (None, compute_clip_digest(source)):
             return None, f"{source} is now another clip; name the right one with --clip."
         settings = noted.get("settings", {})

@@ -28,6 +28,7 @@ from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files, write_profile_files
 from pipeline.io.long_recordings import cut_pendulums
+from pipeline.io.saved_shot import holds_rally
 from pipeline.io.strict_json import read_json
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
@@ -155,7 +156,12 @@ def diagnose_into(
 
 
 def _list_runs(rows: Iterable[ClipResult]) -> Iterator[tuple[Path, str]]:
-    """List the folder of every shot with its trust level."""
+    """List the folder of every shot of billiards with its trust level."""
+    yield from (run for run in _list_all_runs(rows) if not holds_rally(run[0]))
+
+
+def _list_all_runs(rows: Iterable[ClipResult]) -> Iterator[tuple[Path, str]]:
+    """List the folder of every shot or rally with its trust level."""
     for row in rows:
         folder = Path(row.folder)
         if row.status == "done" and row.in_shots:

@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from models.numerics.jit import measure_compilation
 from pipeline.batch.clip_discovery import FilmLength, describe_room, estimate_bytes
 from pipeline.batch.clip_job import ClipJob, ClipResult, build_failed_result, format_duration
-from pipeline.chain import FinishedRun, run_clip, write_source
+from pipeline.chain import FinishedRally, FinishedRun, run_clip, write_source
 from pipeline.engine.atomic_write import remove_leftovers, replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
@@ -28,6 +26,8 @@ from pipeline.stages.shot_stages import ClipShot
 # The project's code that this process runs; a later edit counts for the next process.
 SNAPSHOT = SourceSnapshot()
 TRUST_LEVELS = ("green", "amber", "red")
+# Events that are contacts of balls: with each other, a cushion, a racket, the ground or the net.
+CONTACTS = ("ball", "cushion", "hit", "bounce", "net", "landing")
 
 
 class ShotWatcher(RunWatcher, Protocol):
@@ -107,16 +107,23 @@ def _plan_shots(shots: Sequence[ClipShot], folder: Path, cache: ResultCache, opt
 
 
 def _summarize_runs(
-    job: ClipJob, runs: list[FinishedRun], sentence: str, cached: bool, *, in_shots: bool = False
+    job: ClipJob, runs: list[FinishedRun | FinishedRally], sentence: str, cached: bool, *, in_shots: bool = False
 ) -> ClipResult:
     """Summarize the runs of a clip."""
-    light = max((run.fit.trust.level for run in runs), key=TRUST_LEVELS.index)
-    contacts = sum(kind in ("ball", "cushion") for run in runs for kind in run.fit.events.kind)
-    last = max(float(np.max(run.fit.events.t, initial=0.0)) for run in runs)
+    light = max((run.trust.level for run in runs), key=TRUST_LEVELS.index)
+    contacts = sum(kind in CONTACTS for run in runs for kind, _ in _list_events(run))
+    last = max((t for run in runs for _, t in _list_events(run)), default=0.0)
     return ClipResult(
         job.name, "done", light, contacts, round(last, 3), job.folder, sentence, shots=len(runs), cached=cached,
         in_shots=in_shots,
     )  # fmt: skip
+
+
+def _list_events(run: FinishedRun | FinishedRally) -> list[tuple[str, float]]:
+    """List kind and time, s, of the events of a run."""
+    if isinstance(run, FinishedRally):
+        return [(one.kind, one.t) for one in run.rally.events]
+    return list(zip(run.fit.events.kind, run.fit.events.t.tolist(), strict=True))
 
 
 MERGED_TABLES = ("tracks.csv", "events.csv", "trajectory.csv")
@@ -127,7 +134,7 @@ class ShotOutcome:
     """A shot and its run."""
 
     shot: ClipShot
-    run: FinishedRun | None
+    run: FinishedRun | FinishedRally | None
     sentence: str
     """Why the shot failed; empty if it did not."""
 
@@ -162,7 +169,7 @@ def _merge_tables(clip: Path, ran: Sequence[ShotOutcome], folder: Path, options:
     scene["shots"] = [
         {
             "shot": one.shot.number, "folder": one.shot.name, "first": one.shot.first, "stop": one.shot.stop,
-            "begins": float(one.shot.clip.t[0]), "trust": one.run.fit.trust.level if one.run else "",
+            "begins": float(one.shot.clip.t[0]), "trust": one.run.trust.level if one.run else "",
         }
         for one in ran
     ]  # fmt: skip

@@ -24,7 +24,8 @@ def save_value(value: object, folder: Path) -> None:
     """Write a frozen dataclass into a folder: arrays to arrays.npz, everything else to value.json.
 
     Args:
-        value: A dataclass of arrays, numbers, strings, fractions, paths, None, tuples and further dataclasses.
+        value: A dataclass of arrays, numbers, strings, fractions, paths, None, tuples, mappings with texts as keys, and
+            further dataclasses.
         folder: An existing folder.
 
     Raises:
@@ -91,6 +92,8 @@ def encode_value(value: Any, path: str, arrays: dict[str, AnyArray]) -> Any:
         return {name: encode_value(getattr(value, name), f"{path}.{name}".lstrip("."), arrays) for name in names}
     if isinstance(value, tuple):
         return [encode_value(part, f"{path}.{k}", arrays) for k, part in enumerate(value)]
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {key: encode_value(part, f"{path}.{key}", arrays) for key, part in value.items()}
     if isinstance(value, np.generic):
         return encode_value(value.item(), path, arrays)
     if isinstance(value, float) and not math.isfinite(value):
@@ -124,6 +127,8 @@ def decode_value(kind: Any, data: Any, arrays: Mapping[str, AnyArray]) -> Any:
         parts = get_args(kind)
         kinds = [parts[0]] * len(data) if parts[1:] == (Ellipsis,) else list(parts)
         return tuple(decode_value(k, d, arrays) for k, d in zip(kinds, data, strict=True))
+    if origin is Mapping:
+        return {key: decode_value(get_args(kind)[1], part, arrays) for key, part in data.items()}
     if origin is Literal:
         return data
     return kind(data)

@@ -40,7 +40,8 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     """
     scene = read_json(path, f"A run folder has a {path.name}")
     if not isinstance(scene, dict) or scene.get("scene") != "billiards":
-        raise OptionError(f"{path} describes no billiards scene")
+        rally = f" but a rally of {scene.get('sport')}" * (isinstance(scene, dict) and scene.get("scene") == "rally")
+        raise OptionError(f"{path} describes no billiards scene{rally}")
     return scene
 
 

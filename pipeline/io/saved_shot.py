@@ -1,10 +1,11 @@
 """The saved shot of a run folder: what every answer reads, and of which the tables of the folder are exports.
 
-What is saved is one value, a `models.core.shot.Shot` with all its fields. Events, trajectory and trust level are views,
-computed from it when they are needed. The file SHOT.json that `trueroll simulate` reads is something else:
-`pipeline.io.shot_setup`.
+What is saved is one value with all its fields: a `models.core.shot.Shot`, or a `models.core.rally.Rally`. Events,
+trajectory and trust level are views, computed from it when they are needed. The file SHOT.json that `trueroll simulate`
+reads is something else: `pipeline.io.shot_setup`.
 
-shot/shot.json      format, version of the program, options of the run, and the value without its arrays
+shot/shot.json      format, kind unless it is a shot, version of the program, options of the run, and the value without
+                    its arrays
 shot/HASH.npz       the arrays, under the hash that shot.json names
 shot/kept/          what answers computed later from the shot, see `kept_values`
 """
@@ -25,19 +26,21 @@ import numpy as np
 from filelock import FileLock
 
 from models.core.errors import OptionError
+from models.core.rally import Rally
 from models.core.shot import Shot
 from pipeline.engine.atomic_write import replace_file
 from pipeline.engine.value_files import AnyArray, decode_value, encode_value
 
 SHOT_FOLDER, SHOT_FILE, LOCK_FILE = "shot", "shot.json", "lock"
-# Version of the layout; a later program reads every earlier one.
-FORMAT = 1
+# Version of the layout; a later program reads every earlier one. Format 2 holds kinds of values besides shots.
+FORMAT, SHOT_FORMAT = 2, 1
+RALLY = "rally"
 HASH_DIGITS = 16
 # What files raise that were cut off or altered.
 _UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
 
 
-def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Path) -> None:
+def write_shot(shot: Shot | Rally, options: Mapping[str, Any], version: str, folder: Path) -> None:
     """Write a shot into a folder that holds none.
 
     Args:
@@ -50,7 +53,8 @@ def write_shot(shot: Shot, options: Mapping[str, Any], version: str, folder: Pat
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     name = f"{hashlib.sha256(buffer.getvalue()).hexdigest()[:HASH_DIGITS]}.npz"
-    document = {"format": FORMAT, "program": version, "options": dict(options), "arrays": name, "value": tree}
+    kind = {"format": FORMAT, "kind": RALLY} if isinstance(shot, Rally) else {"format": SHOT_FORMAT}
+    document = {**kind, "program": version, "options": dict(options), "arrays": name, "value": tree}
     (folder / SHOT_FOLDER).mkdir()
     _write_files(folder / SHOT_FOLDER, buffer.getvalue(), document)
 
@@ -105,6 +109,64 @@ def read_shot(folder: Path) -> Shot:
         The shot.
 
     Raises:
+        OptionError: There is none, it is a rally, or it cannot be read.
+    """
+    return require_shot(read_saved(folder), folder)
+
+
+def require_shot(saved: Shot | Rally, folder: Path) -> Shot:
+    """Return a shot of billiards; raises OptionError for a rally."""
+    if isinstance(saved, Rally):
+        raise OptionError(
+            f"{folder} holds a rally of {saved.scene.sport.name}, and a shot of billiards was expected; of a rally, ask"
+            " trueroll call DIR landing, trueroll call DIR net, or trueroll predict DIR --at T"
+        )
+    return saved
+
+
+def read_rally(folder: Path) -> Rally:
+    """Read the saved rally of a run folder.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        The rally.
+
+    Raises:
+        OptionError: There is none, it is a shot of billiards, or it cannot be read.
+    """
+    return require_rally(read_saved(folder), folder)
+
+
+def require_rally(saved: Shot | Rally, folder: Path) -> Rally:
+    """Return a rally; raises OptionError for a shot of billiards."""
+    if isinstance(saved, Shot):
+        raise OptionError(
+            f"{folder} holds a shot of billiards, and a rally over a net was expected; landing and net are asked of"
+            " rallies"
+        )
+    return saved
+
+
+def holds_rally(folder: Path) -> bool:
+    """Find out whether the saved value of a folder is a rally."""
+    with suppress(OSError, ValueError, TypeError, AttributeError):
+        document = json.loads((folder / SHOT_FOLDER / SHOT_FILE).read_text(encoding="utf-8"))
+        return bool(document.get("kind") == RALLY)
+    return False
+
+
+def read_saved(folder: Path) -> Shot | Rally:
+    """Read the saved value of a run folder.
+
+    Args:
+        folder: The run folder.
+
+    Returns:
+        A shot or a rally.
+
+    Raises:
         OptionError: There is none, or it cannot be read.
     """
     for _ in range(2):  # a run that replaces the shot removes the arrays of the one before
@@ -118,8 +180,9 @@ def read_shot(folder: Path) -> Shot:
                 )
             packed = io.BytesIO((path.parent / document["arrays"]).read_bytes())
             with np.load(packed, allow_pickle=False) as arrays:
-                shot: Shot = decode_value(Shot, document["value"], dict(arrays))
-            return shot
+                kind = Rally if document.get("kind") == RALLY else Shot
+                saved: Shot | Rally = decode_value(kind, document["value"], dict(arrays))
+            return saved
         except _UNREADABLE as error:
             failure: BaseException = error
     if not path.is_file():

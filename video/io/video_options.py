@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from models.core.options import option
+from models.sports.sport_catalogue import find_sports
 
 OverlayStyle = Literal["clean", "coach", "umpire"]
+# The sport of clips without a court.
+BILLIARDS = "billiards"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +27,28 @@ class CalibrateOptions:
     profile: str = option(
         "", help="Table profile (FILE): the calibration starts from its corners, table and ball size."
     )
+
+
+@dataclass(frozen=True, slots=True)
+class CourtOptions:
+    """Options of finding a court and its camera."""
+
+    sport: str | None = option(
+        None,
+        help=f"{BILLIARDS}, {', '.join(find_sports())}. Default: billiards where the clip shows such a table, else the"
+        " sport of its court.",
+    )
+    corners: str | None = option(None, help="With --sport, of a court: its outer corners.")
+
+    def __post_init__(self) -> None:
+        names = (BILLIARDS, *find_sports())
+        if self.sport is not None and self.sport not in names:
+            raise ValueError(f"{', '.join(names[:-1])} or {names[-1]} was expected")
+
+    @property
+    def has_court(self) -> bool:
+        """Whether the user said that the clip shows a court."""
+        return self.sport not in (None, BILLIARDS)
 
 
 @dataclass(frozen=True, slots=True)

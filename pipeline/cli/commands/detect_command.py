@@ -38,7 +38,7 @@ COLUMNS = tuple(DetectedBallRow.__dataclass_fields__)
 
 
 @cli.command("detect")
-@add_settings(list_door_settings(), build_door_options, ("fps",))
+@add_settings(list_door_settings(), build_door_options, ("fps", "sport"))
 def detect_balls_in_stills(
     images: Annotated[Path, typer.Argument(metavar="IMAGE|FOLDER")],
     out: Annotated[Path, cli.make_output_option(metavar="FILE.csv")],

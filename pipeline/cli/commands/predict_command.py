@@ -13,6 +13,7 @@ from models.estimation.forecast.ensemble_prediction import ENSEMBLE_SIZE
 from pipeline.engine.atomic_write import parse_output_path
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.particle_files import is_particle_source
+from pipeline.io.saved_shot import holds_rally, read_rally
 from pipeline.terminal import command_line as cli
 from pipeline.terminal.answer_command import answer_command, read_learned_table
 
@@ -33,7 +34,8 @@ def predict(
 ) -> Answer:
     """Predict the rest of a shot from any moment, with its uncertainty; later observations are not used.
 
-    A tracks.csv without a scene holds any particles: springs, colliding rigid bodies, or bodies in flight.
+    Of a rally, the flight is continued until the playing surface. A tracks.csv without a scene holds any particles:
+    springs, colliding rigid bodies, or bodies in flight.
 
     Args:
         source: Folder of a run, a track folder, or a tracks.csv.
@@ -52,6 +54,10 @@ def predict(
         from pipeline.actions.particle_motion import predict_particles  # slow to import
 
         return predict_particles(place, seconds, at, folder, shot, fps)
+    if holds_rally(place):
+        from pipeline.actions.predict_rally import predict_rally  # slow to import
+
+        return predict_rally(read_rally(place), seconds, at, folder)
     from pipeline.actions.predict_shot import predict_shot  # slow to import
 
     learned = read_learned_table(profile)

@@ -9,15 +9,18 @@ from typing import Annotated, Any
 
 import typer
 
+from models.estimation.rally.landing_judgement import judge_landing
 from models.numerics.jit import notify_first_compilation
-from pipeline.chain import FinishedRun, default_run_folder
+from pipeline.chain import FinishedRally, FinishedRun, default_run_folder
 from pipeline.engine.helper_executor import DeferredExecutor
 from pipeline.engine.result_cache import open_cache
 from pipeline.io.run_tables import describe_shot_numbers
+from pipeline.io.strict_json import replace_nonfinite
 from pipeline.recording_shots import ShotChoice, run_chosen_shot
 from pipeline.reporting.text.check_sentences import format_event_probability
 from pipeline.reporting.text.fit_sentences import format_whole_shot
 from pipeline.reporting.text.number_sentences import format_shot_line
+from pipeline.reporting.text.rally_sentences import describe_landing_call, format_landing, list_event_rows
 from pipeline.reporting.text.text_formatting import (
     format_event,
     format_event_time,
@@ -48,7 +51,7 @@ def run(
     """Turn a clip into annotated slow motion, tracks, contacts and a fitted model.
 
     Args:
-        clip: A clip of a shot: mp4, mov, mkv, avi, webm.
+        clip: A clip of a shot or of a rally: mp4, mov, mkv, avi, webm.
         out: Folder of the results. Default: out/<clip>.
         update_profile: Table profile that this run starts from, as with --profile, and improves; a missing file is
             started.
@@ -59,7 +62,7 @@ def run(
     store = open_cache(cache)
     if update_profile is not None:
         options = use_growing_profile(options, update_profile)
-    answers: list[FinishedRun] = []
+    answers: list[FinishedRun | FinishedRally] = []
     with (
         DeferredExecutor(load_detectors) as executor,
         KernelPreparation() as kernels,
@@ -73,7 +76,7 @@ def run(
             if "detect" not in done and not is_compiling:
                 executor.start()
 
-        def print_answer(answer: FinishedRun) -> None:
+        def print_answer(answer: FinishedRun | FinishedRally) -> None:
             """Print the answer while the rest is still made."""
             answers.append(answer)
             with display.pause():
@@ -87,7 +90,7 @@ def run(
         _print_notes(finished.notes)
     elif not answers:
         _print_answer(finished)
-    if update_profile is not None:
+    if update_profile is not None and isinstance(finished, FinishedRun):
         from pipeline.io import view_profile  # pydantic is slow to import
 
         begun = view_profile.update_profile(update_profile, finished.folder)
@@ -104,8 +107,21 @@ def _print_notes(notes: Iterable[str]) -> None:
         cli.print_note(f"Note: {note}")
 
 
-def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
+def _rally_to_json(finished: FinishedRally) -> dict[str, Any]:
+    """Return folder, sport, trust level, events and the call of the landing as JSON values."""
+    rally = finished.rally
+    names = ("kind", "t", "t_sigma", "player", "probability", "speed", "speed_sigma")
+    rows = [{name: getattr(one, name) for name in names} | {"place": one.place} for one in rally.events]
+    document = {"folder": str(finished.folder), "sport": rally.scene.sport.name,
+                "trust": summarize_trust(finished.trust), "events": rows,
+                "landing": describe_landing_call(judge_landing(rally), rally)}  # fmt: skip
+    return dict(replace_nonfinite(document))
+
+
+def _run_to_json(finished: FinishedRun | FinishedRally) -> dict[str, Any]:
     """Return folder, trust level, contact models, events and numbers of the shots as JSON values."""
+    if isinstance(finished, FinishedRally):
+        return _rally_to_json(finished)
     fit, events = finished.fit, finished.fit.events
     names = ("kind", "t", "t_sigma", "a", "b", "probability")
     rows = [{name: getattr(events, name)[k] for name in names} for k in range(len(events))]
@@ -114,9 +130,25 @@ def _run_to_json(finished: FinishedRun) -> dict[str, Any]:
             "events": rows, "shot_numbers": describe_shot_numbers(fit.shot_numbers)}  # fmt: skip
 
 
-def _print_answer(finished: FinishedRun) -> None:
+def _print_rally(finished: FinishedRally) -> None:
+    """Print the events and the call of the landing."""
+    rally = finished.rally
+    cli.print_rows(("time", "what", "probability"), list_event_rows(rally))
+    words = format_landing(judge_landing(rally), rally)
+    screen = cli.make_output_console()
+    screen.print(f"{words.question} {words.sentence}", markup=False)
+    if words.advice:
+        screen.print(words.advice, markup=False)
+    screen.print(format_trust_line(finished.trust))
+    print(f"Look at {finished.folder / 'poster.png'} and {finished.folder / 'report.html'}", flush=True)
+
+
+def _print_answer(finished: FinishedRun | FinishedRally) -> None:
     """Print the notes, the events and the trust level."""
     _print_notes(finished.notes)
+    if isinstance(finished, FinishedRally):
+        _print_rally(finished)
+        return
     screen, fit = cli.make_output_console(), finished.fit
     if len(fit.events):
         rows = (

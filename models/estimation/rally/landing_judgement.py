@@ -1,0 +1,307 @@
+"""Umpires' questions about a rally: did it land in, and how high over the net did it fly?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtr
+
+from models.core.court import Rectangle, Sport
+from models.core.fit_result import SURE_PROBABILITY
+from models.core.rally import LandingHypothesis, Rally, RallyEvent
+from models.core.typing import FloatArray
+from models.estimation.rally.rally_views import continue_flight, evaluate_rally
+
+# Nodes of the Gauss-Legendre rule along y, and standard deviations beyond which there is nothing to integrate.
+NODES, REACH_SIGMAS = 200, 8.0
+# m, below the least standard deviation of a place that any camera gives; it only keeps divisions finite.
+LEAST_SIGMA = 1e-6
+# s between times at which a flight is sought at the net: at 75 m/s it moves 15 cm, and its height is interpolated.
+NET_STEP_S = 0.002
+# s up to which an event and a landing hypothesis are the same moment: half a frame at 25 fps.
+SAME_MOMENT_S = 0.02
+# m by which an outer edge of a line and of an area may differ by rounding.
+EDGE_TOLERANCE = 1e-6
+
+CallReason = Literal["close", "no_landing", "hitter_unknown", "several"]
+
+
+@dataclass(frozen=True, slots=True)
+class LandingCall:
+    """Whether the ball or shuttle landed in an area."""
+
+    area: str
+    """Name of the rule, such as `singles`."""
+    verdict: Literal["in", "out", "undecided"]
+    probability: float
+    """Of in; a place on the line is in."""
+    out_probability: float
+    """Of out; the rest to 1 is that it does not land."""
+    half: str
+    """Half in which a landing is good: `near`, `far`, `left` or `right`; empty where that is not known."""
+    rectangles: tuple[Rectangle, ...]
+    """Where a landing is good, m."""
+    landing: LandingHypothesis | None
+    """The most probable one; None without any."""
+    line: str
+    """The line that decides: the nearest, or of an out the one that it missed by most; empty without a landing."""
+    distance: float
+    """m from the outer edge of that line to the place of contact, positive for in; NaN without a landing."""
+    distance_sigma: float
+    speed: float
+    """m/s, at the landing; NaN where it is unknown."""
+    speed_sigma: float
+    frames: tuple[int, int]
+    """Frames in the file between which it lands: sharp ones, or more of them, would decide."""
+    reason: CallReason | None
+    """Why the clip does not decide; None where it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetCrossing:
+    """A flight over, or into, the net."""
+
+    t: float
+    """s."""
+    place: FloatArray
+    """(3,) m, centre of the object in the plane of the net."""
+    height: float
+    """m, of the lowest point of the object over the upper edge of the net; negative below it."""
+    height_sigma: float
+    speed: float
+    """m/s."""
+    is_touch: bool = False
+    """Whether it touched the net."""
+
+    @property
+    def over_probability(self) -> float:
+        """Probability that it is over the edge."""
+        return float(ndtr(self.height / max(self.height_sigma, LEAST_SIGMA)))
+
+
+def judge_landing(rally: Rally, area: str | None = None) -> LandingCall:
+    """Judge whether the object landed in an area, over all hypotheses of its landing.
+
+    Args:
+        area: Name of the area in the rules of the sport; None for the usual one.
+
+    Returns:
+        The call. It is undecided unless in or out is at least as probable as `SURE_PROBABILITY`.
+
+    Raises:
+        ValueError: The sport has no such area.
+    """
+    sport = rally.scene.sport
+    name = sport.default_area if area is None else area
+    if name not in sport.areas:
+        raise ValueError(f"{sport.name} has the areas {', '.join(sport.areas)}; got {name!r}")
+    landings = sorted(rally.landings, key=lambda one: -one.weight)
+    best = landings[0] if landings else None
+    targets = _weigh_targets(rally, name, best)
+    inside = sum(
+        one.weight * share * sum(_integrate_over(rectangle, one, sport) for rectangle in rectangles)
+        for one in landings
+        for rectangles, share in targets
+    )
+    weight = sum(one.weight for one in landings)
+    probability = float(np.clip(inside, 0.0, weight))
+    out = float(weight - probability)
+    verdict: Literal["in", "out", "undecided"] = "undecided"
+    if max(probability, out) >= SURE_PROBABILITY:
+        verdict = "in" if probability >= out else "out"
+    rectangles = max(targets, key=lambda one: one[1])[0]
+    line, distance, distance_sigma = "", math.nan, math.nan
+    if best is not None:
+        line, distance, distance_sigma = _measure_distance(rectangles, best, sport)
+    speed, speed_sigma = _find_speed(rally, best)
+    return LandingCall(
+        name, verdict, probability, out, _name_half(sport, targets), rectangles, best, line, distance, distance_sigma,
+        speed, speed_sigma, _find_deciding_frames(rally, best),
+        None if verdict != "undecided" else _find_reason(rally, targets, landings),
+    )  # fmt: skip
+
+
+def judge_net(rally: Rally) -> tuple[NetCrossing, ...]:
+    """Measure how high every flight crosses the plane of the net or touches the net, in order of time."""
+    sport = rally.scene.sport
+    crossings = []
+    for flight in rally.flights:
+        steps = max(math.ceil((flight.end - flight.start) / NET_STEP_S), 1)
+        t = np.linspace(flight.start, flight.end, steps + 1)[1:-1]  # at its ends, two flights meet
+        beyond = evaluate_rally(rally, t).xyz[:, 0] - sport.length / 2
+        for k in np.flatnonzero(beyond[:-1] * beyond[1:] < 0):
+            share = beyond[k] / (beyond[k] - beyond[k + 1])
+            crossings.append(_measure_crossing(rally, float(t[k] + share * (t[k + 1] - t[k]))))
+    for one in rally.events:
+        if one.kind == "net" and one.probability >= 0.5:
+            edge = float(sport.net.height_at(one.place[[1]], sport.width)[0])
+            height, sigma = float(one.place[2]) - sport.object.radius - edge, math.sqrt(float(one.covariance[2, 2]))
+            crossings.append(NetCrossing(one.t, one.place, height, sigma, one.speed, is_touch=True))
+    return tuple(sorted(crossings, key=lambda one: one.t))
+
+
+def _measure_crossing(rally: Rally, t: float) -> NetCrossing:
+    """Measure a crossing at t, s; the error along the flight only shifts the moment at which it crosses."""
+    sport, at = rally.scene.sport, evaluate_rally(rally, np.array([t]))
+    place, v, covariance = at.xyz[0], at.v[0], at.covariance[0]
+    edge = float(sport.net.height_at(place[[1]], sport.width)[0])
+    step = 1e-3
+    slope = (float(sport.net.height_at(place[[1]] + step, sport.width)[0]) - edge) / step
+    along = np.array([-(v[2] - slope * v[1]) / v[0], -slope, 1.0])  # of the height in the plane by x, y and z
+    sigma = math.sqrt(max(float(along @ covariance @ along), 0.0))
+    return NetCrossing(
+        t, place, float(place[2]) - sport.object.radius - edge, sigma, float(np.linalg.norm(v))
+    )  # fmt: skip
+
+
+def find_last_hit(rally: Rally, before: float = math.inf) -> RallyEvent | None:
+    """Find the last probable hit before a time, s; None without one."""
+    hits = [one for one in rally.events if one.kind == "hit" and one.probability >= 0.5 and one.t < before]
+    return max(hits, key=lambda one: one.t, default=None)
+
+
+def _weigh_targets(
+    rally: Rally, area: str, best: LandingHypothesis | None
+) -> list[tuple[tuple[Rectangle, ...], float]]:
+    """Weigh the sets of rectangles in which a landing may be good; shares add to 1.
+
+    A landing is good in the half opposite to the hitter, and a service in the box diagonally opposite.
+    """
+    sport = rally.scene.sport
+    hit = find_last_hit(rally, math.inf if best is None else best.t)
+    is_far = _find_direction(rally, hit, best)
+    if is_far is None:
+        return [(sport.areas[area], 1.0)]
+    here = tuple(one for one in sport.areas[area] if ((one[0] + one[2]) / 2 > sport.length / 2) == is_far)
+    sides = {(one[1] + one[3]) / 2 > sport.width / 2 for one in here}
+    if len(here) < 2 or len(sides) < 2 or hit is None:
+        return [(here, 1.0)]
+    sigma = max(math.sqrt(float(hit.covariance[1, 1])), LEAST_SIGMA)
+    from_low = float(ndtr((sport.width / 2 - hit.place[1]) / sigma))
+    diagonal = {True: from_low, False: 1 - from_low}  # from small y to large y, and back
+    return [
+        (tuple(one for one in here if ((one[1] + one[3]) / 2 > sport.width / 2) == high), share)
+        for high, share in diagonal.items()
+    ]
+
+
+def _find_direction(rally: Rally, hit: RallyEvent | None, best: LandingHypothesis | None) -> bool | None:
+    """Find whether the object was hit towards larger x; None where nothing tells."""
+    if hit is not None and hit.player:
+        return hit.player in ("near", "left")
+    flights = [one for one in rally.flights if best is None or one.start < best.t]
+    if flights:
+        return bool(flights[-1].parameters[3] > 0)
+    return None
+
+
+def _integrate_over(rectangle: Rectangle, landing: LandingHypothesis, sport: Sport) -> float:
+    """Integrate the normal distribution of a landing over a rectangle of the playing surface."""
+    if sport.floor < 0 and landing.place[2] < sport.floor / 2:  # on the floor beside a table
+        return 0.0
+    mean, covariance = landing.place[:2], landing.covariance[:2, :2]
+    sigma_y = max(math.sqrt(float(covariance[1, 1])), LEAST_SIGMA)
+    low, high = (
+        float(np.clip((edge - mean[1]) / sigma_y, -REACH_SIGMAS, REACH_SIGMAS)) for edge in (rectangle[1], rectangle[3])
+    )
+    slope = covariance[0, 1] / sigma_y
+    sigma_x = max(math.sqrt(max(float(covariance[0, 0] - slope**2), 0.0)), LEAST_SIGMA)
+    nodes, weights = _list_nodes()
+    u = low + (high - low) * (nodes + 1) / 2
+    centre = mean[0] + slope * u
+    within = ndtr((rectangle[2] - centre) / sigma_x) - ndtr((rectangle[0] - centre) / sigma_x)
+    density = np.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
+    return float((high - low) / 2 * np.sum(weights * density * within))
+
+
+@lru_cache(1)
+def _list_nodes() -> tuple[FloatArray, FloatArray]:
+    """List the nodes and weights of the Gauss-Legendre rule on (-1, 1)."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    return np.asarray(nodes), np.asarray(weights)
+
+
+def _measure_distance(
+    rectangles: tuple[Rectangle, ...], landing: LandingHypothesis, sport: Sport
+) -> tuple[str, float, float]:
+    """Measure the distance, m, from the line that decides, its sigma, and the name of the line.
+
+    Of several rectangles, that counts in which the place lies deepest; between two of them there is no line to miss.
+    """
+    best = ("", -math.inf, math.nan)
+    for x0, y0, x1, y1 in rectangles:
+        x, y = landing.place[:2]
+        edges = ((x - x0, 0, x0), (x1 - x, 0, x1), (y - y0, 1, y0), (y1 - y, 1, y1))
+        names = [_name_edge(axis, at, sport, float(landing.place[1 - axis])) for _, axis, at in edges]
+        margin, axis, name = min(
+            (distance, axis, name)
+            for (distance, axis, _), name in zip(edges, names, strict=True)
+            if name != "net" or distance < 0  # the net is no line that one lands near
+        )
+        if margin > best[1]:
+            best = (name, float(margin), math.sqrt(float(landing.covariance[axis, axis])))
+    return best
+
+
+def _name_edge(axis: int, at: float, sport: Sport, along: float) -> str:
+    """Name the painted line on which the edge of an area lies, next to a place along it; `net` for the middle."""
+    if axis == 0 and abs(at - sport.length / 2) < EDGE_TOLERANCE:
+        return "net"
+    lines = [
+        line
+        for line in sport.lines
+        if line.start[axis] == line.end[axis] and abs(line.start[axis] - at) < line.width / 2 + EDGE_TOLERANCE
+    ]
+    middles = [(line.start[1 - axis] + line.end[1 - axis]) / 2 for line in lines]
+    return lines[int(np.argmin(np.abs(np.array(middles) - along)))].name if lines else "edge"
+
+
+def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]]) -> str:
+    """Name the half of the court in which all targets lie; empty where they lie in both."""
+    halves = {(one[0] + one[2]) / 2 > sport.length / 2 for rectangles, _ in targets for one in rectangles}
+    if len(halves) != 1:
+        return ""
+    names = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
+    return names[halves.pop()]
+
+
+def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:
+    """Find the speed at a landing and its sigma, m/s: of the event there, else of the continued flight."""
+    if landing is None:
+        return math.nan, math.nan
+    touches = [one for one in rally.events if one.kind in ("landing", "bounce")]
+    event = min(touches, key=lambda one: abs(one.t - landing.t), default=None)
+    if event is not None and abs(event.t - landing.t) < SAME_MOMENT_S:
+        return event.speed, event.speed_sigma
+    begun = [k for k, flight in enumerate(rally.flights) if flight.start < landing.t]
+    if not begun:
+        return math.nan, math.nan
+    path = continue_flight(rally, begun[-1], max(landing.t - rally.flights[begun[-1]].end, 0.0))
+    is_there = np.isfinite(path.v[:, 0])
+    return (float(np.linalg.norm(path.v[is_there][-1])), math.nan) if is_there.any() else (math.nan, math.nan)
+
+
+def _find_deciding_frames(rally: Rally, landing: LandingHypothesis | None) -> tuple[int, int]:
+    """Find the frames in which the object was last seen before a landing and first seen after it, or ended."""
+    if landing is None or not len(rally.t):
+        return (-1, -1)
+    is_seen = np.isfinite(rally.px[:, 0])
+    before, after = np.flatnonzero(is_seen & (rally.t <= landing.t)), np.flatnonzero(rally.t > landing.t)
+    last = before[-1] if len(before) else 0
+    return int(rally.frame[last]), int(rally.frame[after[0] if len(after) else -1])
+
+
+def _find_reason(
+    rally: Rally, targets: list[tuple[tuple[Rectangle, ...], float]], landings: list[LandingHypothesis]
+) -> CallReason:
+    """Find why a clip does not decide: no landing, an unknown side of the hitter, rival landings, or a close one."""
+    if not landings or rally.no_landing > 1 - SURE_PROBABILITY:
+        return "no_landing"
+    inside = [sum(_integrate_over(one, landings[0], rally.scene.sport) for one in target) for target, _ in targets]
+    if max(inside) - min(inside) > 0.5 and max(share for _, share in targets) < SURE_PROBABILITY:
+        return "hitter_unknown"
+    return "several" if landings[0].weight < SURE_PROBABILITY else "close"

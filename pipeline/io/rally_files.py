@@ -1,0 +1,152 @@
+"""The tables of a rally: tracks.csv, events.csv, trajectory.csv and scene.json."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.core.rally import FLIGHT_PARAMETERS, Flight, Rally
+from models.core.typing import FloatArray
+from models.estimation.rally.rally_columns import RallyTrajectory, tabulate_tracks
+from pipeline.io.csv_tables import SHOT_NUMBER, Columns, write_columns
+from pipeline.io.strict_json import format_strict_json
+from pipeline.reporting.text.rally_sentences import assess_rally_trust, format_rally_notes
+from pipeline.reporting.text.text_formatting import summarize_trust
+from video.io.clip import Clip
+
+TRAJECTORY_HZ = 1000.0
+# Units of `FLIGHT_PARAMETERS`; a turn-over drag is one too.
+UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "1/m", "1/m", "1/m", "1/m", "1/m")
+CAMERA_PARAMETERS = (
+    "x (m)", "y (m)", "z (m)", "rotation 1 (rad)", "rotation 2 (rad)", "rotation 3 (rad)", "log focal length (px)",
+    "k1",
+)  # fmt: skip
+
+
+def write_rally_files(clip: Clip, rally: Rally, folder: Path) -> None:
+    """Write tracks.csv, events.csv, trajectory.csv and scene.json.
+
+    Args:
+        clip: The clip, for its facts.
+        folder: An existing folder.
+    """
+    write_rally_tracks(rally, folder / "tracks.csv")
+    write_rally_events(rally, folder / "events.csv")
+    write_rally_trajectory(rally, folder / "trajectory.csv")
+    (folder / "scene.json").write_text(format_strict_json(describe_rally(clip, rally)), encoding="utf-8")
+
+
+def write_rally_tracks(rally: Rally, path: Path) -> None:
+    """Write tracks.csv: a row per frame in which the object was seen, or filled in by physics (`observed` 0)."""
+    tracks = tabulate_tracks(rally)
+    columns: Columns = {
+        "shot": np.full(len(tracks), SHOT_NUMBER), "frame": tracks.frame, "t": tracks.t,
+        "id": [*tracks.ids] * len(tracks), "kind": [*tracks.ids] * len(tracks),
+        "x_px": tracks.px[:, 0], "y_px": tracks.px[:, 1],
+        "x": tracks.xyz[:, 0], "y": tracks.xyz[:, 1], "z": tracks.xyz[:, 2], "sigma": tracks.sigma,
+        "radius_px": tracks.radius_px, "observed": tracks.is_observed.astype(np.int64),
+    }  # fmt: skip
+    write_columns(columns, path)
+
+
+def write_rally_events(rally: Rally, path: Path) -> None:
+    """Write events.csv: hits, bounces, touches of the net and landings; `b` is the player of a hit."""
+    events = rally.events
+    t = np.array([one.t for one in events], np.float64)
+    place = np.array([one.place for one in events], np.float64).reshape(-1, 3)
+    blank = np.full(len(events), np.nan)
+    columns: Columns = {
+        "shot": np.full(len(events), SHOT_NUMBER), "kind": [one.kind for one in events], "t": t,
+        "t_sigma": np.array([one.t_sigma for one in events], np.float64), "frame": find_frames(rally, t),
+        "a": [rally.scene.sport.object.name] * len(events), "b": [one.player for one in events],
+        "x": place[:, 0], "y": place[:, 1], "z": place[:, 2],
+        "probability": np.array([one.probability for one in events], np.float64),
+        "gap_mm": blank, "gap_mm_sigma": blank, "speed": np.array([one.speed for one in events], np.float64),
+    }  # fmt: skip
+    write_columns(columns, path)
+
+
+def find_frames(rally: Rally, t: FloatArray) -> FloatArray:
+    """Find the fractional numbers (K,) of the frames at times t (K,) s."""
+    if len(rally.t) < 2:
+        return np.full(len(t), float(rally.frame[0]) if len(rally.t) else np.nan)
+    return np.asarray(np.interp(t, rally.t, rally.frame.astype(np.float64)))
+
+
+def write_rally_trajectory(rally: Rally, path: Path) -> None:
+    """Write trajectory.csv: the flights at `TRAJECTORY_HZ`; where none covers a time, there is no row."""
+    motion, flights = RallyTrajectory(rally), rally.flights
+    first = min((one.start for one in flights), default=0.0)
+    last = max((one.end for one in flights), default=-1.0)
+    t = np.arange(math.ceil(first * TRAJECTORY_HZ), math.floor(last * TRAJECTORY_HZ) + 1) / TRAJECTORY_HZ
+    places = motion.at(t)
+    rows = np.flatnonzero(np.isfinite(places.xyz[:, 0]))
+    xyz, v, blank = places.xyz[rows], places.v[rows], np.full(len(rows), np.nan)
+    sigma = np.sqrt(np.trace(places.covariance[rows], axis1=1, axis2=2) / 3)
+    columns: Columns = {
+        "shot": np.full(len(rows), SHOT_NUMBER), "t": t[rows], "id": [*motion.ids] * len(rows),
+        "x": xyz[:, 0], "y": xyz[:, 1], "z": xyz[:, 2], "vx": v[:, 0], "vy": v[:, 1], "vz": v[:, 2],
+        "wx": blank, "wy": blank, "wz": blank, "sigma": sigma, "sigma_v": blank,
+    }  # fmt: skip
+    write_columns(columns, path)
+
+
+def describe_rally(clip: Clip, rally: Rally) -> dict[str, Any]:
+    """Describe the scene of a rally as JSON values: court, calibration, flights, landings and trust level."""
+    sport, camera = rally.scene.sport, rally.scene.camera
+    dropped = int(np.count_nonzero(np.isfinite(rally.px[:, 0]) & ~rally.is_used))
+    chi2 = [one.chi2 for one in rally.flights if math.isfinite(one.chi2)]
+    used = rally.px_sigma[rally.is_used]
+    return {
+        "scene": "rally",
+        "sport": sport.name,
+        "units": "m",
+        "fps": float(clip.fps),
+        "court": {"length": sport.length, "width": sport.width, "floor": sport.floor,
+                  "net": {"height": sport.net.height, "post_height": sport.net.post_height,
+                          "overhang": sport.net.overhang},
+                  "areas": {name: [list(one) for one in areas] for name, areas in sport.areas.items()}},
+        "object": {"name": sport.object.name, "radius": sport.object.radius, "mass": sport.object.mass},
+        "image": {"width_px": camera.width_px, "height_px": camera.height_px},
+        "calibration": {
+            "matrix": camera.matrix,
+            "matrix_about": "(x, y, z above the surface, 1) in m to homogeneous px of the reference image without"
+            " distortion",
+            "parameters": dict(zip(CAMERA_PARAMETERS, camera.parameters.tolist(), strict=True)),
+            "covariance": camera.covariance, "is_left_handed": camera.is_left_handed,
+            "camera_moves": camera.motion is not None, "line_error_px": rally.scene.line_error,
+        },
+        "model": ["gravity", "air_drag", *(["lift"] if sport.object.lift else []),
+                  *(["turn_drag"] if sport.object.turn_drag.mean else [])],
+        "flights": [_describe_flight(one) for one in rally.flights],
+        "landings": [
+            {"probability": one.weight, "t": one.t, "t_sigma": one.t_sigma, "place": one.place,
+             "covariance": one.covariance, "is_seen": one.is_seen}
+            for one in rally.landings
+        ],
+        "no_landing": rally.no_landing,
+        "fit": {"noise_px": float(np.sqrt(np.mean(used**2))) if len(used) else math.nan,
+                "chi2_per_dof": float(np.mean(chi2)) if chi2 else math.nan,
+                "observed": int(np.isfinite(rally.px[:, 0]).sum()), "not_used": dropped},
+        "trust": summarize_trust(assess_rally_trust(rally)),
+        "notes": list(dict.fromkeys([*clip.notes, *format_rally_notes(rally)])),
+        "clip": {"sha256": clip.digest, "frames": clip.frame_count, "distinct": len(clip.distinct_frames),
+                 "repeats": clip.frames[clip.is_duplicate].tolist(), "first_frame": clip.first_frame,
+                 "begins": float(clip.t[0]), "seconds": float(clip.t[-1] - clip.t[0])},
+    }  # fmt: skip
+
+
+def _describe_flight(flight: Flight) -> dict[str, Any]:
+    """Describe a flight with its parameters at its start, each with sigma and unit."""
+    sigma = np.sqrt(np.maximum(np.diag(flight.covariance), 0.0))
+    return {
+        "start": flight.start, "end": flight.end, "begins_with_hit": flight.begins_with_hit,
+        "chi2_per_dof": flight.chi2, "covariance": flight.covariance,
+        "parameters": {
+            name: {"value": float(flight.parameters[k]), "sigma": float(sigma[k]), "unit": UNITS[k]}
+            for k, name in enumerate(FLIGHT_PARAMETERS)
+        },
+    }  # fmt: skip

@@ -1,0 +1,172 @@
+"""Words of rallies: events, trust level, and the answers to an umpire's questions about a landing and the net."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.core.fit_result import Trust, TrustLevel, is_undecided
+from models.core.number_format import format_probability, format_speed, format_time, format_with_sigma
+from models.core.rally import Rally, RallyEvent
+from models.estimation.joint_fit.trust_level import AMBER_SHARE, GREEN_SHARE, MAX_CHI2
+from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing
+from pipeline.reporting.text.text_formatting import start_sentence
+
+# px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
+MAX_LINE_ERROR_PX = 2.0
+# m up to which a distance is written in cm.
+LONG_DISTANCE = 1.0
+EVENT_WORDS = {"hit": "is hit", "bounce": "bounces", "net": "touches the net", "landing": "lands"}
+AREA_WORDS = {"service-box": "the service box"}
+NOTE_WORDS = {"incomplete_clip": "the clip is incomplete"}
+REASON_WORDS: dict[CallReason, str] = {
+    "close": "The error of the place reaches over the line.",
+    "no_landing": "The clip does not show that it landed, nor that it would have.",
+    "hitter_unknown": "The clip does not show from which side it was hit.",
+    "several": "It may have landed at several places or times.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LandingWords:
+    """A call of a landing in words."""
+
+    question: str
+    verdict: str
+    """`in`, `out` or `cannot be decided`."""
+    probability: str
+    sentence: str
+    """The whole answer."""
+    margin: str
+    """How far from the line; empty without a landing."""
+    advice: str
+    """Why the clip does not decide, and what would; empty where it does."""
+
+
+def format_rally_event(event: RallyEvent, name: str) -> str:
+    """Format an event of the object `name` as a sentence without a full stop."""
+    who = f" by the {event.player} player" if event.player else ""
+    words = {"hit": " and leaves at {}", "bounce": ", arriving at {}", "landing": ", arriving at {}"}.get(
+        event.kind, ""
+    )
+    shown = words.format(format_speed(event.speed, event.speed_sigma)) if math.isfinite(event.speed) else ""
+    return f"The {name} {EVENT_WORDS[event.kind]}{who}{shown}"
+
+
+def list_event_rows(rally: Rally) -> list[tuple[str, str, str]]:
+    """List time, words and probability of all events."""
+    name = rally.scene.sport.object.name
+    return [
+        (format_time(one.t, one.t_sigma), format_rally_event(one, name), format_probability(one.probability))
+        for one in rally.events
+    ]
+
+
+def assess_rally_trust(rally: Rally) -> Trust:
+    """Assess the trust level of a rally, with its reasons."""
+    name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if not one.chi2 > MAX_CHI2]
+    seen = np.isfinite(rally.px[:, 0])
+    if not fitted:
+        return Trust("red", (f"No flight of the {name} is explained.",))
+    spans = sum(one.end - one.start for one in rally.flights)
+    share = sum(one.end - one.start for one in fitted) / spans if spans > 0 else 1.0
+    used = float(np.mean(rally.is_used[seen])) if seen.any() else 0.0
+    reasons = [f"Gravity and air explain {100 * share:.0f} % of the time in flight."]
+    level: TrustLevel = "green" if share >= GREEN_SHARE else "amber" if share >= AMBER_SHARE else "red"
+    doubts = []
+    if used < GREEN_SHARE:
+        doubts.append(f"{100 * (1 - used):.0f} % of the places where the {name} was detected fit no flight.")
+    if rally.scene.line_error > MAX_LINE_ERROR_PX:
+        doubts.append(f"The painted lines lie {rally.scene.line_error:.1f} px from where the camera puts them.")
+    undecided = [one for one in rally.events if is_undecided(one.probability)]
+    if undecided:
+        first = min(undecided, key=lambda one: abs(one.probability - 0.5))
+        more = f", and {len(undecided) - 1} more" if len(undecided) > 1 else ""
+        words = f"{format_rally_event(first, name)} at {format_time(first.t, first.t_sigma)}"
+        doubts.append(f"Undecided: {words} ({format_probability(first.probability)}){more}.")
+    doubts += [f"{start_sentence(one)}." for one in format_rally_notes(rally)]
+    if doubts and level == "green":
+        level = "amber"
+    return Trust(level, (*reasons, *doubts))
+
+
+def format_rally_notes(rally: Rally) -> list[str]:
+    """Format the notes of a rally and of its court, without full stops."""
+    codes = dict.fromkeys([*rally.scene.notes, *rally.notes])
+    return [NOTE_WORDS.get(code, code.replace("_", " ")) for code in codes]
+
+
+def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
+    """Format a call of a landing."""
+    name = rally.scene.sport.object.name
+    where = AREA_WORDS.get(call.area, f"the {call.area} court")
+    question = f"Did the {name} land in {where}?"
+    decided = call.verdict != "undecided"
+    verdict = call.verdict if decided else "cannot be decided"
+    likely = "in" if call.probability >= call.out_probability else "out"
+    probability = format_probability(max(call.probability, call.out_probability))
+    shown = probability if decided else f"{likely}: {probability}"
+    head = f"{start_sentence(verdict)} ({shown})"
+    if call.landing is None:
+        return LandingWords(question, verdict, shown, f"{head}: no landing.", "", _format_advice(call, name))
+    margin = f"{format_distance(call.distance, call.distance_sigma)} {_format_side(call)}"
+    would = "landed" if call.landing.is_seen else "would have landed"
+    when = format_time(call.landing.t, call.landing.t_sigma)
+    speed = f", at {format_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
+    text = f"{head}: at {when} the {name} {would} {margin}{speed}."
+    return LandingWords(question, verdict, shown, text, margin, _format_advice(call, name))
+
+
+def describe_landing_call(call: LandingCall, rally: Rally) -> dict[str, Any]:
+    """Describe a call of a landing as JSON values, with its words."""
+    words, landing = format_landing(call, rally), call.landing
+    return {
+        "area": call.area, "code": call.verdict, "verdict": words.verdict,
+        "probability_in": call.probability, "probability_out": call.out_probability, "half": call.half or None,
+        "rectangles": [list(one) for one in call.rectangles],
+        "line": call.line or None, "distance": call.distance, "distance_sigma": call.distance_sigma,
+        "speed": call.speed, "speed_sigma": call.speed_sigma,
+        "place": None if landing is None else landing.place,
+        "covariance": None if landing is None else landing.covariance,
+        "t": None if landing is None else landing.t, "t_sigma": None if landing is None else landing.t_sigma,
+        "is_seen": None if landing is None else landing.is_seen,
+        "frames": list(call.frames) if call.frames[0] >= 0 else None, "reason": call.reason,
+        "sentence": words.sentence, "advice": words.advice or None,
+    }  # fmt: skip
+
+
+def _format_side(call: LandingCall) -> str:
+    """Format on which side of which line a landing is."""
+    line = f"the {call.line}" if call.line else "the line"
+    if call.line == "net":
+        return "on the wrong side of the net"
+    return f"{'inside' if call.distance >= 0 else 'beyond'} the outer edge of {line}"
+
+
+def format_distance(distance: float, sigma: float) -> str:
+    """Format a distance, m, without its sign: in cm up to `LONG_DISTANCE`."""
+    scale, unit = (100, "cm") if abs(distance) < LONG_DISTANCE else (1, "m")
+    return f"{format_with_sigma(scale * abs(distance), scale * sigma)} {unit}"
+
+
+def _format_advice(call: LandingCall, name: str) -> str:
+    """Format why a clip does not decide, and what would; empty where it does."""
+    if call.reason is None:
+        return ""
+    text = REASON_WORDS[call.reason]
+    if call.frames[0] < 0 or call.reason == "hitter_unknown":
+        return text
+    first, last = call.frames
+    return (
+        f"{text} Sharp frames, or more of them, around frames {first} to {last} would decide, with the {name} in view."
+    )
+
+
+def format_crossing(crossing: NetCrossing, name: str) -> str:
+    """Format how high the object `name` passed the net, as a sentence."""
+    height = format_distance(crossing.height, crossing.height_sigma)
+    what = "touched the net" if crossing.is_touch else "passed the net"
+    return f"The {name} {what} {height} {'over' if crossing.height >= 0 else 'below'} its edge at {crossing.t:.2f} s."

@@ -1,0 +1,92 @@
+"""The stages of the files of a rally: the same files as of a billiards shot, under the same names of stages."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from models.core.progress import Progress
+from models.core.rally import Rally
+from pipeline.engine.stage import Inputs, NoOptions, Stage
+from pipeline.io.rally_files import write_rally_files
+from pipeline.io.saved_shot import write_shot
+from pipeline.stages.render_stage import SLOW_FILE
+from video.io.video_options import RenderOptions
+
+
+@dataclass(frozen=True, slots=True)
+class RallyPageOptions:
+    """Options of the page and of the recording of a rally."""
+
+    title: str
+    """Name of the clip."""
+    slow: float
+    """Slow-down factor of the slow motion."""
+    settings: tuple[str, ...]
+    """Options of the command line that reproduce the run."""
+
+
+def rally_output_stages(options: RallyPageOptions, render: RenderOptions) -> tuple[Stage, ...]:
+    """Build the stages that write the files of a rally.
+
+    Args:
+        options: Options of the page and of the recording.
+        render: Options of the slow motion.
+
+    Returns:
+        The stages `export`, `poster`, `report`, `record`, and `render` where a slow motion is wanted.
+    """
+    own, needs = RenderOptions(slow=render.slow, trim_still=render.trim_still), ("read", "rally")
+    record = RallyPageOptions(options.title, 1.0, ())  # the others do not change it
+    stages = (
+        Stage("export", __name__, needs, None, _export_rally, NoOptions()),
+        Stage("poster", __name__, needs, None, _draw_poster, own),
+        Stage("report", __name__, (*needs, "poster"), None, _write_report, options),
+        Stage("record", __name__, (*needs, "candidates"), None, _record_layers, record),
+    )
+    return stages if render.no_video else (*stages, Stage("render", __name__, needs, None, _render_video, render))
+
+
+def _export_rally(inputs: Inputs, options: NoOptions, folder: Path, progress: Progress) -> None:
+    """Write the saved rally, and its exports."""
+    rally: Rally = inputs["rally"]
+    write_shot(rally, {}, version("trueroll"), folder)
+    write_rally_files(inputs["read"], rally, folder)
+
+
+def _draw_poster(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
+    """Draw the poster."""
+    from pipeline.io.image_file import write_image
+    from video.overlay.rally_poster import draw_rally_poster  # slow to import
+
+    write_image(draw_rally_poster(inputs["read"], inputs["rally"], options), folder / "poster.png")
+
+
+def _write_report(inputs: Inputs, options: RallyPageOptions, folder: Path, progress: Progress) -> None:
+    """Write report.html, which plays the slow motion that lies beside it, and summary.json."""
+    from pipeline.reporting.pages.rally_report import write_rally_report  # slow to import
+    from pipeline.reporting.pages.rally_summary import write_rally_summary
+    from pipeline.reporting.pages.run_report import ReportFiles
+
+    clip, rally, poster = inputs["read"], inputs["rally"], inputs["poster"] / "poster.png"
+    files = ReportFiles(SLOW_FILE, poster, options.slow)
+    write_rally_report(clip, rally, files, options.title, options.settings, folder / "report.html")
+    write_rally_summary(clip, rally, poster, folder)
+
+
+def _record_layers(inputs: Inputs, options: RallyPageOptions, folder: Path, progress: Progress) -> None:
+    """Write recording.rrd."""
+    os.environ.setdefault("RUST_LOG", "off")  # read at import: rerun would print what it raises
+    from pipeline.reporting.recording.rally_recording import write_rally_recording  # slow to import
+
+    clip, rally, path = inputs["read"], inputs["rally"], folder / "recording.rrd"
+    write_rally_recording(clip, rally, inputs["candidates"], path, options.title)
+
+
+def _render_video(inputs: Inputs, options: RenderOptions, folder: Path, progress: Progress) -> None:
+    """Render the slow motion."""
+    from video.overlay.rally_slow_motion import render_rally  # slow to import
+
+    render_rally(inputs["read"], inputs["rally"], folder / SLOW_FILE, options, progress)
