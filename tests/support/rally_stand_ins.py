@@ -1,0 +1,61 @@
+"""Parts of the chain of rallies that need no video: a court that every clip shows, and a rally with known truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.staged_rally import stage_rally
+
+from models.core.court_camera import CourtScene
+from models.core.errors import ClipError
+from models.core.rally import BallCandidates, Rally
+from models.sports.sport_catalogue import find_sports
+from video.io.clip import Clip
+
+
+def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: object) -> CourtScene:
+    """Find a badminton court unless the clip is small; a clip of 200 px or less shows none."""
+    if clip.width <= 200:
+        raise ClipError("no lines of a known court are in view")
+    return stage_rally(find_sports()[sport or "badminton"], (2.5, 1.0) if sport == "table-tennis" else (13.0, 3.0)).scene
+
+
+def find_candidates(clip: Clip, scene: CourtScene, progress: object) -> BallCandidates:
+    """Find nothing."""
+    none = np.empty(0)
+    return BallCandidates(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), none, none, none)
+
+
+def explain_rally(
+    scene: CourtScene, candidates: BallCandidates, frame: np.ndarray, t: np.ndarray, progress: object
+) -> Rally:
+    """Return the staged rally."""
+    return stage_rally(scene.sport, (2.5, 1.0) if scene.sport.floor < 0 else (13.0, 3.0))
+
+
+def write_file(path: Path, *_: Any) -> None:
+    path.write_bytes(b"stand-in")
+
+
+def use_stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace what looks at frames and what draws."""
+    image = np.full((36, 64, 3), 90, np.uint8)
+    monkeypatch.setattr("video.calibration.court_finder.locate_court", locate_court)
+    monkeypatch.setattr("detectors.flying.find_candidates.find_candidates", find_candidates)
+    monkeypatch.setattr("models.estimation.rally.explain_rally.explain_rally", explain_rally)
+    monkeypatch.setattr("video.overlay.rally_poster.draw_rally_poster", lambda *_: image)
+    monkeypatch.setattr("video.overlay.landing_close_up.draw_landing", lambda *_: image)
+    monkeypatch.setattr(
+        "video.overlay.rally_slow_motion.render_rally", lambda clip, rally, path, *_: write_file(path)
+    )
+    monkeypatch.setattr(
+        "pipeline.reporting.pages.rally_report.write_rally_report",
+        lambda clip, rally, files, title, settings, path: write_file(path),
+    )
+    monkeypatch.setattr(
+        "pipeline.reporting.recording.rally_recording.write_rally_recording",
+        lambda clip, rally, candidates, path, title: write_file(path),
+    )
