@@ -54,13 +54,20 @@ class MovingRegion:
 
         `camera_step` (3, 3) maps pixels of the first frame to those of `image` where the camera moves.
         """
-        box, patch, weight = self.box, self.flow.interpolate(share), self.weight
-        if camera_step is not None:
-            box, patch, weight = _warp_patch(box, patch, weight, camera_step, image.shape)
-        x0, y0, x1, y1 = box
+        (x0, y0, x1, y1), patch, weight = self.interpolate(share, image.shape, camera_step)
         if x1 > x0 and y1 > y0:
             target = image[y0:y1, x0:x1]
             target[:] = cv2.blendLinear(np.ascontiguousarray(target), patch, 1 - weight, weight)
+
+    def interpolate(
+        self, share: float, shape: tuple[int, ...], camera_step: FloatArray | None = None
+    ) -> tuple[Box, ImageArray, Float32Array]:
+        """Return the box in an image of this shape, the content (h, w, 3) at a share of the gap and its weight (h, w).
+
+        `camera_step` is that of `blend_onto`.
+        """
+        box, patch, weight = self.box, self.flow.interpolate(share), self.weight
+        return (box, patch, weight) if camera_step is None else _warp_patch(box, patch, weight, camera_step, shape)
 
 
 def _warp_patch(
@@ -93,6 +100,7 @@ def find_moving_regions(
     first: ImageArray,
     second: ImageArray,
     camera_is_still: bool = True,
+    within: BoolArray | None = None,
 ) -> tuple[MovingRegion, ...]:
     """Find the regions in which something moves between two frames, and prepare their interpolation.
 
@@ -103,11 +111,15 @@ def find_moving_regions(
         first: First frame (H, W, 3) without its moving balls.
         second: Second frame (H, W, 3) without its moving balls, in the pixels of the first.
         camera_is_still: False if the second frame was warped.
+        within: Pixels (H, W) in which motion counts; None for all.
 
     Returns:
         The regions, which may overlap.
     """
     moving_cells = find_moving_cells(first, second, camera_is_still)
+    if within is not None:
+        rows, columns = moving_cells.shape
+        moving_cells &= within[: rows * CELL_PX : CELL_PX, : columns * CELL_PX : CELL_PX]
     regions = []
     for box, cells in _find_boxes(moving_cells, first.shape):
         x0, y0, x1, y1 = box
