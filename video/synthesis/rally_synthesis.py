@@ -171,7 +171,9 @@ def _erase_object(
     near, far = _distance_to_line(box, streak), _distance_to_line(box, path[:3])
     patch = image[y0:y1, x0:x1].astype(np.float32)
     ring = (np.minimum(near, far) > reach) & (np.minimum(near, far) < reach + RING_PX)
-    ground, noise = _fill_patch(timeline, row, images, (x0, y0), patch, near < reach, ring, float(np.ptp(path, axis=0).max()) / 2 + reach)
+    ground, noise = _fill_patch(
+        timeline, row, images, (x0, y0), patch, near < reach, ring, float(np.ptp(path, axis=0).max()) / 2 + reach
+    )
     difference = np.abs(patch - ground).max(axis=-1)
     changed = ((difference > 2 * noise) & (far < reach)) | (near < reach)
     _, labels = cv2.connectedComponents(changed.astype(np.uint8))
@@ -241,7 +243,9 @@ def _extract_sprite(
     step, behind = (float(part[brightest].mean(axis=0) @ LUMA_601) for part in (change, ground))
     room = (FULL_LEVEL - behind if step > 0 else behind) / max(abs(step), 1e-3)
     dilution = float(np.clip(room, 1.0, MAX_DILUTION))
-    cover = np.clip((difference - noise / 2) / (contrast - noise / 2), 0, 1).astype(np.float32)[..., None] / np.float32(dilution)
+    cover = np.clip((difference - noise / 2) / (contrast - noise / 2), 0, 1).astype(np.float32)[..., None] / np.float32(
+        dilution
+    )
     levels, below = (convert_colours(side.astype(np.uint8)).astype(np.float32) for side in (patch, ground))
     return ObjectSprite(np.concatenate([np.clip(levels - (1 - cover) * below, 0, None), cover], axis=-1), middle)
 
@@ -252,7 +256,9 @@ def draw_sprites(frame: YuvFrame, sprites: list[tuple[ObjectSprite, float]], cen
         return
     sizes = [np.array(sprite.levels.shape[1::-1]) for sprite, _ in sprites]
     before = np.ceil(np.max([sprite.middle for sprite, _ in sprites], axis=0)) + 2
-    after = np.ceil(np.max([size - sprite.middle for size, (sprite, _) in zip(sizes, sprites, strict=True)], axis=0)) + 2
+    after = (
+        np.ceil(np.max([size - sprite.middle for size, (sprite, _) in zip(sizes, sprites, strict=True)], axis=0)) + 2
+    )
     corner = np.floor(centre) - before
     width, height = (int(side) for side in before + after)
     total = np.zeros((height, width, 4), np.float32)
