@@ -12,12 +12,11 @@ from models.core.rally import LandingHypothesis, Rally
 from models.core.typing import BoolArray, FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall
 from video.drawing.court_plan import draw_court, draw_landing_mark, find_ellipse, outline_line
-from video.drawing.label_layout import PANEL_MARGIN
+from video.drawing.label_layout import PANEL_MARGIN, Rect
 from video.drawing.masks import (
     SHIFT,
     blend_colours,
     blend_mask,
-    draw_paragraph,
     draw_panel,
     draw_text,
     drawing_scale,
@@ -120,7 +119,7 @@ def draw_landing(
     scale, landing = drawing_scale(size[1]), call.landing
     if landing is None:
         image = np.full((size[1], size[0], 3), INK, np.uint8)
-        _draw_words(image, call, "No landing: neither the clip nor the flight shows where it came down.", scale)
+        draw_words(image, call, describe_call(call), scale)
         return image
     view = frame_landing(rally, call, landing, size)
     image = _film_surface(clip, rally, view, landing.t)
@@ -128,13 +127,15 @@ def draw_landing(
         _draw_lines(image, rally, call, view)
     _draw_place(image, rally, call, landing, view, scale)
     _draw_overview(image, rally, landing, scale)
-    _draw_words(image, call, describe_distance(call), scale)
+    draw_words(image, call, describe_call(call), scale)
     return image
 
 
-def describe_distance(call: LandingCall) -> str:
+def describe_call(call: LandingCall) -> str:
     """Describe how far from the deciding line a landing is."""
-    if call.landing is None or not call.line or not np.isfinite(call.distance):
+    if call.landing is None:
+        return "the clip does not show where it came down"
+    if not call.line or not np.isfinite(call.distance):
         return ""
     distance = format_with_sigma(100 * abs(call.distance), 100 * call.distance_sigma, 1)
     if call.line == "net":
@@ -204,8 +205,8 @@ def _draw_overview(image: ImageArray, rally: Rally, landing: LandingHypothesis, 
     blend_colours(image, plan.render(), round_corner_mask(*plan.size, round(6 * scale)), x, y)
 
 
-def _draw_words(image: ImageArray, call: LandingCall, distance: str, scale: float) -> None:
-    """Write verdict, probability and distance into the upper left corner."""
+def draw_words(image: ImageArray, call: LandingCall, distance: str, scale: float) -> Rect:
+    """Write verdict, probability and distance into the upper left corner, and return the place of the panel."""
     large, small, margin = round(34 * scale), round(18 * scale), round(PANEL_MARGIN * image.shape[0])
     chances = f"in {format_probability(call.probability)}, out {format_probability(call.out_probability)}"
     lines = [VERDICT_WORDS[call.verdict], *filter(None, (distance, f"{call.area.replace('-', ' ')}: {chances}"))]
@@ -219,3 +220,4 @@ def _draw_words(image: ImageArray, call: LandingCall, distance: str, scale: floa
         is_verdict = size == large
         draw_text(image, line, margin + small, y, size, VERDICT_COLOURS[call.verdict] if is_verdict else WHITE, is_verdict)
         y += mask.shape[0]
+    return float(margin), float(margin), float(width), float(height)

@@ -31,6 +31,8 @@ FLASH_S = 0.12
 TRAIL_S, LEAST_TRAIL = 1.2, 0.35
 # Opacity of the ghosts of a stroke, and of the ring where an object flies that no frame shows.
 GHOST_OPACITY = 0.5
+# px at scale 1 around a place beside which its label is.
+LABEL_REACH = 8.0
 # Longer side of the plan, share of the height of the frame.
 PLAN_SHARE = 0.36
 # Colours of verdicts.
@@ -105,42 +107,51 @@ class RallyAnnotation:
         index = find_current_stroke(self.strokes, t)
         if index < 0 or t > self.strokes[index].end + READING_S / self.slow:
             return
-        colour = SIDE_COLOURS[self.strokes[index].hit.player]
-        times, xyz = self.path_of(index, t)
-        px = self.timeline.project(xyz, t)
-        fade = np.clip(1 - (t - times) / TRAIL_S, LEAST_TRAIL, 1)
-        draw_trail(image, px, fade, colour, 4 * self.scale)
-        filmed = self.timeline.rally.t
-        for row in np.flatnonzero((filmed > times[0]) & (filmed < min(t, times[-1]))) if len(times) else ():
+        times, xyz = self.draw_trail(image, index, t)
+        px, filmed = self.timeline.project(xyz, t), self.timeline.rally.t
+        for row in np.flatnonzero((filmed > times[0]) & (filmed < times[-1])) if len(times) else ():
             nearest = int(np.argmin(np.abs(times - filmed[row])))
             draw_disc(image, px[nearest], max(float(self.timeline.radius[row]), 2 * self.scale), WHITE, GHOST_OPACITY)
 
+    def draw_trail(self, image: Canvas, index: int, t: float) -> tuple[FloatArray, FloatArray]:
+        """Draw the path of a stroke up to a time in the frame of that time; return its times (n,) and places (n, 3)."""
+        times, xyz = self.path_of(index, t)
+        fade = np.clip(1 - (t - times) / TRAIL_S, LEAST_TRAIL, 1)
+        colour = SIDE_COLOURS[self.strokes[index].hit.player]
+        draw_trail(image, self.timeline.project(xyz, t), fade, colour, 4 * self.scale)
+        return times, xyz
+
     def _draw_marks(self, image: Canvas, t: float) -> None:
-        """Draw flashes, ellipses on the surface, and labels."""
-        height, width = image.shape[:2]
-        obstacles = [self.clock_place, *([self.plan_place] if self.style == "coach" else [])]
-        for k, mark in enumerate(self.marks):
-            age = (t - mark.t) * self.slow
-            if not 0 <= age < READING_S:
-                continue
-            opacity = min((READING_S - age) / FADE_S, 1.0)
+        """Draw flashes and labels of recent moments."""
+        for mark in self.marks:
+            age = (t - mark.t) / FLASH_S
+            if 0 <= age < 1 and mark.covariance is None:
+                draw_flash(image, self.timeline.project(mark.place, t), 3 * self.scale, age, self.scale, 4.0)
+        ages = [(t - mark.t) * self.slow for mark in self.marks]
+        shown = {k: min((READING_S - age) / FADE_S, 1.0) for k, age in enumerate(ages) if 0 <= age < READING_S}
+        panels = [self.clock_place, *([self.plan_place] if self.style == "coach" else [])]
+        self.draw_labels(image, t, shown, panels)
+
+    def draw_labels(self, image: Canvas, t: float, opacities: dict[int, float], obstacles: list[Rect]) -> None:
+        """Draw labels of marks by their indices, with opacities, and the ellipses of those on the surface."""
+        size, reach = (image.shape[1], image.shape[0]), LABEL_REACH * self.scale
+        path = np.concatenate([xyz for _, xyz in self.paths]) if self.paths else np.empty((0, 3))
+        for k, opacity in opacities.items():
+            mark = self.marks[k]
             centre = self.timeline.project(mark.place, t)
             if not np.isfinite(centre).all():
                 continue
             if mark.covariance is not None:
                 self._draw_on_surface(image, mark, t, opacity)
-            elif t - mark.t < FLASH_S:
-                draw_flash(image, centre, 3 * self.scale, (t - mark.t) / FLASH_S, self.scale, 4.0)
-            size = mark.label.size(self.scale)
+            box = mark.label.size(self.scale)
             if k not in self.positions:
-                path = np.concatenate([xyz for _, xyz in self.paths]) if self.paths else np.empty((0, 3))
                 near = make_squares(self.timeline.project(path[::8], t), 6 * self.scale)
                 taken = np.concatenate([np.array(obstacles).reshape(-1, 4), near])
-                self.positions[k] = place_label(size, centre, 8 * self.scale, np.zeros(2), taken, (width, height), None)
-            corner = centre + self.positions[k].top_left_corner(size, 8 * self.scale)
-            corner = np.clip(corner, 0, [width - size[0], height - size[1]])
-            mark.label.draw(image, corner, self.scale, opacity)
-            obstacles.append((float(corner[0]), float(corner[1]), float(size[0]), float(size[1])))
+                self.positions[k] = place_label(box, centre, reach, np.zeros(2), taken, size, None)
+            corner = centre + self.positions[k].top_left_corner(box, reach)
+            left, top = np.clip(corner, 0, np.subtract(size, box)).tolist()
+            mark.label.draw(image, np.array([left, top]), self.scale, opacity)
+            obstacles.append((left, top, float(box[0]), float(box[1])))
 
     def _draw_on_surface(self, image: Canvas, mark: RallyMark, t: float, opacity: float) -> None:
         """Draw a ring that lies on the surface, and the outline of two standard deviations of its place."""
@@ -195,7 +206,7 @@ def prepare_rally_annotation(
     strokes = summarize_strokes(rally)
     paths = [(one.t, one.xyz) for one in sample_flights(rally, PATH_STEP_S)]
     plan, clock = draw_court(rally.scene.sport, round(PLAN_SHARE * size[1])), ClockPanel(f"{slow:g}× slower")
-    cost = _find_panel_cost(timeline)
+    cost = find_panel_cost(timeline)
     crossed = [make_squares(timeline.project(xyz[::12], t[::12]), 12 * scale) for t, xyz in paths]
     crossed.append(make_squares(rally.px, 12 * scale))
     plan_place = place_panel(plan.size, size, cost, np.concatenate(crossed))
@@ -206,7 +217,7 @@ def prepare_rally_annotation(
     )  # fmt: skip
 
 
-def _find_panel_cost(timeline: RallyTimeline) -> FloatArray:
+def find_panel_cost(timeline: RallyTimeline) -> FloatArray:
     """Return the cost of what a panel would hide on a coarse map (h, w): the court and its players, in any frame."""
     rally, sport = timeline.rally, timeline.rally.scene.sport
     camera = rally.scene.camera

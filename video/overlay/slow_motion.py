@@ -143,7 +143,7 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
 
 
 def space_output_times(t: FloatArray, first: float, last: float, step: float) -> FloatArray:
-    """Space times (K,), s, by a step from the first to the last; those close to a decoded frame's `t` (T,) are moved."""
+    """Space times (K,), s, by a step from the first to the last; close to a frame at `t` (T,), its time is used."""
     times = np.asarray(first + step * np.arange(int((last - first) / step + SNAP_SHARE) + 1), dtype=np.float64)
     nearest = t[np.clip(np.searchsorted(t, times), 0, len(t) - 1)]
     before = t[np.clip(np.searchsorted(t, times) - 1, 0, None)]

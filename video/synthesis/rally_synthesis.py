@@ -15,11 +15,11 @@ from models.core.rally import Rally
 from models.core.srgb import LUMA_601
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
 from models.estimation.rally.rally_views import evaluate_rally
-from video.drawing.masks import blend_levels
+from video.drawing.masks import blend_colours, blend_levels
 from video.flow.moving_regions import MovingRegion, find_moving_regions
 from video.flow.optical_flow import smooth_step
 from video.io.clip import Clip, read_frames
-from video.io.yuv_frame import YuvFrame, convert_colours
+from video.io.yuv_frame import Canvas, YuvFrame, convert_colours
 
 # Frames on either side of a frame that may show what its object hides; the nearest ones come first.
 REACH = 3
@@ -75,9 +75,12 @@ class RallyTimeline:
         before, after = (camera.to_pixels(xyz, frame[row]) for row in (rows, rows + 1))
         return np.asarray(before + np.asarray(share)[..., None] * (after - before))
 
-    def find_places(self, t: FloatArray) -> FloatArray:
-        """Find where the object is at times (K,): (K, 2) px; NaN where neither a flight nor two frames show it."""
-        places = self.project(evaluate_rally(self.rally, t).xyz, t)
+    def find_places(self, t: FloatArray, frame_t: float | None = None) -> FloatArray:
+        """Find where the object is at times (K,): (K, 2) px; NaN where neither a flight nor two frames show it.
+
+        The pixels are those of the image at each time, or all of the image at `frame_t`, s.
+        """
+        places = self.project(evaluate_rally(self.rally, t).xyz, t if frame_t is None else frame_t)
         rows, share = self.locate_times(t)
         filmed = self.rally.px[rows] + share[:, None] * (self.rally.px[rows + 1] - self.rally.px[rows])
         return np.where(np.isfinite(places), places, np.where(share[:, None] == 0, self.rally.px[rows], filmed))
@@ -115,8 +118,8 @@ def build_rally_timeline(rally: Rally) -> RallyTimeline:
 class ObjectSprite:
     """What one frame shows of the object."""
 
-    levels: Float32Array
-    """(h, w, 4) Y', Cb, Cr times coverage, and coverage from 0 to 1."""
+    rgba: Float32Array
+    """(h, w, 4) colours times coverage, and coverage from 0 to 1."""
     middle: FloatArray
     """(2,) px of the sprite, where the flight puts the object in that frame."""
 
@@ -171,9 +174,8 @@ def _erase_object(
     near, far = _distance_to_line(box, streak), _distance_to_line(box, path[:3])
     patch = image[y0:y1, x0:x1].astype(np.float32)
     ring = (np.minimum(near, far) > reach) & (np.minimum(near, far) < reach + RING_PX)
-    ground, noise = _fill_patch(
-        timeline, row, images, (x0, y0), patch, near < reach, ring, float(np.ptp(path, axis=0).max()) / 2 + reach
-    )
+    swept = float(np.ptp(path, axis=0).max()) / 2 + reach
+    ground, noise = _fill_patch(timeline, row, images, (x0, y0), patch, near < reach, ring, swept)
     difference = np.abs(patch - ground).max(axis=-1)
     changed = ((difference > 2 * noise) & (far < reach)) | (near < reach)
     _, labels = cv2.connectedComponents(changed.astype(np.uint8))
@@ -243,18 +245,16 @@ def _extract_sprite(
     step, behind = (float(part[brightest].mean(axis=0) @ LUMA_601) for part in (change, ground))
     room = (FULL_LEVEL - behind if step > 0 else behind) / max(abs(step), 1e-3)
     dilution = float(np.clip(room, 1.0, MAX_DILUTION))
-    cover = np.clip((difference - noise / 2) / (contrast - noise / 2), 0, 1).astype(np.float32)[..., None] / np.float32(
-        dilution
-    )
-    levels, below = (convert_colours(side.astype(np.uint8)).astype(np.float32) for side in (patch, ground))
-    return ObjectSprite(np.concatenate([np.clip(levels - (1 - cover) * below, 0, None), cover], axis=-1), middle)
+    share = np.clip((difference - noise / 2) / (contrast - noise / 2), 0, 1)
+    cover = (share / dilution).astype(np.float32)[..., None]
+    return ObjectSprite(np.concatenate([np.clip(patch - (1 - cover) * ground, 0, None), cover], axis=-1), middle)
 
 
-def draw_sprites(frame: YuvFrame, sprites: list[tuple[ObjectSprite, float]], centre: FloatArray) -> None:
+def draw_sprites(image: Canvas, sprites: list[tuple[ObjectSprite, float]], centre: FloatArray) -> None:
     """Draw the weighted mean of sprites at a centre (2,) px, in place."""
     if not sprites or not np.isfinite(centre).all():
         return
-    sizes = [np.array(sprite.levels.shape[1::-1]) for sprite, _ in sprites]
+    sizes = [np.array(sprite.rgba.shape[1::-1]) for sprite, _ in sprites]
     before = np.ceil(np.max([sprite.middle for sprite, _ in sprites], axis=0)) + 2
     after = (
         np.ceil(np.max([size - sprite.middle for size, (sprite, _) in zip(sizes, sprites, strict=True)], axis=0)) + 2
@@ -264,10 +264,10 @@ def draw_sprites(frame: YuvFrame, sprites: list[tuple[ObjectSprite, float]], cen
     total = np.zeros((height, width, 4), np.float32)
     for sprite, weight in sprites:
         shift = np.column_stack([np.eye(2), centre - corner - sprite.middle])
-        total += np.float32(weight) * cv2.warpAffine(sprite.levels, shift, (width, height), flags=cv2.INTER_CUBIC)
+        total += np.float32(weight) * cv2.warpAffine(sprite.rgba, shift, (width, height), flags=cv2.INTER_CUBIC)
     cover = np.clip(total[..., 3], 0, 1)
     colours = np.clip(np.rint(total[..., :3] / np.maximum(total[..., 3:], 1e-3)), 0, 255).astype(np.uint8)
-    blend_levels(frame, colours, np.rint(255 * cover).astype(np.uint8), int(corner[0]), int(corner[1]))
+    blend_colours(image, colours, np.rint(255 * cover).astype(np.uint8), int(corner[0]), int(corner[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +303,7 @@ class RallyInterval:
         return frame
 
     def _weigh_sprites(self, share: float) -> list[tuple[ObjectSprite, float]]:
-        """Return the sprites of both frames with weights: only those of the same flight, and fading at a hidden side."""
+        """Return the sprites of both frames with weights; across a hit, only the one of its own side."""
         pair = ((self.first.sprite, 1 - share), (self.second.sprite, share))
         own = pair[int(share >= self.hit_share)][0] if np.isfinite(self.hit_share) else None
         if own is not None:
@@ -341,7 +341,7 @@ def prepare_rally_interval(timeline: RallyTimeline, first: RallyFrame, second: R
 
 
 def find_play_mask(timeline: RallyTimeline, row: int) -> BoolArray:
-    """Find the pixels (H, W) in which players may move: boxes of players in this and the next frame, or around the court."""
+    """Find the pixels (H, W) in which players may move: around them in this and the next frame, or around the court."""
     rally, camera, sport = timeline.rally, timeline.rally.scene.camera, timeline.rally.scene.sport
     mask = np.zeros((camera.height_px, camera.width_px), np.uint8)
     near = np.isin(rally.players[:, 0], rally.frame[row : row + 2])
@@ -377,7 +377,7 @@ def synthesize_rally_frames(clip: Clip, timeline: RallyTimeline, times: FloatArr
     centres = timeline.find_places(times)
     first, interval = None, None
     order = deque(zip(times.tolist(), rows.tolist(), share.tolist(), centres, strict=True))
-    for second in _separate_frames(clip, timeline, int(rows[0]), int(rows[-1]) + 1):
+    for second in separate_frames(clip, timeline, int(rows[0]), int(rows[-1]) + 1):
         while first is not None and order and order[0][1] == first.row:
             t, _, part, centre = order.popleft()
             is_seen = first.sprite is not None or second.sprite is not None
@@ -391,7 +391,7 @@ def synthesize_rally_frames(clip: Clip, timeline: RallyTimeline, times: FloatArr
         first = second
 
 
-def _separate_frames(clip: Clip, timeline: RallyTimeline, first: int, last: int) -> Iterator[RallyFrame]:
+def separate_frames(clip: Clip, timeline: RallyTimeline, first: int, last: int) -> Iterator[RallyFrame]:
     """Yield the separated frames of the rows from the first to the last; at most 2 `REACH` + 1 images are held."""
     low, high = max(first - REACH, 0), min(last + REACH + 1, len(timeline.rally.t))
     images: dict[int, ImageArray] = {}
