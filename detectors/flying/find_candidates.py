@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from detectors.flying.frame_windows import list_windows
+from detectors.flying.frame_windows import FrameWindow, list_windows
 from detectors.flying.motion_spots import find_spots, map_lone_change
 from detectors.flying.moving_people import PeopleFinder
 from detectors.flying.object_size import choose_scale, is_inside, outline_of_play
-from detectors.flying.spot_moments import measure_moments
+from detectors.flying.spot_network import SpotJudgement, judge_spots
 from models.core.court_camera import CourtScene
 from models.core.progress import Progress, ignore_progress
 from models.core.rally import BallCandidates
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from video.io.clip import Clip
 
-# Spots of a frame that are looked at: the object is among them where it can be told from noise.
+# Spots of a frame that are judged: the object is among them where it can be told from noise.
 SPOTS_PER_FRAME = 40
+# Probability below which a spot is no candidate: hundreds of such spots hold less than one object.
+LEAST_SCORE = 0.01
+# Working px within which two candidates are one, besides half their streaks.
+ONE_PLACE_PX = 3.0
 
 
 def find_candidates(clip: Clip, scene: CourtScene, progress: Progress = ignore_progress) -> BallCandidates:
@@ -34,21 +38,42 @@ def find_candidates(clip: Clip, scene: CourtScene, progress: Progress = ignore_p
     """
     scale = choose_scale(scene)
     people = PeopleFinder(scene, scale)
-    rows: list[FloatArray] = []
+    rows = [np.empty((0, 8))]
     count = len(clip.distinct_frames)
     for k, window in enumerate(list_windows(clip, scene.camera, scale)):
         people.add_window(window)
-        change = map_lone_change(window)
-        measures = measure_moments(change, find_spots(change, SPOTS_PER_FRAME))
-        centre = (measures.centre + 0.5) / scale - 0.5
-        table = np.column_stack([centre, measures.streak / scale, measures.score, measures.sigma / scale])
-        table = table[is_inside(outline_of_play(scene.sport, scene.camera, window.frame), centre)]
-        table = table[np.argsort(-table[:, 4], kind="stable")]
-        rows.append(np.column_stack([np.full(len(table), float(window.frame)), table]))
+        rows.append(_judge_frame(window, scene, scale))
         progress((k + 1) / count)
-    table = np.concatenate([np.empty((0, 8)), *rows])
+    table = np.concatenate(rows)
     interval = float(np.median(np.diff(clip.times_of(clip.distinct_frames))))
     return BallCandidates(
         table[:, 0].astype(np.int64), table[:, 1:3], table[:, 3:5], table[:, 5], table[:, 6], table[:, 7],
         people.find_people(interval),
     )  # fmt: skip
+
+
+def _judge_frame(window: FrameWindow, scene: CourtScene, scale: float) -> FloatArray:
+    """Find the candidates (K, 8) of a frame: frame, centre, streak, score, and sigma across and along."""
+    outline = outline_of_play(scene.sport, scene.camera, window.frame)
+    spots = find_spots(map_lone_change(window))
+    place = spots.place[is_inside(outline, (spots.place + 0.5) / scale - 0.5)][:SPOTS_PER_FRAME]
+    judged = judge_spots(window, place)
+    best = np.flatnonzero(_select_places(judged))
+    best = best[np.argsort(-judged.score[best], kind="stable")]
+    return np.column_stack(
+        [
+            np.full(len(best), float(window.frame)), (judged.centre[best] + 0.5) / scale - 0.5,
+            judged.streak[best] / scale, judged.score[best], judged.sigma[best] / scale,
+        ]
+    )  # fmt: skip
+
+
+def _select_places(judged: SpotJudgement) -> BoolArray:
+    """Select the most probable of the candidates (K,) that are at one place."""
+    is_selected = judged.score >= LEAST_SCORE
+    reach = ONE_PLACE_PX + np.linalg.norm(judged.streak, axis=1) / 2
+    for k in np.argsort(-judged.score, kind="stable"):
+        if is_selected[k]:
+            is_selected &= np.linalg.norm(judged.centre - judged.centre[k], axis=1) > reach[k]
+            is_selected[k] = True
+    return is_selected

@@ -40,13 +40,8 @@ def map_lone_change(window: FrameWindow) -> ByteArray:
     return np.asarray(cv2.add(brighter, cv2.subtract(cv2.min(before, after), image)), np.uint8)
 
 
-def find_spots(change: ByteArray, count: int) -> Spots:
-    """Find the most distinct spots of a map of change.
-
-    Args:
-        change: From `map_lone_change`.
-        count: Largest number of spots.
-    """
+def find_spots(change: ByteArray) -> Spots:
+    """Find the spots of a map (H, W) of `map_lone_change`."""
     total = cv2.boxFilter(change, cv2.CV_16U, (SPOT_PX, SPOT_PX), normalize=False, borderType=cv2.BORDER_CONSTANT)
     highest = cv2.dilate(total, np.ones((SEPARATION_PX, SEPARATION_PX), np.uint8))
     # Less than one grey level on average cannot exceed the rounding.
@@ -57,6 +52,6 @@ def find_spots(change: ByteArray, count: int) -> Spots:
     x, y = found.reshape(-1, 2).T
     power = cv2.sqrBoxFilter(change, cv2.CV_32F, (SURROUNDINGS_PX, SURROUNDINGS_PX), borderType=cv2.BORDER_REFLECT)
     distinctness = total[y, x] / SPOT_PX**2 / np.sqrt(power[y, x] + ROUNDING**2)
-    order = np.argsort(-distinctness, kind="stable")[:count]
+    order = np.argsort(-distinctness, kind="stable")
     order = order[distinctness[order] > LEAST_DISTINCTNESS]
     return Spots(np.column_stack([x, y])[order].astype(np.int64), distinctness[order])

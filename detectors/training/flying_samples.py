@@ -1,0 +1,96 @@
+"""Training samples of the flying-object network: spots of random films, with the truth about each."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from detectors.flying.frame_windows import FrameWindow, align_window
+from detectors.flying.motion_spots import find_spots, map_lone_change
+from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX, cut_patches
+from detectors.training.flying_scenes import FlyingFilm, draw_film
+from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+
+# Films in a file; offset of the seeds of hold-out films.
+FILMS_PER_FILE, HOLD_OUT_SEED = 60, 9_000_000
+# Spots of a frame that are looked at, and those of them without the object that become samples.
+SPOTS_PER_FRAME, NEGATIVES_PER_FRAME = 40, 10
+# Share of the object that must be seen, and px by which a spot may be beside it and still be its own.
+LEAST_VISIBLE, OWN_PX = 0.4, 4.0
+# px beside the streak up to which a spot is neither the object nor something else.
+UNCLEAR_PX = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlyingShard:
+    """N spots."""
+
+    patches: ByteArray
+    """(N, 8, 32, 32) as in `cut_patches`."""
+    truth: Float32Array
+    """(N, 5) whether it is the object, its place from the spot, and its streak, px."""
+
+    def __len__(self) -> int:
+        return len(self.patches)
+
+
+def prepare_flying_file(folder: Path, number: int, held_out: bool = False) -> Path:
+    """Draw the films of a file and cut their spots, unless it exists; its number determines them."""
+    path = folder / f"flying-{'held-out' if held_out else 'films'}-{number:05d}.npz"
+    if not path.exists():
+        rng = np.random.default_rng(number + HOLD_OUT_SEED * held_out)
+        limit = SPOTS_PER_FRAME if held_out else NEGATIVES_PER_FRAME
+        shards = [cut_samples(rng, draw_film(rng), limit) for _ in range(FILMS_PER_FILE)]
+        aside = path.with_suffix(f".{os.getpid()}.part")
+        with aside.open("wb") as file:
+            patches = np.concatenate([shard.patches for shard in shards])
+            np.savez(file, patches=patches, truth=np.concatenate([shard.truth for shard in shards]))
+        aside.replace(path)
+    return path
+
+
+def read_flying_file(path: Path) -> FlyingShard:
+    """Read a file that `prepare_flying_file` wrote."""
+    with np.load(path, allow_pickle=False) as arrays:
+        return FlyingShard(arrays["patches"], arrays["truth"])
+
+
+def cut_samples(rng: np.random.Generator, film: FlyingFilm, negatives: int) -> FlyingShard:
+    """Cut the spots of the inner frames of a film; at most so many of each frame that are not the object."""
+    patches, truth = [np.empty((0, LAYERS, PATCH_PX, PATCH_PX), np.uint8)], [np.empty((0, 5))]
+    for k in range(2, len(film.luma) - 2):
+        window = _window_of(film, k)
+        place = find_spots(map_lone_change(window)).place[:SPOTS_PER_FRAME]
+        truths = zip(film.centre[k], film.streak[k], film.visible[k], strict=True)
+        judged = [judge_spots(place, *truth_of_one) for truth_of_one in truths]
+        own, clear = np.array([j[0] for j in judged]), np.array([j[1] for j in judged])
+        others = rng.permutation(np.flatnonzero(~own.any(axis=0) & clear.all(axis=0)))[:negatives]
+        chosen = np.concatenate([np.flatnonzero(own.any(axis=0)), others])
+        which = np.argmax(own, axis=0)
+        rows = np.column_stack([own.any(axis=0), film.centre[k][which] - place, film.streak[k][which]])
+        patches.append(cut_patches(window, place[chosen]))
+        truth.append(rows[chosen])
+    return FlyingShard(np.concatenate(patches), np.concatenate(truth).astype(np.float32))
+
+
+def judge_spots(
+    place: IntArray, centre: FloatArray, streak: FloatArray, visible: float
+) -> tuple[BoolArray, BoolArray]:
+    """Tell which spots (K, 2) are the object, and of which it is clear whether they are."""
+    off = centre - place
+    length = float(np.linalg.norm(streak))
+    along = streak / length if length else np.array([1.0, 0.0])
+    beyond = np.maximum(np.abs(off @ along) - length / 2, 0.0)
+    distance = np.hypot(beyond, off @ [-along[1], along[0]])
+    is_own = (distance < OWN_PX) & (np.abs(off).max(axis=1) < MIDDLE - 2) & (visible >= LEAST_VISIBLE)
+    is_clear = is_own | (distance > UNCLEAR_PX) | (visible == 0)
+    return is_own, is_clear
+
+
+def _window_of(film: FlyingFilm, k: int) -> FrameWindow:
+    """Align the frames about frame k of a film."""
+    around = slice(k - 2, k + 3)
+    return align_window(k, list(film.luma[around]), film.shifts[around] @ np.linalg.inv(film.shifts[k]))
