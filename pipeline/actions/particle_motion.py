@@ -10,6 +10,7 @@ import numpy as np
 
 from models.core.answer import Answer
 from models.core.errors import OptionError
+from models.core.rally import Rally
 from models.core.recording import Recording
 from models.core.typing import FloatArray
 from models.estimation.particle_fit import (
@@ -19,11 +20,12 @@ from models.estimation.particle_fit import (
     fit_particles,
     forecast_particles,
 )
+from models.estimation.rally.rally_columns import RallyTrajectory, tabulate_tracks
 from models.estimation.reconstruction.shot_views import view_shot
 from pipeline.engine.atomic_write import require_writable_folder
 from pipeline.io.csv_tables import write_columns
 from pipeline.io.particle_files import read_particles
-from pipeline.io.saved_shot import SHOT_FOLDER, read_shot
+from pipeline.io.saved_shot import SHOT_FOLDER, read_saved
 from pipeline.io.text_table import Columns, require_tracks_file
 
 
@@ -67,7 +69,12 @@ def interpolate_particles(
 def _find_motion(shot: Recording, folder: Path, on_activity: Callable[[str], None]) -> ParticleMotion:
     """Return the fitted motion of the run that wrote the tracks, if there is one; otherwise fit particles."""
     if (folder / SHOT_FOLDER).is_dir():
-        fit = view_shot(read_shot(folder))
+        saved = read_saved(folder)
+        if isinstance(saved, Rally):
+            flights, error = RallyTrajectory(saved), tabulate_tracks(saved).sigma
+            sigma = np.full(len(shot.bodies), float(np.nanmedian(error)) if len(error) else np.nan)
+            return ParticleMotion("the flights of the run", lambda t: flights.at(t).xyz[:, None], sigma, {})
+        fit = view_shot(saved)
         trajectory, sigma = fit.trajectory, np.full(len(shot.bodies), fit.noise)
         if set(shot.bodies) <= set(trajectory.ids):
             order = [trajectory.ids.index(ball) for ball in shot.bodies]

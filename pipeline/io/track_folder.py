@@ -15,7 +15,7 @@ from models.core.recording import Recording, ReferenceFrame
 from models.core.tracks import TABLE_PLANE
 from models.core.typing import FloatArray
 from pipeline.io.run_folder import drop_repeated_clips
-from pipeline.io.saved_shot import has_shot, read_shot
+from pipeline.io.saved_shot import has_shot, holds_rally, read_shot
 from pipeline.io.strict_json import format_first_error, read_json
 from pipeline.io.surroundings import WallsEntry, build_inputs, find_input_columns
 from pipeline.io.text_table import TextTable, build_row_grid, read_text_table
@@ -200,6 +200,11 @@ def _describe_table(entry: SceneEntry) -> str:
 
 def _read_track_folder(folder: Path) -> TrackFolder:
     require_track_files(folder)
+    if holds_rally(folder):
+        raise OptionError(
+            f"{folder} holds a rally: one camera saw it, so that its places in space follow from the law of flight, and"
+            " cannot show what this law lacks; flights that several cameras measured can be diagnosed"
+        )
     entry = parse_scene_entry(read_json(folder / SCENE_FILE, "A track folder has a scene.json"), folder / SCENE_FILE)
     path = folder / "tracks.csv"
     # the table of a run folder rounds the observations of its shot

@@ -26,6 +26,17 @@ SECONDS = 1.5
 SLOW = 4
 
 
+def run_program(*words: object) -> ProgramOutput:
+    """Run `trueroll WORDS...` in this process."""
+    out, err = StringIO(), StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr("sys.argv", ["trueroll", *map(str, words)])
+        patch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as exit_info:
+            main()
+    return ProgramOutput(int(exit_info.value.code or 0), out.getvalue(), err.getvalue())
+
+
 @dataclass(frozen=True)
 class Home:
     """A folder with a clip, a cache, and the results of a run."""
@@ -52,14 +63,7 @@ class Home:
 
     def trueroll(self, command: str, *arguments: object) -> ProgramOutput:
         """Run `trueroll COMMAND ARGUMENTS...` in this process."""
-        words = [command, *map(str, arguments), "--cache", str(self.cache)]
-        out, err = StringIO(), StringIO()
-        with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-            patch.setattr("sys.argv", ["trueroll", *words])
-            patch.setenv("COLUMNS", "200")
-            with pytest.raises(SystemExit) as exit_info:
-                main()
-        return ProgramOutput(int(exit_info.value.code or 0), out.getvalue(), err.getvalue())
+        return run_program(command, *arguments, "--cache", self.cache)
 
     def rows(self, name: str) -> list[dict[str, str]]:
         with (self.out / name).open(newline="") as file:

@@ -13,9 +13,9 @@ import typer
 from PIL import Image, ImageDraw, ImageFont
 
 from models.core.errors import OptionError
-from pipeline.chain import build_run_graph
+from pipeline.chain import build_court_graph, build_run_graph
 from pipeline.engine.atomic_write import replace_file
-from pipeline.engine.result_cache import open_cache
+from pipeline.engine.result_cache import ResultCache, open_cache
 from pipeline.engine.stage_graph import StageStatus
 from pipeline.run_options import RunOptions, build_options, list_settings
 from pipeline.terminal import command_line as cli
@@ -41,7 +41,7 @@ def graph(
         stages = build_run_graph(Path(__file__), options).stages
         views = [StageStatus(s.name, s.needs, "waiting", "waits for a clip" if not s.needs else "") for s in stages]
     else:
-        views = build_run_graph(clip, options).list_statuses(open_cache(cache))
+        views = _list_statuses(clip, options, open_cache(cache))
     if out is not None:
         write_graph_image(views, out)
     if as_json:
@@ -56,6 +56,15 @@ def graph(
     cli.print_rows(("stage", "needs", "state", "why"), rows)
     if out is not None:
         print(f"Drawn in {out}")
+
+
+def _list_statuses(clip: Path, options: RunOptions, cache: ResultCache) -> list[StageStatus]:
+    """List the states of the stages of a clip, of a rally where a court was found in it."""
+    if options.court.sport is None:
+        views = build_court_graph(clip, options).list_statuses(cache)
+        if any(view.stage == "court" and view.state == "cached" for view in views):
+            return views
+    return build_run_graph(clip, options).list_statuses(cache)
 
 
 # Size of a box, space between columns and rows, border, all in px.

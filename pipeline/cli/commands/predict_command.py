@@ -50,14 +50,14 @@ def predict(
         raise OptionError(f"--seconds is above 0 and at most 60; got {seconds:g}")
     place = Path(source)
     folder = parse_output_path(out) if out is not None else place if place.is_dir() else place.parent
-    if is_particle_source(place):
-        from pipeline.actions.particle_motion import predict_particles  # slow to import
-
-        return predict_particles(place, seconds, at, folder, shot, fps)
     if holds_rally(place):
         from pipeline.actions.predict_rally import predict_rally  # slow to import
 
         return predict_rally(read_rally(place), seconds, at, folder)
+    if is_particle_source(place):
+        from pipeline.actions.particle_motion import predict_particles  # slow to import
+
+        return predict_particles(place, seconds, at, folder, shot, fps)
     from pipeline.actions.predict_shot import predict_shot  # slow to import
 
     learned = read_learned_table(profile)

@@ -138,7 +138,7 @@ def test_the_tracks_of_a_run_are_interpolated_by_its_own_motion(
     ]
     (tmp_path / "tracks.csv").write_text("\n".join(["shot,frame,t,id,x,y", *rows]), encoding="utf-8")
     (tmp_path / "shot").mkdir()
-    monkeypatch.setattr(particle_motion, "read_shot", lambda folder: None)
+    monkeypatch.setattr(particle_motion, "read_saved", lambda folder: None)
     monkeypatch.setattr(particle_motion, "view_shot", lambda shot: fit)
     monkeypatch.setattr(particle_motion, "fit_particles", lambda shot: pytest.fail("the run knows the motion"))
     command = ["interpolate", str(tmp_path / "tracks.csv"), "--factor", "2", "-o", str(tmp_path / "fine.csv")]

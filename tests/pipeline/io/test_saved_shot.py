@@ -26,7 +26,7 @@ from pipeline.engine.result_cache import ResultCache
 from pipeline.io.kept_values import KEPT_FOLDER, find_kept_value, keep_value, load_shot
 from pipeline.io.run_folder import SOURCE_FILE
 from pipeline.io.run_views import read_shot_record, view_run
-from pipeline.io.saved_shot import FORMAT, SHOT_FILE, SHOT_FOLDER, has_shot, read_shot
+from pipeline.io.saved_shot import FORMAT, SHOT_FILE, SHOT_FOLDER, SHOT_FORMAT, has_shot, read_shot
 from pipeline.io.shot_laws import find_laws, keep_laws
 
 
@@ -79,7 +79,7 @@ def test_the_document_is_strict_json_with_version_and_options(shot: Shot, tmp_pa
 
     text = (tmp_path / SHOT_FOLDER / SHOT_FILE).read_text(encoding="utf-8")
     document = json.loads(text, parse_constant=refuse)
-    assert (document["format"], document["program"], document["options"]) == (FORMAT, "1.2.3", {"break_price": 20.0})
+    assert (document["format"], document["program"], document["options"]) == (SHOT_FORMAT, "1.2.3", {"break_price": 20.0})
 
 
 def test_the_same_shot_gives_the_same_bytes(shot: Shot, tmp_path: Path) -> None:

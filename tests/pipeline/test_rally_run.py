@@ -1,0 +1,206 @@
+"""A clip of a rally goes through the same commands and files as a clip of billiards."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.carom_start import Home, run_program
+from support.rally_stand_ins import use_stand_ins
+
+import trueroll
+from models.core.errors import OptionError
+from pipeline.api import RallyRun
+from pipeline.io.saved_shot import read_rally
+from video.io.video_writer import VideoWriter
+
+FILES = {
+    "slow.mp4", "tracks.csv", "events.csv", "scene.json", "trajectory.csv",
+    "recording.rrd", "report.html", "summary.json", "poster.png", "source.json", "shot",
+}  # fmt: skip
+
+
+def film_noise(path: Path, width: int = 320, views: int = 1, frames: int = 50) -> Path:
+    """Film changing noise in the lower half of every view, each view of another brightness."""
+    rng = np.random.default_rng(5)
+    with VideoWriter(path, width, 180, Fraction(25)) as writer:
+        for k in range(views * frames):
+            image = np.full((180, width, 3), 40 + 170 * ((k // frames) % 2), np.uint8)
+            image[90:] = rng.integers(0, 60, (90, width, 3), np.uint8) + 40
+            writer.write(image)
+    return path
+
+
+@pytest.fixture(scope="module")
+def courts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
+    """A run of a clip that shows a badminton court to the stand-ins."""
+    home = Home(tmp_path_factory.mktemp("courts"))
+    home.clip.parent.mkdir()
+    film_noise(home.clip)
+    with pytest.MonkeyPatch.context() as patch:
+        use_stand_ins(patch)
+        done = home.trueroll("run", home.clip, "-o", home.out)
+        assert done.status == 0, done.err
+        (home.folder / "printed.txt").write_text(done.out)
+        yield home
+
+
+def test_the_folder_of_a_rally_holds_the_files_of_a_run(courts: Home) -> None:
+    assert {path.name for path in courts.out.iterdir()} == FILES
+
+
+def test_a_run_prints_the_events_the_call_and_the_trust_level(courts: Home) -> None:
+    text = (courts.folder / "printed.txt").read_text()
+    for words in ("The shuttle is hit by the near player", "The shuttle lands", "In (above 99.9 %)", "far end line",
+                  "trust: green", "report.html"):  # fmt: skip
+        assert words in text
+
+
+def test_tracks_have_heights_and_fill_in_the_hidden_frame(courts: Home) -> None:
+    rows = courts.rows("tracks.csv")
+    assert list(rows[0]) == ["shot", "frame", "t", "id", "kind", "x_px", "y_px", "x", "y", "z", "sigma", "radius_px",
+                             "observed"]  # fmt: skip
+    assert [row["observed"] for row in rows].count("0") == 1
+    assert {row["id"] for row in rows} == {"shuttle"}
+    frame = courts.column("tracks.csv", "frame")
+    assert np.all(np.diff(frame) == 1)
+    hidden = courts.column("tracks.csv", "observed") == 0
+    for name in ("x_px", "y_px", "z"):  # between its neighbours
+        values = courts.column("tracks.csv", name)
+        assert np.all(np.abs(np.diff(values, 2)[np.flatnonzero(hidden) - 1]) < 0.2 * np.ptp(values))
+    assert np.all(courts.column("tracks.csv", "sigma") > 0)
+    assert np.all((courts.column("tracks.csv", "radius_px") > 1) & (courts.column("tracks.csv", "radius_px") < 10))
+
+
+def test_events_name_the_player_and_the_place(courts: Home) -> None:
+    hit, landing = courts.rows("events.csv")
+    assert (hit["kind"], hit["a"], hit["b"], landing["kind"]) == ("hit", "shuttle", "near", "landing")
+    assert [float(landing[name]) for name in "xyz"] == pytest.approx([13.0, 3.0, 0.033], abs=1e-3)
+    assert float(landing["frame"]) == pytest.approx(25 * float(landing["t"]), abs=1e-3)
+
+
+def test_the_trajectory_is_sampled_a_thousand_times_a_second_in_space(courts: Home) -> None:
+    t, z, vz = (courts.column("trajectory.csv", name) for name in ("t", "z", "vz"))
+    assert np.diff(t) == pytest.approx(0.001, abs=1e-6)
+    assert np.gradient(z, t)[1:-1] == pytest.approx(vz[1:-1], abs=0.05)
+    assert z[-1] == pytest.approx(0.033, abs=0.01)
+
+
+def test_the_scene_states_court_calibration_flights_landing_and_trust(courts: Home) -> None:
+    scene = courts.scene
+    assert (scene["scene"], scene["sport"], scene["units"]) == ("rally", "badminton", "m")
+    assert np.array(scene["calibration"]["covariance"]).shape == (8, 8)
+    (flight,) = scene["flights"]
+    assert {"value", "sigma", "unit"} == flight["parameters"]["drag"].keys()
+    assert flight["chi2_per_dof"] == 1.1
+    assert scene["landings"][0]["place"] == pytest.approx([13.0, 3.0, 0.033])
+    assert scene["trust"]["light"] == "green"
+    assert json.loads((courts.out / "summary.json").read_text())["hit_count"] == 1
+
+
+def test_a_second_run_takes_everything_from_the_cache(courts: Home, tmp_path: Path) -> None:
+    done = courts.trueroll("run", courts.clip, "-o", tmp_path / "again", "--json")
+    assert json.loads(done.out)["landing"]["code"] == "in"
+    for path in courts.out.iterdir():
+        if path.is_file():
+            assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+    done = courts.trueroll("graph", courts.clip, "--json")
+    views = {view["stage"]: view["state"] for view in json.loads(done.out)}
+    assert {"court", "candidates", "rally", "render"} <= views.keys()
+    assert set(views.values()) == {"cached"}
+
+
+def test_the_saved_rally_reads_back_equal(courts: Home) -> None:
+    rally = read_rally(courts.out)
+    run = trueroll.load(courts.out)
+    assert isinstance(run, RallyRun)
+    assert run.rally.scene.sport == rally.scene.sport
+    assert run.trajectory.at(0.5).xyz.shape == (1, 3)
+    assert [one.kind for one in run.events] == ["hit", "landing"]
+    assert len(run.tracks) == run.to_arrow("tracks").num_rows
+    assert "far" in run.scene.sport.lines[1].name
+    assert "lands" in run._repr_html_()
+    with pytest.raises(OptionError, match="holds a rally of badminton"):
+        _ = run.shot
+
+
+def test_an_umpire_is_told_where_it_landed(courts: Home, tmp_path: Path) -> None:
+    answer = trueroll.call(courts.out, "landing", out=tmp_path)
+    assert answer.verdict == "in"
+    assert answer["distance"].value == pytest.approx(40, abs=0.5)
+    assert answer["distance"].sigma == pytest.approx(3, abs=0.1)
+    assert [Path(figure).is_file() for figure in answer.figures] == [True]
+    box = run_program("call", courts.out, "landing", "--service-box", "-o", tmp_path, "--json")
+    assert json.loads(box.out)["area"] == "service-box"
+    assert trueroll.call(courts.out, "landing", "doubles", out=tmp_path).verdict == "in"
+
+
+def test_the_height_over_the_net_has_an_error(courts: Home) -> None:
+    answer = trueroll.call(courts.out, "net")
+    assert answer["height"].sigma > 0
+    assert len(answer.rows) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("call", "first", "cue"), "holds a rally of badminton: ask landing"),
+        (("call", "landing", "--singles", "--doubles"), "with one of --singles"),
+        (("call", "landing", "mixed"), "badminton has the areas"),
+        (("call", "net", "--singles"), "got 'net --singles'"),
+        (("predict", "--at", "99"), "--at lies within what was seen, 0.500"),
+        (("what-if",), "holds a rally of badminton"),
+        (("edit", "--no-browser"), "rally"),
+        (("diagnose",), "rally"),
+        (("put-back",), "rally"),
+        (("compare",), "rally"),
+        (("fit-table",), "rally"),
+        (("certify",), "rally"),
+    ],
+)
+def test_what_cannot_be_asked_of_a_rally_is_one_sentence(
+    courts: Home, tmp_path: Path, words: tuple[str, ...], sentence: str
+) -> None:
+    command, *rest = words
+    done = run_program(command, courts.out, *rest)
+    assert done.status in (1, 2)
+    assert sentence in " ".join(done.err.split())
+    assert "Traceback" not in done.err
+
+
+def test_a_rally_is_predicted_from_what_was_seen_until_then(courts: Home, tmp_path: Path) -> None:
+    answer = trueroll.predict(courts.out, at=0.8, out=tmp_path)
+    assert answer["x"].value == pytest.approx(13.0, abs=0.1)
+    document = json.loads((tmp_path / "prediction.json").read_text())
+    assert document["compared"]["rms_px"] < 0.5
+    assert document["compared"]["frames"] > 3
+
+
+def test_a_clip_of_neither_kind_keeps_its_sentence(courts: Home, tmp_path: Path) -> None:
+    clip = film_noise(tmp_path / "nothing.mp4", width=160)
+    done = courts.trueroll("run", clip, "-o", tmp_path / "out")
+    assert done.status == 1
+    assert "table" in done.err or "cloth" in done.err
+    done = courts.trueroll("run", clip, "-o", tmp_path / "out", "--sport", "tennis")
+    assert "no lines of a known court are in view" in done.err
+    assert not (tmp_path / "out" / "tracks.csv").exists()
+
+
+def test_a_cut_ends_a_rally(courts: Home, tmp_path: Path) -> None:
+    clip = film_noise(tmp_path / "match.mp4", views=3)
+    done = courts.trueroll("run", clip, "-o", tmp_path / "out", "--sport", "tennis", "--shot", "2", "--no-video")
+    assert done.status == 0, done.err
+    assert "shot 2 of 3" in done.err
+    assert json.loads((tmp_path / "out" / "scene.json").read_text())["clip"]["first_frame"] == 50
+    assert json.loads((tmp_path / "out" / "scene.json").read_text())["sport"] == "tennis"
+
+
+def test_a_sport_that_is_not_known_is_refused(courts: Home) -> None:
+    done = courts.trueroll("run", courts.clip, "--sport", "curling")
+    assert done.status == 2
+    assert "badminton, table-tennis or tennis was expected" in done.err
