@@ -25,7 +25,7 @@ from models.numerics.executor import SERIAL, Executor
 from pipeline.engine.atomic_write import replace_file, require_writable_folder, write_text
 from pipeline.engine.result_cache import CacheEntry, ResultCache
 from pipeline.engine.source_fingerprint import SourceSnapshot
-from pipeline.engine.stage_graph import RunWatcher, StageGraph
+from pipeline.engine.stage_graph import RunWatcher, StageGraph, accept_result
 from pipeline.io.corrections_file import corrections_path, read_corrections
 from pipeline.io.run_folder import SOURCE_FILE, read_source
 from pipeline.io.run_views import view_inputs
@@ -231,6 +231,46 @@ def run_shot_graph(graph: StageGraph, cache: ResultCache, watcher: RunWatcher) -
     return graph.load("read", entries), graph.load("explain", entries)
 
 
+def explain_clip(
+    clip: Path, options: RunOptions, cache: ResultCache, watcher: RunWatcher, memory: FrameMemory | None = None
+) -> tuple[Clip, Shot | Rally]:
+    """Explain a clip of a shot, or of a rally where it shows no table.
+
+    Args:
+        clip: Path of the clip.
+        options: Options of all stages.
+        watcher: Follows the run.
+        memory: Keeps the decoded frames of the clip for the stages; None decodes it in each.
+
+    Returns:
+        The clip, and its shot or rally.
+
+    Raises:
+        TruerollError: The clip or an option cannot be used.
+    """
+    court = build_court_graph(clip, options, memory=memory).select("rally")
+    if not options.court.has_court:
+        try:
+            return run_shot_graph(build_shot_graph(clip, options, memory), cache, watcher)
+        except TableNotFound as refusal:
+            _require_court(court, options, refusal, cache, watcher)
+    entries = court.run(cache, watcher)
+    return court.load("read", entries), court.load("rally", entries)
+
+
+def _require_court(
+    graph: StageGraph, options: RunOptions, refusal: TableNotFound, cache: ResultCache, watcher: RunWatcher,
+    check: Callable[[], None] = accept_result, snapshot: SourceSnapshot | None = None,
+) -> None:  # fmt: skip
+    """Raise why there is no table, unless the clip shows a court and the user did not say billiards."""
+    if options.court.sport is not None:
+        raise refusal
+    try:
+        graph.select("court").run(cache, watcher, check, snapshot)
+    except ClipError:
+        raise refusal from None
+
+
 def run_tables(
     clip: Path,
     folder: Path,
@@ -361,13 +401,8 @@ def run_clip(
         try:
             entries = graph.run(cache, watcher, check, snapshot, publish_answer)
         except TableNotFound as refusal:
-            if options.court.sport is not None:
-                raise
             has_court, graph = True, _build_graph(clip, digest, corrected, True, shot, executor, memory)
-            try:
-                graph.select("court").run(cache, watcher, check, snapshot)
-            except ClipError:
-                raise refusal from None
+            _require_court(graph, options, refusal, cache, watcher, check, snapshot)
             entries = graph.run(cache, watcher, check, snapshot, publish_answer)
     publish_files(entries, folder)
     write_source(clip, folder, options, shot, hash_tables(folder))

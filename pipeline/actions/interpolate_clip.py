@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from models.core.errors import OptionError
 from models.core.fit_result import Trust
+from models.core.rally import Rally
 from models.core.shot import Shot
-from models.core.typing import FloatArray
+from models.core.typing import FloatArray, ImageArray
 from pipeline.engine.atomic_write import create_folder, replace_file, require_writable_folder
 from pipeline.engine.stage_graph import RunWatcher
 from pipeline.io.run_views import view_run
+from pipeline.reporting.text.rally_sentences import assess_rally_trust
 from video.io.audio import add_audio
-from video.io.clip import Clip
+from video.io.clip import Clip, read_frames
 from video.io.video_writer import VideoWriter
 from video.matting.ball_timeline import build_ball_timeline
 from video.matting.hidden_background import estimate_hidden_background
@@ -88,7 +91,7 @@ def interpolate_clip(
     video: Path,
     frames: Path | None,
     wanted: InterpolateOptions,
-    explain_clip: Callable[[], tuple[Clip, Shot]],
+    explain_clip: Callable[[], tuple[Clip, Shot | Rally]],
     watcher: RunWatcher,
     with_sound: bool = True,
 ) -> InterpolatedClip:
@@ -100,7 +103,7 @@ def interpolate_clip(
         video: Video to write.
         frames: New or empty folder for PNGs; None for none.
         wanted: Times and synthesis of the frames.
-        explain_clip: Called once the outputs can be written; it returns the clip and its shot.
+        explain_clip: Called once the outputs can be written; it returns the clip, and its shot or rally.
         watcher: Receives the progress.
         with_sound: Whether the video has the sound of the clip.
 
@@ -116,23 +119,22 @@ def interpolate_clip(
         raise OptionError(f"The video would overwrite the clip {clip} itself; choose another output with -o")
     if frames is not None and frames.is_dir() and any(frames.iterdir()):
         raise OptionError(f"--frames needs a new or empty folder; {frames} contains files")
-    source, shot = explain_clip()
-    fit = view_run(shot)
+    source, explained = explain_clip()
     progress, start = watcher.start_stage("interpolate"), time.perf_counter()
     times, rate, even = _schedule_frames(source, wanted)
-    background = estimate_hidden_background(build_ball_timeline(shot.scene, shot.tracks, fit), source)
-    scenery = estimate_clip_appearance(background, source)
-    exposure = wanted.shutter and float(wanted.shutter / MAX_SHUTTER * np.median(np.diff(times)))
-    width, lefts = source.width, np.zeros(len(times), np.int64)
-    if wanted.upright:
-        width, lefts = window_width(source.width, source.height), window_left_borders(scenery.timeline, times)
+    if isinstance(explained, Rally):
+        images, trust = _synthesize_rally(source, explained, times, wanted), assess_rally_trust(explained)
+        width, lefts = source.width, np.zeros(len(times), np.int64)
+    else:
+        images, width, lefts = _synthesize_shot(source, explained, times, wanted)
+        trust = view_run(explained).trust
     base = None if even else TIME_BASE
     with replace_file(video) as place, create_folder(frames) if frames else nullcontext() as folder:
         silent = place.with_name(f".{video.name}.silent{place.name.removeprefix('.' + video.name)}")
         try:
             with VideoWriter(silent, width, source.height, rate, crf=18, time_base=base, direct=True) as writer:
-                for k, frame in enumerate(synthesize_frames(source, scenery, times, exposure)):
-                    shown = np.ascontiguousarray(frame.image[:, lefts[k] : lefts[k] + width])
+                for k, image in enumerate(images):
+                    shown = np.ascontiguousarray(image[:, lefts[k] : lefts[k] + width])
                     writer.write(shown, None if even else float(wanted.slow * (times[k] - times[0])))
                     if folder is not None:
                         Image.fromarray(shown).save(folder / f"{k:06d}.png", compress_level=1)
@@ -146,7 +148,34 @@ def interpolate_clip(
     watcher.finish_stage("interpolate", time.perf_counter() - start, False)
     originals = int(np.isin(times, source.times_of(source.distinct_frames)).sum())
     notes = (*source.notes, *(source.memory.notes if source.memory else ()))
-    return InterpolatedClip(len(times), originals, float(rate), fit.trust, notes)
+    return InterpolatedClip(len(times), originals, float(rate), trust, notes)
+
+
+def _synthesize_shot(
+    source: Clip, shot: Shot, times: FloatArray, wanted: InterpolateOptions
+) -> tuple[Iterator[ImageArray], int, NDArray[np.int64]]:
+    """Return the frames of a shot of billiards, the width of the output, and its left border (K,) in each frame."""
+    timeline = build_ball_timeline(shot.scene, shot.tracks, view_run(shot))
+    scenery = estimate_clip_appearance(estimate_hidden_background(timeline, source), source)
+    exposure = wanted.shutter and float(wanted.shutter / MAX_SHUTTER * np.median(np.diff(times)))
+    width, lefts = source.width, np.zeros(len(times), np.int64)
+    if wanted.upright:
+        width, lefts = window_width(source.width, source.height), window_left_borders(scenery.timeline, times)
+    return (frame.image for frame in synthesize_frames(source, scenery, times, exposure)), width, lefts
+
+
+def _synthesize_rally(
+    source: Clip, rally: Rally, times: FloatArray, wanted: InterpolateOptions
+) -> Iterator[ImageArray]:
+    """Yield the frames of a rally; those of the clip are as they were decoded."""
+    if wanted.upright or wanted.shutter is not None:
+        raise OptionError("--upright and --shutter are for billiards; leave them out for a rally")
+    from video.synthesis.rally_synthesis import build_rally_timeline, synthesize_rally_frames  # slow to import
+
+    decoded = (image for _, image in read_frames(source, indices=rally.frame[np.isin(rally.t, times)]))
+    for frame in synthesize_rally_frames(source, build_rally_timeline(rally), times):
+        is_decoded = np.isin(frame.t, rally.t)
+        yield next(decoded) if is_decoded else frame.canvas.to_rgb(source.height, source.width)
 
 
 def _schedule_frames(clip: Clip, wanted: InterpolateOptions) -> tuple[FloatArray, Fraction, bool]:

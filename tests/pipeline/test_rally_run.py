@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
+from PIL import Image
 from support.carom_start import Home, run_program
 from support.rally_stand_ins import use_stand_ins
 
@@ -204,3 +205,19 @@ def test_a_sport_that_is_not_known_is_refused(courts: Home) -> None:
     done = courts.trueroll("run", courts.clip, "--sport", "curling")
     assert done.status == 2
     assert "badminton, table-tennis or tennis was expected" in done.err
+
+
+def test_frames_between_the_frames_of_a_rally_leave_the_originals_as_they_are(courts: Home, tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    words = ("--factor", 2, "-o", tmp_path / "out.mp4", "--frames", frames, "--sport", "badminton")
+    done = courts.trueroll("interpolate", courts.clip, *words)
+    assert done.status == 0, done.err
+    with av.open(str(courts.clip)) as film:
+        real = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert len(list(frames.iterdir())) == 2 * len(real) - 1
+    for k in (0, 17, 49):
+        assert np.array_equal(np.asarray(Image.open(frames / f"{2 * k:06d}.png")), real[k])
+    done = courts.trueroll("interpolate", courts.clip, "--factor", 2, "-o", tmp_path / "up.mp4", "--upright")
+    assert "are for billiards" in done.err
+    done = run_program("interpolate", courts.out, "--factor", 4, "-o", tmp_path / "fine.csv")
+    assert "the flights of the run" in done.out

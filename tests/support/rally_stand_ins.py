@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +24,9 @@ def locate_court(clip: Clip, sport: str | None, corners: str | None, progress: o
     """Find a badminton court unless the clip is small; a clip of 200 px or less shows none."""
     if clip.width <= 200:
         raise ClipError("no lines of a known court are in view")
-    return stage_rally(find_sports()[sport or "badminton"], (2.5, 1.0) if sport == "table-tennis" else (13.0, 3.0)).scene
+    return stage_rally(
+        find_sports()[sport or "badminton"], (2.5, 1.0) if sport == "table-tennis" else (13.0, 3.0)
+    ).scene
 
 
 def find_candidates(clip: Clip, scene: CourtScene, progress: object) -> BallCandidates:
@@ -36,7 +39,8 @@ def explain_rally(
     scene: CourtScene, candidates: BallCandidates, frame: np.ndarray, t: np.ndarray, progress: object
 ) -> Rally:
     """Return the staged rally."""
-    return stage_rally(scene.sport, (2.5, 1.0) if scene.sport.floor < 0 else (13.0, 3.0))
+    rally = stage_rally(scene.sport, (2.5, 1.0) if scene.sport.floor < 0 else (13.0, 3.0), frames=len(frame))
+    return replace(rally, frame=frame, t=t)
 
 
 def write_file(path: Path, *_: Any) -> None:

@@ -43,14 +43,15 @@ def stage_rally(
     climb: float = 5.0,
     player: str | None = None,
     no_landing: float = 0.0,
+    frames: int | None = None,
 ) -> Rally:
-    """Build a rally of one hit that lands at a target (x, y), m, with the error sigma (x, y), m."""
+    """Build a rally of one hit that lands at a target (x, y), m, with the error sigma (x, y), m, in so many frames."""
     start = start or (0.12 * sport.length, 0.4 * sport.width, 1.0 if sport.floor == 0 else 0.25)
     flight = aim_flight(sport, target, start, climb)
     sides = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
     player = sides[int(start[0] > sport.length / 2)] if player is None else player
     scene = usual_view(sport)
-    t = np.arange(int((flight.end + 0.4) * FPS)) / FPS
+    t = np.arange(frames or int((flight.end + 0.4) * FPS)) / FPS
     frame = np.arange(len(t))
     flying = (t >= flight.start) & (t <= flight.end)
     px = np.full((len(t), 2), np.nan)

@@ -21,6 +21,9 @@ RGB_TO_YUV = np.column_stack([
     ]) / 255,
     (16.054, 127.875, 127.875),
 ]).astype(np.float32)  # fmt: skip
+_BACK = np.linalg.inv(RGB_TO_YUV[:, :3].astype(np.float64))
+# (3, 4) the other way round.
+YUV_TO_RGB = np.column_stack([_BACK, -_BACK @ np.array([16.0, 128.0, 128.0])]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,10 @@ class YuvFrame:
             for plane in self.planes[1:]
         )
         return np.asarray(cv2.merge([self.planes[0][y0:y1, x0:x1], *chroma]), dtype=np.uint8)
+
+    def to_rgb(self, height: int, width: int) -> ImageArray:
+        """Convert to an image (height, width, 3) of red, green and blue, without the row or column of an odd side."""
+        return np.asarray(cv2.transform(self.copy_patch(0, 0, width, height), YUV_TO_RGB), dtype=np.uint8)
 
 
 # What is drawn upon: an RGB image (H, W, 3), or a frame for the encoder.

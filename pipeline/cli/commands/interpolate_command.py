@@ -67,7 +67,7 @@ def interpolate(
         cli.print_answer(answer, as_json)
         return
     from pipeline.actions.interpolate_clip import InterpolateOptions, interpolate_clip
-    from pipeline.chain import build_shot_graph, run_shot_graph
+    from pipeline.chain import explain_clip
     from pipeline.reporting.text.text_formatting import format_trust_line, summarize_trust
     from pipeline.stages.read_stage import open_frame_memory
     from pipeline.terminal.progress_display import StageDisplay
@@ -81,7 +81,7 @@ def interpolate(
         store = open_cache(cache)
         result = interpolate_clip(
             source, video, frames, wanted,
-            lambda: run_shot_graph(build_shot_graph(source, options, open_frame_memory()), store, display),
+            lambda: explain_clip(source, options, store, display, open_frame_memory()),
             display, with_sound=options.read.fps is None,  # --fps overrides the times that the sound follows
         )  # fmt: skip
     for note in result.notes:

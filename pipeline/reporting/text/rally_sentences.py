@@ -111,7 +111,8 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
     shown = probability if decided else f"{likely}: {probability}"
     head = f"{start_sentence(verdict)} ({shown})"
     if call.landing is None:
-        return LandingWords(question, verdict, shown, f"{head}: no landing.", "", _format_advice(call, name))
+        text = f"{start_sentence(verdict)}: no landing of the {name} is known."
+        return LandingWords(question, verdict, "", text, "", _format_advice(call, name))
     margin = f"{format_distance(call.distance, call.distance_sigma)} {_format_side(call)}"
     would = "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)

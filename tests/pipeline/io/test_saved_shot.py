@@ -79,7 +79,11 @@ def test_the_document_is_strict_json_with_version_and_options(shot: Shot, tmp_pa
 
     text = (tmp_path / SHOT_FOLDER / SHOT_FILE).read_text(encoding="utf-8")
     document = json.loads(text, parse_constant=refuse)
-    assert (document["format"], document["program"], document["options"]) == (SHOT_FORMAT, "1.2.3", {"break_price": 20.0})
+    assert (document["format"], document["program"], document["options"]) == (
+        SHOT_FORMAT,
+        "1.2.3",
+        {"break_price": 20.0},
+    )
 
 
 def test_the_same_shot_gives_the_same_bytes(shot: Shot, tmp_path: Path) -> None:
