@@ -241,8 +241,8 @@ def _collect_marks(rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall)
             speed = format_with_sigma(3.6 * stroke.hit.speed, 3.6 * stroke.hit.speed_sigma, 0)
             marks.append(RallyMark(stroke.hit.t, stroke.hit.place, Label(f"{speed} km/h", "", colour)))
         if stroke.net is not None and not stroke.net.is_touch:
-            height = format_with_sigma(100 * stroke.net.height, 100 * stroke.net.height_sigma, 0)
-            label = Label("net", f"{height} cm over it", colour)
+            height = format_with_sigma(100 * abs(stroke.net.height), 100 * stroke.net.height_sigma, 0)
+            label = Label("net", f"{height} cm {'over' if stroke.net.height >= 0 else 'below'} its edge", colour)
             marks.append(RallyMark(stroke.net.t, stroke.net.place, label))
     landing = call.landing
     for event in rally.events:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.core.court import Sport
-from models.core.rally import Rally, RallyEvent
+from models.core.rally import LandingHypothesis, Rally, RallyEvent
 from models.core.typing import FloatArray
-from models.estimation.rally.landing_judgement import NetCrossing, judge_net
+from models.estimation.rally.landing_judgement import LandingCall, NetCrossing, judge_landing, judge_net
 from models.estimation.rally.rally_views import PlacesInSpace, continue_flight, evaluate_rally
 
 # s between the places among which the highest is sought: at the apex, an object rises by 1 mm in that time.
@@ -35,36 +34,26 @@ class Stroke:
     """m, of its height."""
     net: NetCrossing | None
     """Where it first crossed or touched the net."""
-    landing: FloatArray
-    """(3,) m, where it first touched the surface or the floor, or would have; NaN where that is unknown."""
-    landing_covariance: FloatArray
-    """(3, 3) m^2."""
-    is_landed: bool
-    """Whether it landed; otherwise the flight is continued by its physics as if nobody had returned it."""
+    call: LandingCall | None
+    """Whether it first touched the surface in or out; None where that is unknown. Where it was returned before, its
+    landing is not seen: the flight is continued by its physics as if nobody had returned it.
+    """
 
 
-def summarize_strokes(rally: Rally) -> tuple[Stroke, ...]:
-    """Summarize the strokes of a rally in the order of time."""
+def summarize_strokes(rally: Rally, area: str | None = None) -> tuple[Stroke, ...]:
+    """Summarize the strokes of a rally in the order of time; `area` is that of `judge_landing`."""
     hits = [event for event in rally.events if event.kind == "hit"]
     ends = [*(event.t for event in hits[1:]), np.inf]
     crossings = judge_net(rally)
-    return tuple(_summarize_stroke(rally, hit, end, crossings) for hit, end in zip(hits, ends, strict=True))
+    return tuple(_summarize_stroke(rally, hit, end, crossings, area) for hit, end in zip(hits, ends, strict=True))
 
 
-def _summarize_stroke(rally: Rally, hit: RallyEvent, end: float, crossings: tuple[NetCrossing, ...]) -> Stroke:
+def _summarize_stroke(
+    rally: Rally, hit: RallyEvent, end: float, crossings: tuple[NetCrossing, ...], area: str | None
+) -> Stroke:
     """Summarize the stroke from a hit to the next one at `end`, s, or infinity."""
     own = [k for k, one in enumerate(rally.flights) if hit.t - SAME_TIME_S <= one.start < end - SAME_TIME_S]
-    touches = [one for one in rally.events if one.kind in ("bounce", "landing") and hit.t < one.t < end]
     net = next((one for one in crossings if hit.t < one.t < end), None)
-    place, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    if touches:
-        place, covariance = touches[0].place, touches[0].covariance
-    elif end == np.inf and rally.landings:
-        place, covariance = rally.landings[0].place, rally.landings[0].covariance
-    elif own:
-        path = continue_flight(rally, own[-1], LONGEST_FLIGHT_S)
-        if _is_on_surface(path, rally.scene.sport):
-            place, covariance = path.xyz[-1], path.covariance[-1]
     apex, sigma = np.full(3, np.nan), np.nan
     last = rally.flights[own[-1]].end if own else hit.t
     if own:
@@ -73,13 +62,28 @@ def _summarize_stroke(rally: Rally, hit: RallyEvent, end: float, crossings: tupl
         if np.isfinite(path.xyz[:, 2]).any():
             highest = int(np.nanargmax(path.xyz[:, 2]))
             apex, sigma = path.xyz[highest], float(np.sqrt(path.covariance[highest, 2, 2]))
-    return Stroke(hit, last, apex, sigma, net, place, covariance, bool(touches) or end == np.inf)
+    landing = _find_landing(rally, hit, end, own)
+    call = None
+    if landing is not None:
+        until = tuple(one for one in rally.events if one.t <= hit.t)
+        call = judge_landing(replace(rally, events=until, landings=(landing,), no_landing=1 - landing.weight), area)
+    return Stroke(hit, last, apex, sigma, net, call)
 
 
-def _is_on_surface(path: PlacesInSpace, sport: Sport) -> bool:
-    """Return whether a continued flight ends on the playing surface or on the floor."""
-    height = float(path.xyz[-1, 2]) - sport.object.radius
-    return min(abs(height), abs(height - sport.floor)) < ON_SURFACE
+def _find_landing(rally: Rally, hit: RallyEvent, end: float, flights: list[int]) -> LandingHypothesis | None:
+    """Find where the stroke from a hit to a time, s, first touched the surface, or would have; None where unknown."""
+    for one in rally.events:
+        if one.kind in ("bounce", "landing") and hit.t < one.t < end:
+            return LandingHypothesis(1.0, one.t, one.t_sigma, one.place, one.covariance, True)
+    if end == np.inf and rally.landings:
+        return rally.landings[0]
+    path = continue_flight(rally, flights[-1], LONGEST_FLIGHT_S) if flights else None
+    if path is None or not np.isfinite(path.covariance[-1]).all():
+        return None
+    height = float(path.xyz[-1, 2]) - rally.scene.sport.object.radius
+    is_down = min(abs(height), abs(height - rally.scene.sport.floor)) < ON_SURFACE
+    t = float(path.t[-1])
+    return LandingHypothesis(1.0, t, np.nan, path.xyz[-1], path.covariance[-1], False) if is_down else None
 
 
 def find_current_stroke(strokes: tuple[Stroke, ...], t: float) -> int:
