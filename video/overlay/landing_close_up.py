@@ -1,4 +1,4 @@
-"""Close-up of a landing as seen from above: the court plane as filmed, its lines, the place with its error, the call."""
+"""Close-up of a landing from above: the court plane as filmed, its lines, the place with its error, the call."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from models.core.number_format import format_probability, format_with_sigma
 from models.core.rally import LandingHypothesis, Rally
-from models.core.typing import BoolArray, FloatArray, ImageArray
+from models.core.typing import FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall
 from video.drawing.court_plan import draw_court, draw_landing_mark, find_ellipse, outline_line
 from video.drawing.label_layout import PANEL_MARGIN, Rect
@@ -93,7 +93,7 @@ def frame_landing(rally: Rally, call: LandingCall, landing: LandingHypothesis, s
 
 
 def find_deciding_edge(rally: Rally, call: LandingCall, landing: LandingHypothesis) -> FloatArray | None:
-    """Find the point (2,), m, of the outer edge of the line that decides which is nearest to a landing; None without."""
+    """Find the point (2,), m, of the outer edge of the line that decides that is nearest to a landing; None without."""
     line = next((one for one in rally.scene.sport.lines if one.name == call.line), None)
     if line is None or not np.isfinite(call.distance):
         return None
@@ -150,7 +150,7 @@ def _film_surface(clip: Clip, rally: Rally, view: SurfaceView, t: float) -> Imag
     rows = np.unique(np.abs(rally.t[:, None] - moments).argmin(axis=0))
     columns, lines = (np.arange(0, side + MAP_STEP, MAP_STEP) for side in view.size)
     coarse = view.to_court(np.stack(np.meshgrid(columns, lines), axis=-1).astype(np.float64))
-    shift = np.float32([[1 / MAP_STEP, 0, 0], [0, 1 / MAP_STEP, 0]])
+    shift = np.array([[1 / MAP_STEP, 0, 0], [0, 1 / MAP_STEP, 0]], np.float32)
     layers, flags = [], cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     for frame, image in read_frames(clip, indices=rally.frame[rows]):
         px = rally.scene.camera.to_pixels(coarse, frame)
@@ -180,7 +180,7 @@ def _draw_place(
     view.fill(image, place + find_ellipse(covariance, 1.0), FLASH, 0.4)
     for sigmas in (1.0, 2.0):
         draw_polyline(image, view.to_pixels(place + find_ellipse(covariance, sigmas)), max(1, round(1.5 * scale)))
-    ball = find_ellipse(np.eye(2) * rally.scene.sport.object.radius ** 2, 1.0)
+    ball = find_ellipse(np.eye(2) * rally.scene.sport.object.radius**2, 1.0)
     draw_polyline(image, view.to_pixels(place + ball), max(1, round(2 * scale)), WHITE)
     edge = find_deciding_edge(rally, call, landing)
     if edge is None or view.height != 0:
@@ -189,7 +189,9 @@ def _draw_place(
     colour = VERDICT_COLOURS[call.verdict]
     draw_polyline(image, ends, round(3 * scale), colour)
     across = (ends[1] - ends[0])[::-1] * [-1, 1] / max(float(np.hypot(*(ends[1] - ends[0]))), 1e-9)
-    draw_polyline(image, np.stack([ends[1] - 9 * scale * across, ends[1] + 9 * scale * across]), round(3 * scale), colour)
+    draw_polyline(
+        image, np.stack([ends[1] - 9 * scale * across, ends[1] + 9 * scale * across]), round(3 * scale), colour
+    )
     text = f"{format_with_sigma(100 * abs(call.distance), 100 * call.distance_sigma, 1)} cm"
     aside = across if across[1] <= 0 else -across
     reach = text_mask(text, round(17 * scale), True).shape[1] / 2 * abs(aside[0]) + 26 * scale
@@ -218,6 +220,8 @@ def draw_words(image: ImageArray, call: LandingCall, distance: str, scale: float
     y = margin + small // 2
     for line, size, mask in zip(lines, sizes, masks, strict=True):
         is_verdict = size == large
-        draw_text(image, line, margin + small, y, size, VERDICT_COLOURS[call.verdict] if is_verdict else WHITE, is_verdict)
+        draw_text(
+            image, line, margin + small, y, size, VERDICT_COLOURS[call.verdict] if is_verdict else WHITE, is_verdict
+        )
         y += mask.shape[0]
     return float(margin), float(margin), float(width), float(height)

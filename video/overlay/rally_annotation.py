@@ -1,4 +1,4 @@
-"""What is drawn over the frames of a rally: trail and ghosts, speeds, heights over the net, bounces, a plan, a clock."""
+"""What is drawn over the frames of a rally: trail, ghosts, speeds, heights over the net, bounces, a plan, a clock."""
 
 from __future__ import annotations
 

@@ -63,7 +63,10 @@ def _draw_panels(
 ) -> list[Rect]:
     """Draw the verdict, a plan and a side view of the last stroke where they hide least; return their places."""
     sport, (height, width) = annotation.timeline.rally.scene.sport, image.shape[:2]
-    drawings = (draw_court(sport, round(PLAN_SHARE * height)), draw_court(sport, round(SIDE_VIEW_SHARE * width), "side"))
+    drawings = (
+        draw_court(sport, round(PLAN_SHARE * height)),
+        draw_court(sport, round(SIDE_VIEW_SHARE * width), "side"),
+    )
     path = annotation.path_of(index)[1] if index >= 0 else np.empty((0, 3))
     taken = [tuple(one) for one in make_squares(annotation.timeline.project(path[::8], end), 10 * annotation.scale)]
     taken.append(draw_words(image, call, describe_call(call), annotation.scale))

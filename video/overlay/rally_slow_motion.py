@@ -41,7 +41,7 @@ def render_rally(
     clip: Clip, rally: Rally, path: Path, options: RenderOptions = DEFAULT_OPTIONS,
     progress: Progress = ignore_progress, call: LandingCall | None = None,
 ) -> None:  # fmt: skip
-    """Write the annotated slow motion of a rally as H.264; all styles but the clean one end with the landing's close-up.
+    """Write the annotated slow motion of a rally as H.264; but in the clean style, the landing's close-up ends it.
 
     Args:
         path: Output file; its frame rate is that of the clip, limited to 25 to 60 frames per second.
@@ -53,7 +53,6 @@ def render_rally(
     times = find_rally_times(clip, rally, options)
     call = judge_landing(rally) if call is None else call
     annotation = prepare_rally_annotation(timeline, call, options.slow, options.style)
-    is_even = clip.width % 2 == clip.height % 2 == 0
     size = (clip.width + clip.width % 2, clip.height + clip.height % 2)  # as the writer makes them
     still_count = round(CLOSE_UP_S * rate) if options.style != "clean" and call.landing is not None else 0
     tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""
@@ -70,7 +69,7 @@ def render_rally(
 
 
 def find_rally_times(clip: Clip, rally: Rally, options: RenderOptions) -> FloatArray:
-    """Find the times (K,) in the clip, s, of the frames of the slow motion; without still parts where options say so."""
+    """Find the times (K,), s, of the frames of the slow motion; without still parts where the options say so."""
     first, last = float(rally.t[0]), float(rally.t[-1])
     if options.trim_still and rally.flights:
         first = max(first, rally.flights[0].start - TRIM_MARGIN_S)

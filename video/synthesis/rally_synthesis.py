@@ -333,7 +333,7 @@ def prepare_rally_interval(timeline: RallyTimeline, first: RallyFrame, second: R
     regions = []
     for region in find_moving_regions(first.background, after, step is None, within):
         one, two = (convert_colours(image) for image in region.flow.images)
-        levels = replace(region, flow=replace(region.flow, images=(one, two)))
+        levels = replace(region, flow=replace(region.flow, images=(one, two), is_wide=True))  # half the cost of both
         regions.append((levels, np.asarray(255 * region.weight, np.uint8)))
     turns = [event.t for event in timeline.rally.events if first.t < event.t <= second.t]
     share = (turns[0] - first.t) / (second.t - first.t) if turns else np.nan

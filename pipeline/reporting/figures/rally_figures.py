@@ -11,14 +11,14 @@ from models.core.ball_look import format_colour
 from models.core.number_format import format_speed
 from models.core.rally import Rally
 from models.core.typing import FloatArray
-from models.estimation.rally.stroke_summary import Stroke
 from models.estimation.rally.rally_views import evaluate_rally
+from models.estimation.rally.stroke_summary import Stroke
 from pipeline.reporting.text.stroke_sentences import format_stroke_end
 from video.drawing.court_plan import MARGIN_SHARE, SIDE_COLOURS, find_ellipse
 from video.drawing.palette import darken_for_white
 
 PLOT_HZ = 100.0
-HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.1f} m/s<br>%{customdata[2]:.2f} m high<extra>stroke of the %{meta} player</extra>"
+HOVER = "%{customdata[0]:.3f} s, %{customdata[1]:.1f} m/s<br>%{customdata[2]:.2f} m high<extra>%{meta} player</extra>"
 LINE_COLOUR, FAINT_COLOUR, LANDING_COLOUR = "#4d5852", "#d8dedb", "#c2410c"
 CourtView = Literal["above", "side"]
 
@@ -51,13 +51,12 @@ def build_court_figure(rally: Rally, strokes: tuple[Stroke, ...], view: CourtVie
     _add_landings(figure, rally, strokes, across)
     figure.update_xaxes(range=[-margin, sport.length + margin], title="along the court (m)", constrain="domain")
     if view == "side":
-        figure.update_yaxes(title="height (m)", scaleanchor="x", constrain="domain")
-        return figure
-    span = [-margin, sport.width + margin]
-    is_down = not sport.is_filmed_from_side
-    return figure.update_yaxes(
-        range=span[::-1] if is_down else span, title="across (m)", scaleanchor="x", constrain="domain"
-    )
+        apexes = [one.apex[2] for one in strokes if np.isfinite(one.apex[2])]
+        span = [sport.floor - 0.02 * sport.length, max(2 * sport.net.height, *apexes) + 0.05 * sport.length]
+        return figure.update_yaxes(range=span, title="height (m)", scaleanchor="x", constrain="domain")
+    span = [-margin / 2, sport.width + margin / 2]
+    span = span if sport.is_filmed_from_side else span[::-1]
+    return figure.update_yaxes(range=span, title="across (m)", scaleanchor="x", constrain="domain")
 
 
 def _add_line(

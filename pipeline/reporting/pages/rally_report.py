@@ -1,4 +1,4 @@
-"""report.html of a rally: who won its last point, why, how sure that is, and all strokes, on one self-contained page."""
+"""report.html of a rally: who won its last point, why, how sure that is, and all strokes; one self-contained page."""
 
 from __future__ import annotations
 

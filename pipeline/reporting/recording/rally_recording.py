@@ -39,6 +39,8 @@ PATH_STEP_S = 0.01
 LINE_COLOUR, NET_COLOUR, OBJECT_COLOUR, EVENT_COLOUR = (200, 214, 206), (150, 160, 170), (255, 255, 255), (255, 200, 40)
 # Standard deviations of an ellipsoid; the least half axis that is visible, m.
 ELLIPSOID_SIGMAS, MIN_HALF_AXIS = 2.0, 0.01
+# Size of the object and of events, which would be too small to see in their own.
+DOT = rr.Radius.ui_points(4)
 # Upright and level lines of the drawn net, and m to which the camera's image is drawn in space.
 NET_PARTS, IMAGE_DISTANCE = 24, 3.0
 
@@ -82,7 +84,7 @@ def build_rally_blueprint(clip: Clip, rally: Rally) -> rrb.Blueprint:
     middle = to_viewer(np.array([rally.scene.sport.length / 2, rally.scene.sport.width / 2, 0.5]), rally.scene.camera)
     side = 0.9 * rally.scene.sport.length
     eye = rrb.EyeControls3D(
-        position=middle + [-0.6 * side, -side if rally.scene.camera.is_left_handed else -0.9 * side, 0.7 * side],
+        position=middle + side * np.array([-0.6, -1.0, 0.7]),
         look_target=middle, eye_up=[0, 0, 1],
     )  # fmt: skip
     body = rrb.TextLogColumns(timeline_columns=[], text_log_columns=[TextLogColumn("Body")])
@@ -95,7 +97,9 @@ def build_rally_blueprint(clip: Clip, rally: Rally) -> rrb.Blueprint:
         rrb.Vertical(
             rrb.Horizontal(
                 rrb.Spatial2DView(origin="picture", name="Video", contents="picture/**", visual_bounds=whole),
-                rrb.Spatial3DView(origin="/", name="Court (m)", contents=["court/**", "picture/video", "picture"], eye_controls=eye),
+                rrb.Spatial3DView(
+                    origin="/", name="Court (m)", contents=["court/**", "picture/video", "picture"], eye_controls=eye
+                ),
             ),
             rrb.Horizontal(
                 rrb.TimeSeriesView(origin="plots/height", name="Height (m)"),
@@ -117,12 +121,18 @@ def _log_court(stream: rr.RecordingStream, rally: Rally) -> None:
     paint = [np.column_stack([outline_line(one.start, one.end, one.width), np.zeros(4)]) for one in sport.lines]
     strips = [to_viewer(np.vstack([one, one[:1]]), camera) for one in paint]
     look = {"colors": LINE_COLOUR, "radii": rr.Radius.ui_points(0.8)}
-    stream.log("court/lines", rr.LineStrips3D(strips, **look, labels=[one.name for one in sport.lines], show_labels=False), static=True)
+    stream.log(
+        "court/lines",
+        rr.LineStrips3D(strips, **look, labels=[one.name for one in sport.lines], show_labels=False),
+        static=True,
+    )
     y = np.linspace(-sport.net.overhang, sport.width + sport.net.overhang, NET_PARTS)
     edge = np.column_stack([np.full(NET_PARTS, sport.length / 2), y, sport.net.height_at(y, sport.width)])
     foot = edge * [1.0, 1.0, 0.0]
     threads = [edge, *np.stack([foot, edge], axis=1)]
-    net = rr.LineStrips3D([to_viewer(one, camera) for one in threads], colors=NET_COLOUR, radii=rr.Radius.ui_points(0.6))
+    net = rr.LineStrips3D(
+        [to_viewer(one, camera) for one in threads], colors=NET_COLOUR, radii=rr.Radius.ui_points(0.6)
+    )
     stream.log("court/net", net, static=True)
 
 
@@ -137,7 +147,9 @@ def _log_camera(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
     turn = rotation_matrix(camera.parameters[3:6])
     pinhole = rr.Pinhole(image_from_camera=intrinsic, **look)
     stream.log("picture", pinhole, rr.Transform3D(translation=place, mat3x3=turn.T), static=camera.motion is None)
-    for frame, t in zip(rally.frame.tolist(), rally.t.tolist(), strict=True) if camera.motion is not None else ():
+    if camera.motion is None:
+        return
+    for frame, t in zip(rally.frame.tolist(), rally.t.tolist(), strict=True):
         row = min(max(frame - camera.first_frame, 0), len(camera.motion) - 1)
         own, turned = split_projection(camera.motion[row] @ intrinsic @ turn)
         stream.set_time(VIDEO_TIME, duration=t)
@@ -203,7 +215,7 @@ def _log_object(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> None:
     places = to_viewer(path.xyz[there], rally.scene.camera)
     points = rr.Points3D.columns(positions=places).partition(there.astype(np.int64))
     stream.send_columns("court/object", build_time_columns(rally.t, clip), points)
-    look = rr.Points3D.from_fields(colors=OBJECT_COLOUR, radii=max(sport.object.radius, 0.004 * sport.length))
+    look = rr.Points3D.from_fields(colors=OBJECT_COLOUR, radii=DOT)
     stream.log("court/object", look, static=True)
     values = {"height": path.xyz[:, 2], "speed": np.linalg.norm(path.v, axis=1)}
     for what, column in values.items():
@@ -218,7 +230,10 @@ def _log_rally_events(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> N
     name, camera = rally.scene.sport.object.name, rally.scene.camera
     if not rally.events:
         return
-    words = [f"{format_time(one.t, one.t_sigma)}: {format_rally_event(one, name)} ({format_probability(one.probability)})" for one in rally.events]
+    words = [
+        f"{format_time(one.t, one.t_sigma)}: {format_rally_event(one, name)} ({format_probability(one.probability)})"
+        for one in rally.events
+    ]
     t = np.array([one.t for one in rally.events])
     columns = rr.TextLog.columns(text=words, level=["INFO"] * len(words))
     stream.send_columns("log/events", build_time_columns(t, clip), columns)
@@ -228,9 +243,12 @@ def _log_rally_events(stream: rr.RecordingStream, clip: Clip, rally: Rally) -> N
         axes[:, 0] *= np.sign(np.linalg.det(axes))
         half = np.maximum(ELLIPSOID_SIGMAS * np.sqrt(np.maximum(values, 0)), MIN_HALF_AXIS)
         colour = SIDE_COLOURS[event.player] if event.kind == "hit" else EVENT_COLOUR
-        shape = rr.Ellipsoids3D(half_sizes=[half], colors=colour, labels=[words[k]], show_labels=False)
+        shape = rr.Ellipsoids3D(half_sizes=[half], colors=colour)
+        dot = rr.Points3D([[0.0, 0.0, 0.0]], colors=colour, radii=DOT, labels=[words[k]], show_labels=False)
         pose = rr.Transform3D(translation=event.place * mirror, mat3x3=axes)
-        stream.log(f"court/events/{k:02d}-{event.kind}", shape, pose, static=True)
+        entity = f"court/events/{k:02d}-{event.kind}"
+        stream.log(entity, shape, pose, static=True)
+        stream.log(f"{entity}/place", dot, static=True)
 
 
 def _format_about(rally: Rally) -> str:

@@ -53,7 +53,9 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     if call.verdict == "in" and _may_go_on(rally, call):
         clause = f"unless the {OTHER_SIDE[hitter]} player returned it after the clip"
         return PointWords(f"The {winner} player won the last point, {clause}.", True, reason, confidence)
-    return PointWords(f"The {winner} player won the last point: the {name} was {call.verdict}.", True, reason, confidence)
+    return PointWords(
+        f"The {winner} player won the last point: the {name} was {call.verdict}.", True, reason, confidence
+    )
 
 
 def _find_rest(call: LandingCall) -> float:
@@ -89,7 +91,9 @@ def list_stroke_rows(rally: Rally, strokes: tuple[Stroke, ...]) -> list[tuple[fl
                 format_time(one.hit.t, one.hit.t_sigma),
                 (one.hit.player or NOT_KNOWN) + _format_doubt(one),
                 format_speed(one.hit.speed, one.hit.speed_sigma) if np.isfinite(one.hit.speed) else NOT_KNOWN,
-                f"{format_with_sigma(float(one.apex[2]), one.apex_sigma, 2)} m" if np.isfinite(one.apex[2]) else NOT_KNOWN,
+                f"{format_with_sigma(float(one.apex[2]), one.apex_sigma, 2)} m"
+                if np.isfinite(one.apex[2])
+                else NOT_KNOWN,
                 format_net(one),
                 format_stroke_end(rally, one),
             ),
