@@ -54,20 +54,13 @@ class MovingRegion:
 
         `camera_step` (3, 3) maps pixels of the first frame to those of `image` where the camera moves.
         """
-        (x0, y0, x1, y1), patch, weight = self.interpolate(share, image.shape, camera_step)
+        box, patch, weight = self.box, self.flow.interpolate(share), self.weight
+        if camera_step is not None:
+            box, patch, weight = _warp_patch(box, patch, weight, camera_step, image.shape)
+        x0, y0, x1, y1 = box
         if x1 > x0 and y1 > y0:
             target = image[y0:y1, x0:x1]
             target[:] = cv2.blendLinear(np.ascontiguousarray(target), patch, 1 - weight, weight)
-
-    def interpolate(
-        self, share: float, shape: tuple[int, ...], camera_step: FloatArray | None = None
-    ) -> tuple[Box, ImageArray, Float32Array]:
-        """Return the box in an image of this shape, the content (h, w, 3) at a share of the gap and its weight (h, w).
-
-        `camera_step` is that of `blend_onto`.
-        """
-        box, patch, weight = self.box, self.flow.interpolate(share), self.weight
-        return (box, patch, weight) if camera_step is None else _warp_patch(box, patch, weight, camera_step, shape)
 
 
 def _warp_patch(

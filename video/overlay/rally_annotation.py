@@ -35,6 +35,8 @@ GHOST_OPACITY = 0.5
 LABEL_REACH = 8.0
 # Longer side of the plan, share of the height of the frame.
 PLAN_SHARE = 0.36
+# Levels of the Laplacian of a reduced frame that are detail as full as text.
+DETAIL_LEVELS = 60.0
 # Colours of verdicts.
 VERDICT_COLOURS: dict[str, Colour] = {"in": (64, 200, 110), "out": (255, 96, 96), "undecided": (255, 176, 32)}
 # m, radius of the ring that a bounce draws on the surface, in radii of the object.
@@ -169,7 +171,7 @@ class RallyAnnotation:
             self.plan_image = row, self.draw_plan(t)
         x, y = round(self.plan_place[0]), round(self.plan_place[1])
         width, height = self.plan.size
-        blend_colours(image, self.plan_image[1], round_corner_mask(width, height, max(3, height // 40)), x, y, 0.92)
+        blend_colours(image, self.plan_image[1], round_corner_mask(width, height, max(3, height // 40)), x, y)
         index = find_current_stroke(self.strokes, t)
         _, xyz = self.path_of(index, t) if index >= 0 else (None, np.empty((0, 3)))
         if len(xyz) and t <= self.strokes[index].end:
@@ -192,12 +194,13 @@ class RallyAnnotation:
 
 
 def prepare_rally_annotation(
-    timeline: RallyTimeline, call: LandingCall, slow: float, style: OverlayStyle
+    timeline: RallyTimeline, call: LandingCall, first: ImageArray, slow: float, style: OverlayStyle
 ) -> RallyAnnotation:
     """Prepare what is drawn over a rally.
 
     Args:
         call: Verdict on its landing.
+        first: A frame (H, W, 3), whose details panels shall not hide.
         slow: Slowdown of the video.
         style: What is drawn.
     """
@@ -206,7 +209,7 @@ def prepare_rally_annotation(
     strokes = summarize_strokes(rally)
     paths = [(one.t, one.xyz) for one in sample_flights(rally, PATH_STEP_S)]
     plan, clock = draw_court(rally.scene.sport, round(PLAN_SHARE * size[1])), ClockPanel(f"{slow:g}× slower")
-    cost = find_panel_cost(timeline)
+    cost = find_panel_cost(timeline, first)
     crossed = [make_squares(timeline.project(xyz[::12], t[::12]), 12 * scale) for t, xyz in paths]
     crossed.append(make_squares(rally.px, 12 * scale))
     plan_place = place_panel(plan.size, size, cost, np.concatenate(crossed))
@@ -217,8 +220,8 @@ def prepare_rally_annotation(
     )  # fmt: skip
 
 
-def find_panel_cost(timeline: RallyTimeline) -> FloatArray:
-    """Return the cost of what a panel would hide on a coarse map (h, w): the court and its players, in any frame."""
+def find_panel_cost(timeline: RallyTimeline, first: ImageArray) -> FloatArray:
+    """Return the cost of what a panel hides on a coarse map (h, w): court and players of any frame, details of one."""
     rally, sport = timeline.rally, timeline.rally.scene.sport
     camera = rally.scene.camera
     cost = np.zeros((-(-camera.height_px // COST_CELL_PX), -(-camera.width_px // COST_CELL_PX)), np.uint8)
@@ -229,7 +232,9 @@ def find_panel_cost(timeline: RallyTimeline) -> FloatArray:
             cv2.fillConvexPoly(cost, np.rint(np.clip(px, -1e4, 1e4) / COST_CELL_PX).astype(np.int32), 1)
     for left, top, right, bottom in rally.players[::5, 1:] / COST_CELL_PX:
         cost[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = 1
-    return cost.astype(np.float64)
+    grey = cv2.cvtColor(cv2.resize(first, cost.shape[::-1], interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / DETAIL_LEVELS, 1)
+    return np.asarray(cost + detail, dtype=np.float64)
 
 
 def _collect_marks(rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall) -> tuple[RallyMark, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 from models.core.rally import Rally
 from models.core.typing import ImageArray
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing
+from models.estimation.rally.stroke_summary import summarize_strokes
 from video.drawing.court_plan import SIDE_COLOURS, draw_court, draw_landing_mark
 from video.drawing.label_layout import Rect, make_squares, place_panel
 from video.drawing.masks import blend_colours, round_corner_mask
@@ -15,7 +16,7 @@ from video.io.video_options import RenderOptions
 from video.overlay.annotation import DEFAULT_OPTIONS
 from video.overlay.landing_close_up import describe_call, draw_words
 from video.overlay.rally_annotation import RallyAnnotation, find_panel_cost, prepare_rally_annotation
-from video.synthesis.rally_synthesis import build_rally_timeline, draw_sprites, separate_frames
+from video.synthesis.rally_synthesis import ObjectSprite, build_rally_timeline, draw_sprites, separate_frames
 
 # Longer sides of the plan and of the side view, share of the height and of the width of the frame.
 PLAN_SHARE, SIDE_VIEW_SHARE = 0.4, 0.3
@@ -35,24 +36,20 @@ def draw_rally_poster(
     """
     timeline = build_rally_timeline(rally)
     call = judge_landing(rally) if call is None else call
-    annotation = prepare_rally_annotation(timeline, call, options.slow, "coach")
-    index = len(annotation.strokes) - 1
-    times = annotation.path_of(index)[0] if index >= 0 else rally.t[-1:]
-    times = times if len(times) else rally.t[-1:]
-    first, last = np.searchsorted(rally.t, [times[0], times[-1]]).clip(0, len(rally.t) - 1).tolist()
-    end, image, sprites = float(rally.t[last]), None, []
+    strokes = summarize_strokes(rally)
+    begin, close = (strokes[-1].hit.t, strokes[-1].end) if strokes else (float(rally.t[-1]), float(rally.t[-1]))
+    first, last = np.searchsorted(rally.t, [begin, close]).clip(0, len(rally.t) - 1).tolist()
+    sprites = list[tuple[float, ObjectSprite]]()
+    end, image = 0.0, np.empty(0, np.uint8)
     for frame in separate_frames(clip, timeline, first, last):
-        image = frame.background
-        if frame.sprite is not None:
-            sprites.append((frame.sprite, frame.t))
-    assert image is not None
-    image = image.copy()
+        end, image = frame.t, frame.background.copy()
+        sprites += [(end, frame.sprite)] if frame.sprite is not None else []
+    annotation, index = prepare_rally_annotation(timeline, call, image, options.slow, "coach"), len(strokes) - 1
     if index >= 0:
-        annotation.draw_trail(image, index, float(times[-1]))
-    for sprite, t in sprites:
+        annotation.draw_trail(image, index, end)
+    for t, sprite in sprites:
         draw_sprites(image, [(sprite, 1.0)], timeline.find_places(np.array([t]), end)[0])
     panels = _draw_panels(image, annotation, call, index, end)
-    begin = annotation.strokes[index].hit.t if index >= 0 else -np.inf
     shown = {k: 1.0 for k, mark in enumerate(annotation.marks) if mark.t >= begin}
     annotation.draw_labels(image, end, shown, panels)
     return image
@@ -70,7 +67,7 @@ def _draw_panels(
     path = annotation.path_of(index)[1] if index >= 0 else np.empty((0, 3))
     taken = [tuple(one) for one in make_squares(annotation.timeline.project(path[::8], end), 10 * annotation.scale)]
     taken.append(draw_words(image, call, describe_call(call), annotation.scale))
-    cost = find_panel_cost(annotation.timeline)
+    cost = find_panel_cost(annotation.timeline, image)
     for drawing in drawings:
         if len(path):
             stroke = annotation.strokes[index]

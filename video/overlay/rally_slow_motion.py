@@ -12,7 +12,7 @@ from models.core.progress import Progress, ignore_progress
 from models.core.rally import Rally
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall, judge_landing
-from video.io.clip import Clip
+from video.io.clip import Clip, read_frames
 from video.io.video_options import RenderOptions
 from video.io.video_writer import VideoWriter
 from video.io.yuv_frame import Canvas, YuvFrame
@@ -52,7 +52,8 @@ def render_rally(
     timeline, rate = build_rally_timeline(rally), find_output_rate(clip)
     times = find_rally_times(clip, rally, options)
     call = judge_landing(rally) if call is None else call
-    annotation = prepare_rally_annotation(timeline, call, options.slow, options.style)
+    (first,) = (image for _, image in read_frames(clip, indices=rally.frame[:1]))
+    annotation = prepare_rally_annotation(timeline, call, first, options.slow, options.style)
     size = (clip.width + clip.width % 2, clip.height + clip.height % 2)  # as the writer makes them
     still_count = round(CLOSE_UP_S * rate) if options.style != "clean" and call.landing is not None else 0
     tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from models.core.rally import Rally
+from models.core.scene import apply_homography
 from models.core.srgb import LUMA_601
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, ImageArray
 from models.estimation.rally.rally_views import evaluate_rally
@@ -37,6 +38,8 @@ NOISE_LEVELS, NOISE_FACTOR, MIN_CONTRAST = 2.0, 1.5, 2.0
 FULL_LEVEL, MAX_DILUTION = 220.0, 8.0
 # Shares of the size of a player by which the box around is widened: arms and rackets move beyond it.
 PLAYER_MARGIN = (0.45, 0.3)
+# Frames before and after a gap whose players count: some frames miss one who stands still.
+PLAYER_ROWS = 5
 # px by which the corners may move from a frame to the next under a camera that counts as still.
 STILL_PX = 0.1
 # px, least radius of what is seen of an object.
@@ -295,10 +298,14 @@ class RallyInterval:
             warped = [_warp_planes(side.background_planes, step) for side, step, part in sides if part > 0]
             frame = warped[0] if len(warped) == 1 else warped[0].mix(warped[1], weight)
         for region, cover in self.regions:
-            (x0, y0, x1, y1), patch, own = region.interpolate(share, frame.shape, to_here)
-            if x1 > x0 and y1 > y0:
-                mask = cover if to_here is None else np.asarray(255 * own, np.uint8)
-                blend_levels(frame, patch, mask, x0, y0)
+            x0, y0, x1, y1 = region.box
+            moved = np.zeros(2)
+            if to_here is not None:  # within the small box, the camera's turn is a shift
+                middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+                moved = apply_homography(to_here, middle) - middle
+            whole = np.floor(moved)
+            patch = region.flow.interpolate(share, moved - whole)
+            blend_levels(frame, patch, cover, x0 + int(whole[0]), y0 + int(whole[1]))
         draw_sprites(frame, self._weigh_sprites(share), centre)
         return frame
 
@@ -341,10 +348,11 @@ def prepare_rally_interval(timeline: RallyTimeline, first: RallyFrame, second: R
 
 
 def find_play_mask(timeline: RallyTimeline, row: int) -> BoolArray:
-    """Find the pixels (H, W) in which players may move: around them in this and the next frame, or around the court."""
+    """Find the pixels (H, W) in which players may move: around them in frames around a row, or around the court."""
     rally, camera, sport = timeline.rally, timeline.rally.scene.camera, timeline.rally.scene.sport
     mask = np.zeros((camera.height_px, camera.width_px), np.uint8)
-    near = np.isin(rally.players[:, 0], rally.frame[row : row + 2])
+    near = np.full(len(rally.players), camera.motion is None)  # else all that a moving camera moves is in the boxes
+    near &= np.isin(rally.players[:, 0], rally.frame[max(row - PLAYER_ROWS, 0) : row + PLAYER_ROWS + 2])
     for left, top, right, bottom in rally.players[near, 1:]:
         x, y = PLAYER_MARGIN[0] * (right - left), PLAYER_MARGIN[1] * (bottom - top)
         low, high = np.maximum([left - x, top - y], 0).astype(int), np.array([right + x, bottom + y]).astype(int)

@@ -43,8 +43,7 @@ class Stroke:
 def summarize_strokes(rally: Rally, area: str | None = None) -> tuple[Stroke, ...]:
     """Summarize the strokes of a rally in the order of time; `area` is that of `judge_landing`."""
     hits = [event for event in rally.events if event.kind == "hit"]
-    ends = [*(event.t for event in hits[1:]), np.inf]
-    crossings = judge_net(rally)
+    crossings, ends = judge_net(rally), [*(hit.t for hit in hits), np.inf][1:]
     return tuple(_summarize_stroke(rally, hit, end, crossings, area) for hit, end in zip(hits, ends, strict=True))
 
 

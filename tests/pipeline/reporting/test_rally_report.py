@@ -22,6 +22,7 @@ from pipeline.reporting.pages.run_report import ReportFiles
 from pipeline.reporting.recording.rally_recording import split_projection, write_rally_recording
 from pipeline.reporting.text.stroke_sentences import format_point, list_stroke_rows
 from video.io.clip import Clip
+from video.overlay.rally_poster import draw_rally_poster
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +92,16 @@ def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip,
     (_, cells), _ = list_stroke_rows(cut, (first, second))
     assert cells[5].startswith("without the return, at ")
     assert "left singles line" in cells[5]
+
+
+def test_a_rally_without_strokes_has_a_page(filmed: tuple[Clip, Rally], page: Path, tmp_path: Path) -> None:
+    clip, rally = filmed
+    empty = replace(rally, flights=(), events=(), landings=(), no_landing=1.0, is_used=np.zeros(len(rally.t), bool))
+    assert summarize_strokes(empty) == ()
+    files = ReportFiles("slow.mp4", page.with_name("poster.png"), 8.0)
+    write_rally_report(clip, empty, files, "rally.mp4", [], tmp_path / "report.html")
+    assert "No stroke was found." in read_page(tmp_path / "report.html")
+    assert draw_rally_poster(clip, empty).shape == (clip.height, clip.width, 3)
 
 
 def test_apex_and_height_over_the_net_agree_with_the_flight(filmed: tuple[Clip, Rally]) -> None:
