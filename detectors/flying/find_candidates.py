@@ -56,7 +56,8 @@ def _judge_frame(window: FrameWindow, scene: CourtScene, scale: float) -> FloatA
     """Find the candidates (K, 8) of a frame: frame, centre, streak, score, and sigma across and along."""
     outline = outline_of_play(scene.sport, scene.camera, window.frame)
     spots = find_spots(map_lone_change(window))
-    place = spots.place[is_inside(outline, (spots.place + 0.5) / scale - 0.5)][:SPOTS_PER_FRAME]
+    px = np.asarray((spots.place + 0.5) / scale - 0.5, np.float64)
+    place = spots.place[is_inside(outline, px)][:SPOTS_PER_FRAME]
     judged = judge_spots(window, place)
     best = np.flatnonzero(_select_places(judged))
     best = best[np.argsort(-judged.score[best], kind="stable")]

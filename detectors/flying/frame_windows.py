@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -95,7 +95,7 @@ def neighbours_of(k: int, first: int, stop: int, lag: int) -> NDArray[np.int64]:
         steps[3:] = -steps[[4, 4]]
     rows = k + steps
     rows = np.where((rows < first) | (rows >= stop), k - steps, rows)
-    return np.clip(rows, first, stop - 1)
+    return np.asarray(np.clip(rows, first, stop - 1))
 
 
 def _find_neighbours(clip: Clip) -> NDArray[np.int64]:
@@ -117,5 +117,3 @@ def _find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) -
     shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1]])
     moved = shrink @ motion @ np.linalg.inv(motion[2]) @ np.linalg.inv(shrink)
     return np.asarray(moved / moved[:, 2:, 2:])
-
-

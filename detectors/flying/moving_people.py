@@ -73,4 +73,3 @@ class PeopleFinder:
         is_person = is_near & (boxes[:, 2] > LEAST_WIDTH * metre) & (boxes[:, 3] > LEAST_HEIGHT * metre)
         boxes = boxes[is_person]
         return np.column_stack([np.full(len(boxes), float(frame)), boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
-

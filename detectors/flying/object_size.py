@@ -26,7 +26,7 @@ def choose_scale(scene: CourtScene) -> float:
 
 def apparent_size(camera: CourtCamera, place: FloatArray, size: float) -> float:
     """Return the px of the reference image that a vertical size, m, takes at a place (3,); NaN behind the camera."""
-    ends = camera.to_pixels(np.stack([place, place + [0.0, 0.0, size]]))
+    ends = camera.to_pixels(place + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, size]]))
     return float(np.linalg.norm(ends[1] - ends[0]))
 
 

@@ -76,9 +76,7 @@ def cut_samples(rng: np.random.Generator, film: FlyingFilm, negatives: int) -> F
     return FlyingShard(np.concatenate(patches), np.concatenate(truth).astype(np.float32))
 
 
-def judge_spots(
-    place: IntArray, centre: FloatArray, streak: FloatArray, visible: float
-) -> tuple[BoolArray, BoolArray]:
+def judge_spots(place: IntArray, centre: FloatArray, streak: FloatArray, visible: float) -> tuple[BoolArray, BoolArray]:
     """Tell which spots (K, 2) are the object, and of which it is clear whether they are."""
     off = centre - place
     length = float(np.linalg.norm(streak))

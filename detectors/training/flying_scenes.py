@@ -167,7 +167,9 @@ class Person:
             [rng.uniform(-1.2, 1.2, 8), rng.exponential(0.7, 8), rng.uniform(0.1, 0.9, 8), rng.uniform(0, 6.3, 8)]
         )
         # Marks on the clothes: the shape, the share along it, an offset across, size and level.
-        self.marks = [(int(rng.integers(0, 12)), *rng.uniform([0, -0.5, 0.01, 0], [1, 0.5, 0.06, 255])) for _ in range(40)]
+        self.marks = [
+            (int(rng.integers(0, 12)), *rng.uniform([0, -0.5, 0.01, 0], [1, 0.5, 0.06, 255])) for _ in range(40)
+        ]
         self.has_racket, self.has_shadow = rng.random(2) < [0.7, 0.5]
 
     def draw(self, image: ByteArray, mask: ByteArray | None, t: float, move: FloatArray) -> None:

@@ -46,7 +46,11 @@ class FlyingNetwork(nn.Module):
         sizes = zip((LAYERS, *WIDTHS), WIDTHS, (5, 3, 3, 3, 3), (2, 1, 2, 1, 2), strict=False)
         blocks: list[nn.Module] = []
         for inputs, outputs, side, stride in sizes:
-            blocks += [nn.Conv2d(inputs, outputs, side, stride, side // 2, bias=False), nn.BatchNorm2d(outputs), nn.ReLU()]
+            blocks += [
+                nn.Conv2d(inputs, outputs, side, stride, side // 2, bias=False),
+                nn.BatchNorm2d(outputs),
+                nn.ReLU(),
+            ]
         self.features = nn.Sequential(*blocks)
         cells = WIDTHS[-1] * (PATCH_PX // 8) ** 2
         self.head = nn.Sequential(
@@ -112,7 +116,9 @@ class FlyingTraining:
         return shard.patches[rows], shard.truth[rows]
 
 
-def vary_samples(rng: np.random.Generator, patches: ByteArray, truth: Float32Array) -> tuple[Float32Array, Float32Array]:
+def vary_samples(
+    rng: np.random.Generator, patches: ByteArray, truth: Float32Array
+) -> tuple[Float32Array, Float32Array]:
     """Mirror, transpose and reverse samples in time, and change their light and noise, at random."""
     truth = truth.copy()
     for axis, column in ((3, 1), (2, 2)):
@@ -200,9 +206,7 @@ def evaluate(network: FlyingNetwork, calibration: NetworkCalibration, shard: Fly
     error = outputs[used, 1:3] - shard.truth[used, 1:3]
     pulls = measure_pulls(outputs[used], shard.truth[used]) / calibration.sigma_factor
     bins = np.clip((score * 10).astype(int), 0, 9)
-    reliability = {
-        f"share_of_{b / 10:.1f}": float(is_object[bins == b].mean()) for b in range(10) if np.any(bins == b)
-    }
+    reliability = {f"share_of_{b / 10:.1f}": float(is_object[bins == b].mean()) for b in range(10) if np.any(bins == b)}
     return round_figures(
         {
             "spots": float(len(shard)), "recall": float(used.sum() / max(is_object.sum(), 1)),
