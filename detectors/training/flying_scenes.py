@@ -1,7 +1,7 @@
 """Random short films of a small flying object before moving shapes: what the flying-object network is trained on.
 
-Nothing in them is a real court. Backgrounds, people, light, lens, sharpening, noise and compression vary more than those
-of real films do (Tobin et al. 2017, doi:10.1109/IROS.2017.8202133), so that a real film is one more variation.
+Nothing in them is a real court. Backgrounds, people, light, lens, sharpening, noise and compression vary more than
+those of real films do (Tobin et al. 2017, doi:10.1109/IROS.2017.8202133): a real film is one more variation.
 """
 
 from __future__ import annotations
@@ -76,8 +76,9 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
     jitter = np.zeros(2) if still else rng.normal(0, rng.uniform(0, 0.25), (FRAMES, 2))
     shifts = np.stack(moves)
     shifts[:, :2, 2] += jitter
-    places, shape = np.array([centres, streaks]), (FRAMES, OBJECTS)
-    return FlyingFilm(luma, *places.reshape(2, *shape, 2), np.array(shares).reshape(shape), shifts)
+    shape = (FRAMES, OBJECTS)
+    centre, streak = (np.array(places).reshape(*shape, 2) for places in (centres, streaks))
+    return FlyingFilm(luma, centre, streak, np.array(shares).reshape(shape), shifts)
 
 
 class Flight:
@@ -127,7 +128,8 @@ class Flight:
         side = int(np.ceil((places.max(axis=0) - low).max())) + 14
         if side > 400:
             return alpha
-        stamp = np.mean([self._stamp(p - low, a, side) for p, a in zip(places, ahead, strict=True)], axis=0)
+        stamps = [self._stamp(p - low, a, side) for p, a in zip(places, ahead, strict=True)]
+        stamp = np.mean(stamps, axis=0, dtype=np.float32)
         x0, y0 = np.maximum(low, 0)
         x1, y1 = np.minimum(low + side, [WIDTH, HEIGHT])
         if x0 < x1 and y0 < y1:
@@ -167,27 +169,28 @@ class Person:
             [rng.uniform(-1.2, 1.2, 8), rng.exponential(0.7, 8), rng.uniform(0.1, 0.9, 8), rng.uniform(0, 6.3, 8)]
         )
         # Marks on the clothes: the shape, the share along it, an offset across, size and level.
-        self.marks = [
-            (int(rng.integers(0, 12)), *rng.uniform([0, -0.5, 0.01, 0], [1, 0.5, 0.06, 255])) for _ in range(40)
-        ]
+        drawn = rng.uniform([0, 0, -0.5, 0.01, 0], [12, 1, 0.5, 0.06, 255], (40, 5))
+        self.marks = [(int(row[0]), *row[1:]) for row in drawn.tolist()]
         self.has_racket, self.has_shadow = rng.random(2) < [0.7, 0.5]
 
     def draw(self, image: ByteArray, mask: ByteArray | None, t: float, move: FloatArray) -> None:
         """Draw the person onto an image, and onto a mask, at a time."""
         s, at = self.size, self.middle + self.velocity * t
+        right, down = np.array([s, 0.0]), np.array([0.0, s])
         angle = self.swing[:, 0] + self.swing[:, 1] * np.sin(self.swing[:, 2] * t + self.swing[:, 3])
         shapes: list[tuple[FloatArray, FloatArray, float, float]] = [
-            (at, at + [0, 0.3 * s], 0.2 * s, self.levels[0]), (at - [0, 0.16 * s], at - [0, 0.16 * s], 0.13 * s, self.levels[1]),
-        ]  # fmt: skip
+            (at, at + 0.3 * down, 0.2 * s, self.levels[0]),
+            (at - 0.16 * down, at - 0.16 * down, 0.13 * s, self.levels[1]),
+        ]
         for limb in range(4):
-            root = at + ([0, 0.02 * s] if limb < 2 else [0, 0.32 * s])
-            down = 0.0 if limb < 2 else (0.4 if limb == 2 else -0.4)
-            first, second = down + angle[2 * limb], down + angle[2 * limb] + angle[2 * limb + 1]
+            root = at + (0.02 if limb < 2 else 0.32) * down
+            spread = (0.0, 0.0, 0.4, -0.4)[limb]
+            first, second = spread + angle[2 * limb], spread + angle[2 * limb] + angle[2 * limb + 1]
             knee = root + 0.22 * s * np.array([np.sin(first), np.cos(first)])
             end = knee + 0.22 * s * np.array([np.sin(second), np.cos(second)])
             shapes += [(root, knee, 0.08 * s, self.levels[2 + limb // 2]), (knee, end, 0.06 * s, self.levels[4])]
             if limb >= 2:
-                shapes.append((end, end + [0.08 * s, 0], 0.07 * s, self.levels[5]))
+                shapes.append((end, end + 0.08 * right, 0.07 * s, self.levels[5]))
             elif limb == 0 and self.has_racket:
                 ahead = np.array([np.sin(second), np.cos(second)])
                 shapes.append((end, end + 0.25 * s * ahead, 1.0, self.levels[6]))
@@ -195,10 +198,10 @@ class Person:
         for shape, share, across, thick, level in self.marks:
             start, end, width, _ = shapes[shape % len(shapes)]
             if width > 1:
-                spot = start + share * (end - start) + [across * width, 0.0]
+                spot = start + share * (end - start) + across * width * right / s
                 shapes.append((spot, spot, thick * s, level))
         if self.has_shadow:
-            foot = self._pixel(at + [0.1 * s, 0.75 * s], move)
+            foot = self._pixel(at + 0.1 * right + 0.75 * down, move)
             part = image.copy()
             cv2.ellipse(part, foot, (int(0.3 * s), int(0.08 * s)), 0, 0, 360, 20, -1, cv2.LINE_AA)
             cv2.addWeighted(part, 0.4, image, 0.6, 0, image)
@@ -253,11 +256,13 @@ def _draw_background(rng: np.random.Generator, width: int, height: int) -> ByteA
             cv2.ellipse(image, (int(x), int(y)), (int(r), int(r * 1.4)), 0, 0, 360, float(level), -1, cv2.LINE_AA)
     for _ in range(rng.integers(0, 8)):
         a, b = rng.uniform(0, [width, height], (2, 2)).astype(int)
-        cv2.line(image, (int(a[0]), int(a[1])), (int(b[0]), int(b[1])), float(rng.uniform(150, 255)), int(rng.integers(1, 5)), cv2.LINE_AA)  # fmt: skip
+        level, thick = float(rng.uniform(150, 255)), int(rng.integers(1, 5))
+        cv2.line(image, (int(a[0]), int(a[1])), (int(b[0]), int(b[1])), level, thick, cv2.LINE_AA)
     for _ in range(rng.integers(0, 7)):
         text = "".join(chr(c) for c in rng.integers(65, 91, rng.integers(2, 9)))
         where = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
-        cv2.putText(image, text, where, 0, rng.uniform(0.3, 2), float(rng.uniform(0, 255)), int(rng.integers(1, 5)), cv2.LINE_AA)  # fmt: skip
+        size, level, thick = float(rng.uniform(0.3, 2)), float(rng.uniform(0, 255)), int(rng.integers(1, 5))
+        cv2.putText(image, text, where, 0, size, level, thick, cv2.LINE_AA)
     return image
 
 
