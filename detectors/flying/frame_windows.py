@@ -41,7 +41,8 @@ def list_windows(clip: Clip, camera: CourtCamera, scale: float) -> Iterator[Fram
     frames = clip.distinct_frames
     for k, row in enumerate(rows):
         while max(images, default=-1) < rows[k].max():
-            images[len(images) and max(images) + 1] = reduce_image(next(grey)[1], scale)
+            image = reduce_image(next(grey)[1], scale)
+            images[max(images, default=-1) + 1] = image if camera.motion is None else soften_image(image)
         for old in [i for i in images if i < rows[k:].min()]:
             del images[old]
         yield align_window(int(frames[k]), [images[i] for i in row], _find_shifts(camera, frames[row], scale))
@@ -53,6 +54,14 @@ def reduce_image(image: ByteArray, scale: float) -> ByteArray:
         return image
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def soften_image(image: ByteArray) -> ByteArray:
+    """Blur an image of a moving camera, so that moving it between pixels hardly blurs it further.
+
+    Otherwise thin bright lines would differ from their own interpolated images.
+    """
+    return np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8)
 
 
 def align_window(frame: int, images: list[ByteArray], shifts: FloatArray) -> FrameWindow:

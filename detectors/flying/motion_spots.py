@@ -15,7 +15,7 @@ from models.core.typing import ByteArray, FloatArray, IntArray
 SPOT_PX, SURROUNDINGS_PX = 5, 25
 # Grey levels of change that 8-bit images contain anyway.
 ROUNDING = 2.0
-# Least distinctness of a spot. A lone px has 1, pure noise 0.5 to 0.7.
+# Least distinctness of a spot. A lone px has 1, pure noise 0.6 and its peaks 1.1.
 LEAST_DISTINCTNESS = 1.0
 # Side, working px, of the square in which a spot is the strongest.
 SEPARATION_PX = 9

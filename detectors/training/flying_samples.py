@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from detectors.flying.frame_windows import FrameWindow, align_window
+from detectors.flying.frame_windows import FrameWindow, align_window, soften_image
 from detectors.flying.motion_spots import find_spots, map_lone_change
 from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX, cut_patches
 from detectors.training.flying_scenes import FlyingFilm, draw_film
@@ -91,4 +91,6 @@ def judge_spots(place: IntArray, centre: FloatArray, streak: FloatArray, visible
 def _window_of(film: FlyingFilm, k: int) -> FrameWindow:
     """Align the frames about frame k of a film."""
     around = slice(k - 2, k + 3)
-    return align_window(k, list(film.luma[around]), film.shifts[around] @ np.linalg.inv(film.shifts[k]))
+    shifts = film.shifts[around] @ np.linalg.inv(film.shifts[k])
+    is_still = np.array_equal(film.shifts[0], film.shifts[-1])
+    return align_window(k, [image if is_still else soften_image(image) for image in film.luma[around]], shifts)

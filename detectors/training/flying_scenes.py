@@ -88,8 +88,7 @@ class Flight:
         """Draw one at random."""
         self.radius = float(np.exp(rng.uniform(np.log(1.1), np.log(4.0))))
         self.is_shuttle = rng.random() < 0.5
-        bright = rng.random() < 0.85
-        self.level = rng.uniform(140, 255) if bright else rng.uniform(10, 120)
+        self.level = rng.uniform(140, 255) if rng.random() < 0.92 else rng.uniform(60, 160)
         self.opacity = rng.uniform(0.55, 1.0)
         self.times = np.sort(rng.uniform(-2, FRAMES + 2, rng.integers(0, 3)))
         speeds = np.exp(rng.uniform(np.log(0.6), np.log(45), len(self.times) + 1))
@@ -168,9 +167,8 @@ class Person:
         self.swing = np.column_stack(
             [rng.uniform(-1.2, 1.2, 8), rng.exponential(0.7, 8), rng.uniform(0.1, 0.9, 8), rng.uniform(0, 6.3, 8)]
         )
-        # Marks on the clothes: the shape, the share along it, an offset across, size and level.
-        drawn = rng.uniform([0, 0, -0.5, 0.01, 0], [12, 1, 0.5, 0.06, 255], (40, 5))
-        self.marks = [(int(row[0]), *row[1:]) for row in drawn.tolist()]
+        # Marks on the clothes: the shape, the share along it, offset across, size and level.
+        self.marks = rng.uniform([0, 0, -0.5, 0.01, 0], [11, 1, 0.5, 0.06, 255], (30, 5))
         self.has_racket, self.has_shadow = rng.random(2) < [0.7, 0.5]
 
     def draw(self, image: ByteArray, mask: ByteArray | None, t: float, move: FloatArray) -> None:
@@ -195,36 +193,32 @@ class Person:
                 ahead = np.array([np.sin(second), np.cos(second)])
                 shapes.append((end, end + 0.25 * s * ahead, 1.0, self.levels[6]))
                 shapes.append((end + 0.25 * s * ahead, end + 0.38 * s * ahead, -0.1 * s, self.levels[6]))
-        for shape, share, across, thick, level in self.marks:
-            start, end, width, _ = shapes[shape % len(shapes)]
-            if width > 1:
-                spot = start + share * (end - start) + across * width * right / s
-                shapes.append((spot, spot, thick * s, level))
+        starts, ends, thick, levels = (np.array(column) for column in zip(*shapes, strict=True))
+        chosen, share, across = self.marks[:, 0].astype(int), self.marks[:, 1:2], self.marks[:, 2:3]
+        spots = starts[chosen] + share * (ends - starts)[chosen] + across * thick[chosen, None] * [1, 0]
+        pixels = np.concatenate([starts, ends, spots, [at + 0.1 * right + 0.75 * down]]) * move[0, 0] + move[:2, 2]
+        points = [(int(x), int(y)) for x, y in pixels * 2**SHIFT]
         if self.has_shadow:
-            foot = self._pixel(at + 0.1 * right + 0.75 * down, move)
             part = image.copy()
-            cv2.ellipse(part, foot, (int(0.3 * s), int(0.08 * s)), 0, 0, 360, 20, -1, cv2.LINE_AA)
+            axes = (int(0.3 * s * 2**SHIFT), int(0.08 * s * 2**SHIFT))
+            cv2.ellipse(part, points[-1], axes, 0, 0, 360, 20, -1, cv2.LINE_AA, SHIFT)
             cv2.addWeighted(part, 0.4, image, 0.6, 0, image)
-        for start, end, thick, level in shapes:
-            for canvas, value in ((image, level), (mask, 255.0)):
-                if canvas is not None:
-                    self._draw_shape(canvas, start, end, thick, value, move)
+        for k in range(len(shapes)):
+            _draw_shape(image, points[k], points[k + len(shapes)], thick[k], levels[k])
+            if mask is not None:
+                _draw_shape(mask, points[k], points[k + len(shapes)], thick[k], 255.0)
+        for point, size, level in zip(points[2 * len(shapes) :], self.marks[:, 3] * s, self.marks[:, 4], strict=False):
+            _draw_shape(image, point, point, size, level)
 
-    def _draw_shape(
-        self, canvas: ByteArray, start: FloatArray, end: FloatArray, thick: float, level: float, move: FloatArray
-    ) -> None:
-        a, b = self._pixel(start, move, SHIFT), self._pixel(end, move, SHIFT)
-        if thick < 0:
-            axes = (int(-thick * 16 * 1.3), int(-thick * 16))
-            angle = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
-            cv2.ellipse(canvas, b, axes, angle, 0, 360, int(level), 1, cv2.LINE_AA, SHIFT)
-        else:
-            cv2.line(canvas, a, b, int(level), max(1, round(thick)), cv2.LINE_AA, SHIFT)
 
-    @staticmethod
-    def _pixel(place: FloatArray, move: FloatArray, shift: int = 0) -> tuple[int, int]:
-        px = np.clip((place * move[0, 0] + move[:2, 2]) * 2**shift, -20000, 20000)
-        return int(px[0]), int(px[1])
+def _draw_shape(canvas: ByteArray, a: tuple[int, int], b: tuple[int, int], thick: float, level: float) -> None:
+    """Draw a limb, or (negative thickness) the outline of a racket's head, between two points in fixed point."""
+    if thick < 0:
+        axes = (int(-thick * 2**SHIFT * 1.3), int(-thick * 2**SHIFT))
+        angle = float(np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0])))
+        cv2.ellipse(canvas, b, axes, angle, 0, 360, int(level), 1, cv2.LINE_AA, SHIFT)
+    else:
+        cv2.line(canvas, a, b, int(level), max(1, round(thick)), cv2.LINE_AA, SHIFT)
 
 
 def _draw_people(
@@ -295,7 +289,8 @@ def _film(rng: np.random.Generator, frames: Float32Array) -> ByteArray:
     for image in images:
         image = cv2.GaussianBlur(image, (0, 0), blur)
         image = image + halo * (image - cv2.GaussianBlur(image, (0, 0), 1.2))
-        out.append(np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8))
+        grain = noise * rng.standard_normal(image.shape, np.float32)
+        out.append(np.clip(image + grain, 0, 255).astype(np.uint8))
     draw = rng.random()
     if draw < 0.1:
         return np.stack(out)

@@ -33,7 +33,7 @@ LEAST_CONTRAST = 6.0
 LOG_SIGMA = (-3.0, 2.5)
 OUTLIER_SIGMAS = 3.0
 # Weight of the loss of the streak, per px.
-STREAK_WEIGHT = 0.15
+STREAK_WEIGHT = 0.25
 # Hold-out files of the calibration and of the figures.
 CALIBRATION_FILE, FIGURES_FILE = 0, 1
 
