@@ -45,7 +45,7 @@ def list_windows(clip: Clip, camera: CourtCamera, scale: float) -> Iterator[Fram
             images[max(images, default=-1) + 1] = image if camera.motion is None else soften_image(image)
         for old in [i for i in images if i < rows[k:].min()]:
             del images[old]
-        yield align_window(int(frames[k]), [images[i] for i in row], _find_shifts(camera, frames[row], scale))
+        yield align_window(int(frames[k]), [images[i] for i in row], find_shifts(camera, frames[row], scale))
 
 
 def reduce_image(image: ByteArray, scale: float) -> ByteArray:
@@ -118,8 +118,8 @@ def _find_neighbours(clip: Clip) -> NDArray[np.int64]:
     return np.array([neighbours_of(k, starts[v], stops[v], lag) for k, v in enumerate(which)])
 
 
-def _find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) -> FloatArray:
-    """Compute the homographies (5, 3, 3) from working px of the third frame to those of each."""
+def find_shifts(camera: CourtCamera, frames: NDArray[np.int64], scale: float) -> FloatArray:
+    """Compute the homographies (5, 3, 3) from working px of the third of five frames (5,) to those of each."""
     if camera.motion is None:
         return np.repeat(np.eye(3)[None], 5, axis=0)
     motion = camera.motion[np.clip(frames - camera.first_frame, 0, len(camera.motion) - 1)]

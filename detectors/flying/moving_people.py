@@ -14,10 +14,12 @@ from models.core.court_camera import CourtScene
 from models.core.typing import ByteArray, FloatArray
 
 # Side, working px, of the cells in which motion is noted, and the change that counts as motion, grey levels: above
-# coding noise, below the contrast of any clothes.
-CELL_PX, MOTION_LEVEL = 8, 12
+# coding noise and soft shadows, below the contrast of most clothes.
+CELL_PX, MOTION_LEVEL = 8, 16
+# Least cells across a moving region: the edge of a board before a turning camera has one or two.
+LEAST_CELLS = 3
 # s over which the motion before and after counts: a player who waits moves a limb within it.
-MEMORY_S = 0.2
+MEMORY_S = 0.12
 # m: least size across and height of a person's moving part, and the gaps within one person that are closed.
 LEAST_WIDTH, LEAST_HEIGHT, GAP = 0.35, 0.7, 0.25
 
@@ -61,6 +63,7 @@ class PeopleFinder:
         gap = max(3, round(apparent_size(camera, middle, GAP) * self.scale / CELL_PX) * 2 + 1)
         # An eighth of a cell: the outline of a limb.
         is_moving = (cells > 32).astype(np.uint8)
+        is_moving = cv2.morphologyEx(is_moving, cv2.MORPH_OPEN, np.ones((LEAST_CELLS, LEAST_CELLS), np.uint8))
         is_moving = cv2.morphologyEx(is_moving, cv2.MORPH_CLOSE, np.ones((gap, gap), np.uint8))
         _, _, stats, _ = cv2.connectedComponentsWithStats(is_moving, connectivity=8)
         boxes = stats[1:, :4] * (CELL_PX / self.scale)

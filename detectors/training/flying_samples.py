@@ -14,8 +14,8 @@ from detectors.flying.spot_patches import LAYERS, MIDDLE, PATCH_PX, cut_patches
 from detectors.training.flying_scenes import FlyingFilm, draw_film
 from models.core.typing import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
-# Films in a file; offset of the seeds of hold-out films.
-FILMS_PER_FILE, HOLD_OUT_SEED = 60, 9_000_000
+# Films in a file.
+FILMS_PER_FILE = 60
 # Spots of a frame that are looked at, and those of them without the object that become samples.
 SPOTS_PER_FRAME, NEGATIVES_PER_FRAME = 40, 10
 # Share of the object that must be seen, and px by which a spot may be beside it and still be its own.
@@ -37,19 +37,22 @@ class FlyingShard:
         return len(self.patches)
 
 
-def prepare_flying_file(folder: Path, number: int, held_out: bool = False) -> Path:
+def prepare_flying_file(folder: Path, number: int) -> Path:
     """Draw the films of a file and cut their spots, unless it exists; its number determines them."""
-    path = folder / f"flying-{'held-out' if held_out else 'films'}-{number:05d}.npz"
+    path = folder / f"flying-{number:05d}.npz"
     if not path.exists():
-        rng = np.random.default_rng(number + HOLD_OUT_SEED * held_out)
-        limit = SPOTS_PER_FRAME if held_out else NEGATIVES_PER_FRAME
-        shards = [cut_samples(rng, draw_film(rng), limit) for _ in range(FILMS_PER_FILE)]
-        aside = path.with_suffix(f".{os.getpid()}.part")
-        with aside.open("wb") as file:
-            patches = np.concatenate([shard.patches for shard in shards])
-            np.savez(file, patches=patches, truth=np.concatenate([shard.truth for shard in shards]))
-        aside.replace(path)
+        rng = np.random.default_rng(number)
+        write_flying_file(path, [cut_samples(rng, draw_film(rng), NEGATIVES_PER_FRAME) for _ in range(FILMS_PER_FILE)])
     return path
+
+
+def write_flying_file(path: Path, shards: list[FlyingShard]) -> None:
+    """Write samples as one file, whole or not at all."""
+    aside = path.with_suffix(f".{os.getpid()}.part")
+    with aside.open("wb") as file:
+        patches = np.concatenate([shard.patches for shard in shards])
+        np.savez(file, patches=patches, truth=np.concatenate([shard.truth for shard in shards]))
+    aside.replace(path)
 
 
 def read_flying_file(path: Path) -> FlyingShard:

@@ -48,6 +48,8 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
     people = [Person(rng) for _ in range(rng.integers(0, 4))]
     flights = [Flight(rng) for _ in range(OBJECTS)]
     exposure = rng.uniform(0.05, 0.6) if rng.random() < 0.7 else rng.uniform(0.4, 1.0)
+    # Some cameras and scalers alias: thin lines become beads that stay where the pixels are.
+    sampling = cv2.INTER_NEAREST if rng.random() < 0.3 else cv2.INTER_LINEAR
     flashes = rng.exponential(1.0) * (rng.random() < 0.3)
     in_front = rng.random(len(people)) < 0.35
     board, flicker = _random_board(rng), rng.normal(0, 0.01 * (rng.random() < 0.3), FRAMES)
@@ -55,7 +57,7 @@ def draw_film(rng: np.random.Generator) -> FlyingFilm:
     for k in range(FRAMES):
         move = np.array([[zoom**k, 0, pan[0] * k], [0, zoom**k, pan[1] * k], [0, 0, 1.0]])
         base = np.array([[1, 0, -80], [0, 1, -40], [0, 0, 1.0]])
-        ground = cv2.warpPerspective(wide, move @ base, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT)
+        ground = cv2.warpPerspective(wide, move @ base, (WIDTH, HEIGHT), flags=sampling, borderMode=cv2.BORDER_REFLECT)
         _show_board(ground, board, k)
         times = k + exposure * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
         layers = [_draw_people(ground, people, in_front, t, move) for t in times]

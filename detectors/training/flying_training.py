@@ -1,4 +1,4 @@
-"""Training of the flying-object network, its calibration and figures on hold-out films, and its export."""
+"""Training of the flying-object network, its calibration and figures on rendered rallies, and its export."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from detectors.flying.spot_network import COLUMNS, INPUT_NAME, OUTPUT_NAME, SCHEMA, streak_from_double_angle
 from detectors.flying.spot_patches import LAYERS, PATCH_PX
 from detectors.training.ball_evaluation import round_figures
+from detectors.training.flying_rallies import prepare_rally_file
 from detectors.training.flying_samples import FlyingShard, prepare_flying_file, read_flying_file
 from detectors.training.onnx_export import PARITY_COUNTS, NetworkCalibration, write_onnx_network
 from detectors.training.training_loop import StepCallback, TrainOptions, read_step_count, run_training
@@ -229,15 +230,13 @@ def train_flying_detector(work: Path, options: TrainOptions, out: Path, watch: S
         watch: Called after each step.
 
     Returns:
-        Its figures on hold-out films by name.
+        Its figures on rendered rallies by name.
     """
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(1)
     work.mkdir(parents=True, exist_ok=True)
     network = run_training(FlyingTraining(work, options), work, options, watch)
-    held_out = [
-        read_flying_file(prepare_flying_file(work, file, held_out=True)) for file in (CALIBRATION_FILE, FIGURES_FILE)
-    ]
+    held_out = [read_flying_file(prepare_rally_file(work, file)) for file in (CALIBRATION_FILE, FIGURES_FILE)]
     calibration = calibrate(network, held_out[0])
     figures = evaluate(network, calibration, held_out[1])
     recipe: dict[str, object] = asdict(options) | {"start": None, "steps_done": read_step_count(work / CHECKPOINT)}

@@ -12,6 +12,7 @@ from detectors.network.offset_regressor import DISC, STREAK
 from detectors.training.ball_evaluation import CALIBRATION_FILE, FIGURES_FILE, calibrate_and_evaluate
 from detectors.training.ball_training import CHECKPOINT, train_ball_network
 from detectors.training.detector_networks import CHANNEL_WIDTHS
+from detectors.training.flying_training import CHECKPOINT as FLYING_CHECKPOINT
 from detectors.training.offset_samples import SampleSource
 from detectors.training.offset_training import (
     evaluate_offset_network,
@@ -24,7 +25,12 @@ from detectors.training.training_shards import IMAGES_PER_SHARD
 from video.rendering.training_images import SIZE_PX
 
 # Checkpoint file of each network, by the name of its weight file.
-CHECKPOINTS = {"balls": CHECKPOINT, STREAK.name: STREAK.checkpoint, DISC.name: DISC.checkpoint}
+CHECKPOINTS = {
+    "balls": CHECKPOINT,
+    STREAK.name: STREAK.checkpoint,
+    DISC.name: DISC.checkpoint,
+    "flying": FLYING_CHECKPOINT,
+}
 
 
 def train_ball_detector(work: Path, options: TrainOptions, out: Path, watch: StepCallback) -> dict[str, float]:

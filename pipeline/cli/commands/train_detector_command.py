@@ -29,10 +29,11 @@ class NetworkPart(StrEnum):
     BALLS = "balls"
     STREAKS = "streaks"
     DISCS = "discs"
+    FLYING = "flying"
 
 
 # Default number of training samples per step.
-DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DISCS: 128}
+DEFAULT_BATCH = {NetworkPart.BALLS: 16, NetworkPart.STREAKS: 128, NetworkPart.DISCS: 128, NetworkPart.FLYING: 192}
 
 
 @cli.command("train-detector")
@@ -42,7 +43,7 @@ def train_detector(
     work: Path = Path("training"),
     hours: Annotated[float, typer.Option(min=0.001)] = 3.0,
     steps: Annotated[int, typer.Option(min=1)] = 12000,
-    batch: Annotated[int | None, typer.Option(min=1, show_default="16, or 128 for streaks and discs")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, show_default="16, 128 for streaks and discs, 192 for flying")] = None,
     files: Annotated[int, typer.Option(min=1)] = 100,
     threads: Annotated[int, typer.Option(min=1)] = 2,
     start: Annotated[Path | None, typer.Option("--from", parser=cli.parse_output_path, metavar="FILE.onnx")] = None,
@@ -53,13 +54,14 @@ def train_detector(
     """Train a network of the detector on rendered images, evaluate it on held-out ones, and write it as ONNX.
 
     Args:
-        part: Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest.
+        part: Network to train: balls detects balls; streaks and discs refine moving balls and balls at rest; flying judges
+            what may be the ball or shuttle of a rally.
         out: File of the trained network.
         work: Folder of training images and checkpoints; a second call continues the training.
         hours: Longest training time without interruptions, in h.
         steps: Largest number of training steps.
         batch: Training samples per step.
-        files: Number of files of 240 training images each.
+        files: Number of files of 240 training images each, or for flying of 60 films.
         threads: Number of processor threads.
         start: Ball network of trueroll to start from.
         seer: For --part streaks: ball network that detects the streaks. Default: the shipped one.
@@ -79,6 +81,7 @@ def train_detector(
     require_writable_folder(out.parent)
     require_writable_folder(work)
     from detectors.network.ball_model import SHIPPED_BALL_MODEL
+    from detectors.training.flying_training import train_flying_detector
     from detectors.training.offset_samples import DiscSource, StreakSource
     from detectors.training.train_detector import (  # torch: seconds to import
         CHECKPOINTS,
@@ -120,6 +123,8 @@ def train_detector(
                 figures = train_ball_detector(work, options, out, watch)
             elif part is NetworkPart.STREAKS:
                 figures = train_offset_regressor(StreakSource(work, seer), work, options, out, watch)
+            elif part is NetworkPart.FLYING:
+                figures = train_flying_detector(work, options, out, watch)
             else:
                 figures = train_offset_regressor(DiscSource(work, seed), work, options, out, watch)
         except KeyboardInterrupt:
@@ -175,8 +180,16 @@ def _summarize_discs(figures: dict[str, float]) -> str:
     )
 
 
+def _summarize_flying(figures: dict[str, float]) -> str:
+    return (
+        f"recall {figures['recall']:.1%}, precision {figures['precision']:.1%} of spots that are the object, centres "
+        f"{figures['rms_px']:.2f} px RMS per axis in rendered rallies"
+    )
+
+
 SUMMARIES = {
     NetworkPart.BALLS: _summarize_balls,
     NetworkPart.STREAKS: _summarize_streaks,
     NetworkPart.DISCS: _summarize_discs,
+    NetworkPart.FLYING: _summarize_flying,
 }
