@@ -16,18 +16,20 @@ from models.core.progress import Progress
 from models.core.typing import ByteArray, FloatArray, ImageArray
 from models.sports.sport_catalogue import find_sports
 from video.calibration.court_camera_fit import REFERENCE_WIDTH_PX, CourtFit, build_court_camera, fit_court_camera
-from video.calibration.court_hypotheses import MISS_COST, propose_courts
+from video.calibration.court_hypotheses import propose_courts
 from video.calibration.court_lines import SEARCH_SIDE_PX, convert_to_brightness
 from video.calibration.court_motion import estimate_court_motion, stands_still
 from video.io.clip import Clip, read_frames
 
 # Frames spread over the clip, whose median shows a court without players.
 SAMPLED_FRAMES = 15
-# Proposals that are fitted.
-FITTED_PROPOSALS = 6
+# Proposals of each sport that are fitted.
+FITTED_PROPOSALS = 5
+# px of seen line that one px of missing line outweighs in a fit.
+MISS_COST = 2.0
 # Least share of the lines' length that is seen, and of a line or of the net that counts as seen: players, posts and the
 # net hide some, the rest of a wrong court lies where no paint is.
-MIN_SHARE, MIN_LINE_SHARE, MIN_NET_SHARE = 0.6, 0.5, 0.35
+MIN_SHARE, MIN_LINE_SHARE, MIN_NET_SHARE = 0.6, 0.35, 0.35
 # Least number of lines, the net included, that show a court; a table has four wide ones and its net.
 MIN_SEEN_LINES = 6
 # px in an image of `REFERENCE_WIDTH_PX`: lines of a right court agree better.
@@ -142,6 +144,8 @@ def _locate(image: ByteArray, sports: Sequence[Sport], corners: str | None) -> L
     enlarge = np.array([[1 / scale, 0, 0.5 / scale - 0.5], [0, 1 / scale, 0.5 / scale - 0.5], [0, 0, 1]])
     best, best_evidence = None, 0.0
     for proposal in propose_courts(small, sports, FITTED_PROPOSALS):
+        if scale * best_evidence > proposal.seen_px:
+            continue
         camera = build_court_camera(enlarge @ proposal.homography, proposal.sport, width, height)
         fit = fit_court_camera(brightness, proposal.sport, camera)
         evidence = _weigh(fit)

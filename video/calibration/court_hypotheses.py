@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,15 +16,16 @@ from models.core.typing import FloatArray
 from video.calibration.court_lines import (
     MAP_DIRECTIONS,
     PaintedLines,
+    RidgePoints,
     find_painted_lines,
     find_ridge_points,
     map_ridge_directions,
 )
 
 # Least painted share of the sides of a quadrangle of lines: players and the net hide parts.
-MIN_SIDE_COVER = 0.45
+MIN_SIDE_COVER = 0.3
 # Shortest side of a quadrangle, px, and shares of the image by which its corners may lie outside.
-MIN_SIDE_PX, CORNER_MARGIN = 24.0, 0.35
+MIN_SIDE_PX, CORNER_MARGIN = 20.0, 0.35
 # Focal lengths in widths of the image that cameras of courts have: wide phones to tele lenses of broadcasts.
 FOCAL_RANGE = (0.35, 12.0)
 FOCAL_STEPS = 24
@@ -32,12 +34,13 @@ FOCAL_STEPS = 24
 MAX_COSINE, MAX_LOG_RATIO = 0.06, 0.08
 # Number of quadrangles, and of hypotheses that are weighed with all points.
 MAX_QUADS, MAX_WEIGHED = 6000, 1500
-# Points on all lines of a court at which a hypothesis is weighed; coarse ones are every fourth.
+# Points on all lines of a court at which a hypothesis is weighed; coarse ones are every sixth.
 POINTS_PER_LINE = 24
-COARSE_STEP = 4
-# px of seen line that one px of missing line outweighs: lines that players and nets do not hide are seen, and clutter
-# confirms up to two thirds of lines that are not there.
-MISS_COST = 2.0
+COARSE_STEP = 6
+# Probability that a piece of a line is seen: players, the net and the light hide the others. The probability that a
+# ridge is there by chance is measured over windows of px, and lies in a range: letters and stands are full of ridges.
+SEEN_PROBABILITY = 0.85
+CHANCE_WINDOW_PX, CHANCE_RANGE = 41, (0.02, 0.6)
 # Share of the length of a court below which its paint is not always seen.
 THIN_SHARE = 0.002
 
@@ -50,9 +53,9 @@ class CourtHypothesis:
     homography: FloatArray
     """(3, 3) from metres on the court to px of the search image."""
     score: float
-    """px of court lines that are seen, less those that should be and are not."""
-    share: float
-    """Share of the lines' length inside the image that is seen."""
+    """Logarithm of the likelihood of the ridges along its lines, less that of ridges by chance, times px per ridge."""
+    seen_px: float
+    """px of its lines that are seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,16 @@ class _LinePoints:
 
 
 @dataclass(frozen=True, slots=True)
+class _RidgeMaps:
+    """Where ridges are, and what it says of a line that it is seen there or not."""
+
+    directions: NDArray[np.bool_]
+    """(MAP_DIRECTIONS, H, W) whether a ridge of each direction is near."""
+    gains: NDArray[np.float32]
+    """(2, H, W) logarithms of ratios of likelihoods where no ridge is, and where one is."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Quads:
     """Q quadrangles of two lines a and two lines b."""
 
@@ -74,13 +87,13 @@ class _Quads:
     """(Q, 3, 3) from the unit square (u by a, v by b)."""
 
 
-def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], count: int = 12) -> list[CourtHypothesis]:
+def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], count: int) -> list[CourtHypothesis]:
     """Propose courts in an image, the best first.
 
     Args:
         brightness: (H, W) grey levels.
         sports: the sports to try.
-        count: largest number of proposals.
+        count: largest number of proposals of each sport.
     """
     height, width = brightness.shape
     points = find_ridge_points(brightness)
@@ -88,54 +101,61 @@ def propose_courts(brightness: NDArray[np.float32], sports: Sequence[Sport], cou
     quads = _find_quads(lines, (height, width))
     if len(quads.corners) == 0:
         return []
-    maps = map_ridge_directions(points, (height, width))
+    ridges = _map_ridges(points, (height, width))
     proposals: list[CourtHypothesis] = []
     middle = np.array([[1, 0, (width - 1) / 2], [0, 1, (height - 1) / 2], [0, 0, 1.0]])
     ratios = _possible_ratios(quads, width)
     for sport in sports:
         matrices = middle @ _match_lines(quads, ratios, sport)
-        coarse = weigh_homographies(matrices, sport, maps, COARSE_STEP)[0]
+        coarse = _weigh_homographies(matrices, sport, ridges, COARSE_STEP)[0]
         matrices = matrices[np.argsort(-coarse, kind="stable")[:MAX_WEIGHED]]
-        scores, shares = weigh_homographies(matrices, sport, maps, 1)
-        proposals += _select_distinct(sport, matrices, scores, shares, count)
-    return sorted(proposals, key=lambda one: -one.score)[:count]
+        proposals += _select_distinct(sport, matrices, *_weigh_homographies(matrices, sport, ridges, 1), count)
+    return sorted(proposals, key=lambda one: -one.score)
 
 
-def weigh_homographies(
-    matrices: FloatArray, sport: Sport, maps: NDArray[np.bool_], step: int = 1
+def _map_ridges(points: RidgePoints, shape: tuple[int, int]) -> _RidgeMaps:
+    maps = map_ridge_directions(points, shape)
+    density = np.asarray(maps.mean(0, dtype=np.float32))
+    chance = np.clip(cv2.blur(density, (CHANCE_WINDOW_PX,) * 2), *CHANCE_RANGE)
+    hit, miss = np.log(SEEN_PROBABILITY / chance), np.log((1 - SEEN_PROBABILITY) / (1 - chance))
+    return _RidgeMaps(maps, np.stack([miss, hit]))
+
+
+def _weigh_homographies(
+    matrices: FloatArray, sport: Sport, ridges: _RidgeMaps, step: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Weigh homographies (N, 3, 3) by the ridges along all lines of a court.
-
-    Returns:
-        (N,) px of lines that are seen less those that are not, and (N,) share that is seen of what is in the image.
-    """
+    """Weigh homographies (N, 3, 3) by the ridges along all lines of a court: scores and px seen (N,)."""
     pieces = _cut_lines(sport)
     widths = np.array([one.width for one in sport.lines])[pieces.line]
     visibility = np.minimum(1.0, widths / (THIN_SHARE * sport.length))
-    _, height, width = maps.shape
+    _, height, width = ridges.directions.shape
     ends = np.stack([pieces.start, pieces.end])[:, ::step]
-    homogeneous = np.concatenate([ends, np.ones((*ends.shape[:2], 1))], axis=-1)
-    scores, shares = np.full(len(matrices), -np.inf), np.zeros(len(matrices))
+    homogeneous = np.concatenate([ends, np.ones((*ends.shape[:2], 1))], axis=-1).reshape(-1, 3).T.astype(np.float32)
+    matrices = matrices.astype(np.float32)
+    scores, lengths = np.zeros((2, len(matrices)))
     for first in range(0, len(matrices), 2000):
         part = slice(first, first + 2000)
-        rays = np.einsum("nij,epj->enpi", matrices[part], homogeneous)
-        # Points behind the camera make a homography impossible that puts the court's middle before it.
-        is_front = (rays[..., 2] > 1e-9).all((0, 2)) | (rays[..., 2] < -1e-9).all((0, 2))
-        px = rays[..., :2] / np.where(np.abs(rays[..., 2:]) > 1e-9, rays[..., 2:], 1e-9)
-        along, middle = px[1] - px[0], (px[0] + px[1]) / 2
-        length = np.linalg.norm(along, axis=-1)
-        with np.errstate(invalid="ignore"):
-            x, y = (np.nan_to_num(np.rint(middle[..., k]), nan=-1.0, posinf=-1, neginf=-1) for k in (0, 1))
-        is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        across = np.mod(np.arctan2(along[..., 0], -along[..., 1]), np.pi)
-        direction = np.rint(across / np.pi * MAP_DIRECTIONS).astype(np.int64) % MAP_DIRECTIONS
-        rows, columns = (np.where(is_inside, place, 0).astype(np.int64) for place in (y, x))
-        weight = np.where(is_inside, length, 0.0) * visibility[::step]
-        is_hit = maps[direction, rows, columns]
-        total, hit = weight.sum(1), (weight * is_hit).sum(1)
-        scores[part] = np.where(is_front, hit - MISS_COST * (total - hit), -np.inf) * step
-        shares[part] = hit / np.maximum(total, 1e-9)
-    return scores, shares
+        # Coordinates first: (3, N, both ends of all pieces).
+        u, v, depth = np.moveaxis((matrices[part].reshape(-1, 3) @ homogeneous).reshape(-1, 3, homogeneous.shape[1]), 1, 0)
+        side = np.sign(depth.mean(1, keepdims=True))
+        # The court's middle is before the camera; pieces that are not, are outside the image.
+        is_front = depth * side > 1e-3 * np.abs(depth).max(1, keepdims=True)
+        depth = np.where(is_front, depth, 1e9)
+        half = depth.shape[1] // 2
+        x, y = u / depth, v / depth
+        dx, dy = x[:, half:] - x[:, :half], y[:, half:] - y[:, :half]
+        column, row = (x[:, half:] + x[:, :half]) / 2, (y[:, half:] + y[:, :half]) / 2
+        is_inside = (column > 0) & (column < width - 1) & (row > 0) & (row < height - 1)
+        is_inside &= is_front[:, :half] & is_front[:, half:]
+        n, p = np.nonzero(is_inside)
+        dx, dy = dx[n, p], dy[n, p]
+        direction = np.rint(np.arctan2(dx, -dy) * (MAP_DIRECTIONS / np.pi)).astype(np.int64) % MAP_DIRECTIONS
+        i, j = (row[n, p] + 0.5).astype(np.int64), (column[n, p] + 0.5).astype(np.int64)
+        is_hit = ridges.directions[direction, i, j]
+        weight = np.hypot(dx, dy) * visibility[::step][p]
+        scores[part] = np.bincount(n, weight * ridges.gains[is_hit.astype(np.int64), i, j], len(depth))
+        lengths[part] = np.bincount(n, weight * is_hit, len(depth))
+    return scores, lengths
 
 
 def _cut_lines(sport: Sport) -> _LinePoints:
@@ -253,7 +273,7 @@ def _match_lines(quads: _Quads, ratios: FloatArray, sport: Sport) -> FloatArray:
 
 
 def _select_distinct(
-    sport: Sport, matrices: FloatArray, scores: FloatArray, shares: FloatArray, count: int
+    sport: Sport, matrices: FloatArray, scores: FloatArray, lengths: FloatArray, count: int
 ) -> list[CourtHypothesis]:
     """Select the best hypotheses whose courts differ by more than a few px somewhere."""
     chosen: list[CourtHypothesis] = []
@@ -267,6 +287,6 @@ def _select_distinct(
         size = np.linalg.norm(np.ptp(ring, axis=0))
         if any(np.abs(np.roll(ring, r, axis=0) - other).max() < 0.02 * size for other in places for r in range(4)):
             continue
-        chosen.append(CourtHypothesis(sport, matrices[k], float(scores[k]), float(shares[k])))
+        chosen.append(CourtHypothesis(sport, matrices[k], float(scores[k]), float(lengths[k])))
         places.append(ring)
     return chosen

@@ -158,7 +158,9 @@ def _fit_line(
         if len(members) < MIN_RUN // 2:
             return None
         mean = xy[members].mean(0)
-        normal = np.linalg.svd(xy[members] - mean, full_matrices=False)[2][1]
+        across = np.linalg.svd(xy[members] - mean, full_matrices=False)[2][1]
+        # Places along the line keep their direction.
+        normal = across if across @ normal > 0 else -across
         direction, offset = float(np.arctan2(normal[1], normal[0])), float(normal @ mean)
     return normal, offset, np.cumsum(painted, dtype=np.float64), members
 
