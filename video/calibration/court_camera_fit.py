@@ -251,8 +251,10 @@ def _solve(
         try:
             covariance = np.linalg.inv(information)
         except np.linalg.LinAlgError:
-            return extended, np.inf, covariance
+            return extended, np.inf, np.eye(9)
         change = -covariance @ gradient
+        if not np.isfinite(change).all():
+            return extended, np.inf, np.eye(9)
         change *= min(1.0, 0.3 / max(abs(change[6]), 1e-9), 0.5 / max(np.abs(change[3:6]).max(), 1e-9))
         extended = extended + change
     return extended, spread, covariance
@@ -264,8 +266,8 @@ def _normal_equations(
     """Build the normal equations of residuals of which those of a line share an error (Woodbury's identity)."""
     information, gradient = (jacobian.T * weight) @ jacobian, (jacobian.T * weight) @ r
     sums = np.bincount(line, weight)
-    means = np.bincount(line, weight * r)[sums > 0] / sums[sums > 0]
-    offset = max(LINE_ERROR_PX, float(np.sqrt((means**2).mean())))
+    means = np.bincount(line, weight * r) / np.where(sums > 0, sums, np.inf)
+    offset = max(LINE_ERROR_PX, float(np.sqrt((means**2).sum() / max(int((sums > 0).sum()), 1))))
     for k in np.flatnonzero(sums > 0):
         part = line == k
         pull, push = weight[part] @ jacobian[part], weight[part] @ r[part]

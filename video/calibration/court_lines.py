@@ -28,6 +28,8 @@ LINE_TOLERANCE, DIRECTION_TOLERANCE = 2.5, 7.0
 MAX_GAP, MIN_RUN = 8, 24
 # Number of lines that are kept, the longest first: a court has 12, and stands, banners and overlays more than it.
 MAX_LINES = 72
+# Number of peaks of the votes that are examined: most are of letters and stands, and form no line.
+MAX_PEAKS = 1500
 # Directions in which maps of ridge points are kept, and the neighbours that each accepts.
 MAP_DIRECTIONS = 18
 # px from a ridge within which a predicted line is confirmed.
@@ -73,24 +75,23 @@ def find_ridge_points(brightness: NDArray[np.float32]) -> RidgePoints:
     Args:
         brightness: (H, W) grey levels.
     """
-    shape = brightness.shape
-    strength, step = np.full(shape, CURVATURE_SHARE * MIN_CONTRAST, np.float32), np.full(shape, np.inf, np.float32)
-    angle = np.zeros(shape, np.float32)
+    crests, angles = [], []
     for scale in RIDGE_SCALES:
         smooth = cv2.GaussianBlur(brightness, (0, 0), scale)
         gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
         xx, yy = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=1 / 4) for order in ((2, 0), (0, 2)))
         xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4)
-        root = np.sqrt((xx - yy) ** 2 / 4 + xy**2)
-        bend = (xx + yy) / 2 - root
-        better = -(scale**2) * bend > strength
-        strength[better] = -(scale**2) * bend[better]
-        across = np.arctan2(bend[better] - xx[better], xy[better] + np.float32(1e-9))
-        angle[better] = across
-        step[better] = -(gx[better] * np.cos(across) + gy[better] * np.sin(across)) / bend[better]
-    y, x = np.nonzero(np.abs(step) <= 0.6)
-    theta, t = angle[y, x].astype(np.float64), step[y, x].astype(np.float64)
-    xy_crest = np.column_stack([x + t * np.cos(theta), y + t * np.sin(theta)])
+        bend = (xx + yy) / 2 - np.sqrt((xx - yy) ** 2 / 4 + xy**2)
+        # Each scale has crests of its own: a coarse one sees a line beside an edge elsewhere, or not at all.
+        y, x = np.nonzero(-(scale**2) * bend > CURVATURE_SHARE * MIN_CONTRAST)
+        bend, gradient = bend[y, x], np.column_stack([gx[y, x], gy[y, x]])
+        angle = np.arctan2(bend - xx[y, x], xy[y, x] + np.float32(1e-9))
+        across = np.column_stack([np.cos(angle), np.sin(angle)])
+        step = -(gradient * across).sum(1) / bend
+        is_crest = np.abs(step) <= 0.6
+        crests.append((np.column_stack([x, y]) + step[:, None] * across)[is_crest])
+        angles.append(angle[is_crest])
+    xy_crest, theta = np.concatenate(crests).astype(np.float64), np.concatenate(angles).astype(np.float64)
     return RidgePoints(xy_crest, np.mod(theta, np.pi))
 
 
@@ -102,7 +103,8 @@ def find_painted_lines(points: RidgePoints, shape: tuple[int, int]) -> PaintedLi
         shape: its height and width, px.
     """
     middle, radius = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2]), int(np.hypot(*shape) / 2) + 1
-    xy, angle = points.xy - middle, points.angle
+    order = np.argsort(points.angle, kind="stable")
+    xy, angle = points.xy[order] - middle, points.angle[order]
     bins, cells = round(180 / ANGLE_STEP), 2 * int(radius / OFFSET_STEP) + 3
     column = np.rint(np.degrees(angle) / ANGLE_STEP).astype(np.int64)[:, None] + np.arange(
         -ANGLE_SPREAD, ANGLE_SPREAD + 1
@@ -115,11 +117,11 @@ def find_painted_lines(points: RidgePoints, shape: tuple[int, int]) -> PaintedLi
     votes = np.bincount(cell.ravel(), minlength=bins * cells)
     free = np.ones(len(xy), np.bool_)
     normals, offsets, covers = [], [], []
-    for _ in range(4 * MAX_LINES):
+    for _ in range(MAX_PEAKS):
         peak = int(np.argmax(votes))
         if len(normals) == MAX_LINES or votes[peak] < MIN_RUN:
             break
-        votes[peak] = 0
+        votes[np.clip(peak + np.array([-cells, -1, 0, 1, cells]), 0, len(votes) - 1)] = 0
         direction, offset = np.radians(peak // cells * ANGLE_STEP), (peak % cells - cells // 2) * OFFSET_STEP
         line = _fit_line(xy, angle, free, (direction, offset), radius)
         if line is None:
@@ -130,9 +132,9 @@ def find_painted_lines(points: RidgePoints, shape: tuple[int, int]) -> PaintedLi
         normals.append(normal)
         offsets.append(offset)
         covers.append(cover)
-    order = np.argsort([-cover[-1] for cover in covers], kind="stable")
+    longest = np.argsort([-cover[-1] for cover in covers], kind="stable")
     stack = (np.array(normals).reshape(-1, 2), np.array(offsets), np.array(covers).reshape(-1, 2 * radius + 1))
-    return PaintedLines(*(part[order] for part in stack))
+    return PaintedLines(*(part[longest] for part in stack))
 
 
 def _fit_line(
@@ -146,9 +148,11 @@ def _fit_line(
     direction, offset = guess
     for _ in range(2):
         normal = np.array([np.cos(direction), np.sin(direction)])
-        turn = np.abs(np.mod(angle - direction + np.pi / 2, np.pi) - np.pi / 2)
-        is_near = (np.abs(xy @ normal - offset) < LINE_TOLERANCE) & (turn < np.radians(DIRECTION_TOLERANCE))
-        members = np.flatnonzero(is_near & free)
+        # Angles are sorted; those near half a turn are near 0 as well.
+        limits = np.mod(direction + np.radians([-DIRECTION_TOLERANCE, DIRECTION_TOLERANCE]), np.pi)
+        low, high = np.searchsorted(angle, limits)
+        near = np.arange(low, high) if low <= high else np.r_[0:high, low : len(angle)]
+        members = near[free[near] & (np.abs(xy[near] @ normal - offset) < LINE_TOLERANCE)]
         along = np.rint(xy[members] @ np.array([-normal[1], normal[0]])).astype(np.int64) + radius
         painted = np.zeros((1, 2 * radius + 1), np.uint8)
         painted[0, np.clip(along, 0, 2 * radius)] = 1
