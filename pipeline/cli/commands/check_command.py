@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from pathlib import Path
 from textwrap import wrap
 from typing import Annotated, Any
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from models.core.errors import OptionError
+from models.core.errors import ClipError, OptionError
 from models.core.typing import ImageArray
 from pipeline.actions.check_clip import FilmingReport, check_clip
 from pipeline.engine.atomic_write import require_writable_folder
@@ -53,14 +54,21 @@ def check(
     """Check in a few seconds how a clip is filmed: go or no-go before more shots are filmed (exit status 0 or 1).
 
     Args:
-        clip: A clip of a shot: mp4, mov, mkv, avi, webm.
+        clip: A clip of a shot or of a rally: mp4, mov, mkv, avi, webm.
         out: Write a still with the table, the balls and what is wrong.
     """
     if out is not None:
         if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
             raise OptionError(f"-o is an image, .png or .jpg; got {out.name}")
         require_writable_folder(out.parent)
+    if options.court.has_court:
+        _show_court(clip, options, out, as_json)
+        return
     report = check_clip(clip, options)
+    if report.refusal and options.court.sport is None:
+        with suppress(ClipError):  # no court either: what is wrong with the table is the answer
+            _show_court(clip, options, out, as_json)
+            return
     if as_json:
         print(json.dumps(_report_to_json(report), allow_nan=False))
     else:
@@ -68,6 +76,18 @@ def check(
     if out is not None:
         write_image(_draw_still(report), out)
     if report.verdict == "no-go":
+        raise typer.Exit(1)
+
+
+def _show_court(clip: Path, options: DoorOptions, out: Path | None, as_json: bool) -> None:
+    """Show how a clip of a court is filmed; raises ClipError where it shows none."""
+    from pipeline.actions.check_court import check_court  # slow to import
+
+    report = check_court(clip, options)
+    cli.print_answer(report.answer, as_json)
+    if out is not None:
+        write_image(report.image, out)
+    if report.answer.verdict == "no-go":
         raise typer.Exit(1)
 
 
