@@ -43,10 +43,10 @@ def answer_rally_call(
     """
     kind, *rest = " ".join(words).split()
     if kind not in QUESTIONS or (kind == "net" and (rest or area)) or len([*rest, *([area] if area else [])]) > 1:
-        asked = " ".join([*words, *([f"--{area}"] if area else [])])
+        question = " ".join([*words, *([f"--{area}"] if area else [])])
         raise OptionError(
             f"{folder} holds a rally of {rally.scene.sport.name}: ask landing, landing with one of"
-            f" {', '.join(rally.scene.sport.areas)}, or net; got {asked!r}"
+            f" {', '.join(rally.scene.sport.areas)}, or net; got {question!r}"
         )
     require_writable_folder(target)
     if kind == "net":

@@ -40,10 +40,10 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     Raises:
         OptionError: The time is outside of what was seen, or no flight is known there.
     """
-    seen = np.flatnonzero(np.isfinite(rally.px[:, 0]))
-    if not len(seen):
+    own = np.flatnonzero(np.isfinite(rally.px[:, 0]))
+    if not len(own):
         raise OptionError("nothing was seen to fly in this rally, so nothing can be predicted")
-    first, last = float(rally.t[seen[0]]), float(rally.t[seen[-1]])
+    first, last = float(rally.t[own[0]]), float(rally.t[own[-1]])
     t = last if at is None else at
     if not first + LEAST_PAST_S <= t <= last:
         raise OptionError(f"--at lies within what was seen, {first + LEAST_PAST_S:.3f} to {last:.3f} s; got {t:g}")
@@ -54,7 +54,7 @@ def predict_rally(rally: Rally, seconds: float, at: float | None, folder: Path) 
     path = _continue_from(past, t, seconds)
     name, call = rally.scene.sport.object.name, judge_landing(past)
     words = format_landing(call, past)
-    later = seen[(rally.t[seen] > t + 1e-9) & (rally.t[seen] <= path.t[-1])]
+    later = own[(rally.t[own] > t + 1e-9) & (rally.t[own] <= path.t[-1])]
     error = _compare_later(rally, path, later)
     document = {
         "schema": "trueroll.flight_prediction/1", "t": t, "until": float(path.t[-1]), "object": name,
@@ -88,10 +88,10 @@ def explain_past(rally: Rally, t: float) -> Rally:
     from models.estimation.rally.explain_rally import explain_rally  # slow to import
 
     rows = np.flatnonzero(rally.t <= t + 1e-9)
-    seen = rows[np.isfinite(rally.px[rows, 0])]
+    own = rows[np.isfinite(rally.px[rows, 0])]
     candidates = BallCandidates(
-        rally.frame[seen], rally.px[seen], rally.streak[seen], np.ones(len(seen)), rally.px_sigma[seen, 0],
-        rally.px_sigma[seen, 1], rally.players[rally.players[:, 0] <= rally.frame[rows[-1]]],
+        rally.frame[own], rally.px[own], rally.streak[own], np.ones(len(own)), rally.px_sigma[own, 0],
+        rally.px_sigma[own, 1], rally.players[rally.players[:, 0] <= rally.frame[rows[-1]]],
     )  # fmt: skip
     return explain_rally(rally.scene, candidates, rally.frame[rows], rally.t[rows], ignore_progress)
 

@@ -68,12 +68,12 @@ def list_event_rows(rally: Rally) -> list[tuple[str, str, str]]:
 def assess_rally_trust(rally: Rally) -> Trust:
     """Assess the trust level of a rally, with its reasons."""
     name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if not one.chi2 > MAX_CHI2]
-    seen = np.isfinite(rally.px[:, 0])
+    is_seen = np.isfinite(rally.px[:, 0])
     if not fitted:
         return Trust("red", (f"No flight of the {name} is explained.",))
     spans = sum(one.end - one.start for one in rally.flights)
     share = sum(one.end - one.start for one in fitted) / spans if spans > 0 else 1.0
-    used = float(np.mean(rally.is_used[seen])) if seen.any() else 0.0
+    used = float(np.mean(rally.is_used[is_seen])) if is_seen.any() else 0.0
     reasons = [f"Gravity and air explain {100 * share:.0f} % of the time in flight."]
     level: TrustLevel = "green" if share >= GREEN_SHARE else "amber" if share >= AMBER_SHARE else "red"
     doubts = []

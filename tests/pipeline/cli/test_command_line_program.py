@@ -274,7 +274,7 @@ def test_help_holds_every_option_with_its_meaning(trueroll: Terminal) -> None:
             assert f"default: {setting.default}" in words
 
 
-@pytest.mark.parametrize(("command", "left_out"), [("check", ()), ("batch", ()), ("detect", ("fps",))])
+@pytest.mark.parametrize(("command", "left_out"), [("check", ()), ("batch", ()), ("detect", ("fps", "sport"))])
 def test_the_door_has_the_same_options_for_every_command(
     trueroll: Terminal, command: str, left_out: tuple[str, ...]
 ) -> None:
