@@ -14,7 +14,7 @@ from models.estimation.rally.landing_judgement import LandingCall
 from models.estimation.rally.stroke_summary import Stroke, find_current_stroke, sample_flights, summarize_strokes
 from video.drawing.court_plan import SIDE_COLOURS, CourtDrawing, draw_court, draw_landing_mark, find_ellipse
 from video.drawing.label_layout import COST_CELL_PX, LabelPosition, Rect, make_squares, place_label, place_panel
-from video.drawing.masks import blend_colours, draw_disc, drawing_scale, round_corner_mask
+from video.drawing.masks import blend_colours, draw_disc, draw_ring, drawing_scale, round_corner_mask
 from video.drawing.palette import FLASH, INK, WHITE, Colour
 from video.io.video_options import OverlayStyle
 from video.io.yuv_frame import Canvas
@@ -30,7 +30,7 @@ FLASH_S = 0.12
 # s of the clip over which a trail fades to its least opacity.
 TRAIL_S, LEAST_TRAIL = 1.2, 0.35
 # Opacity of the ghosts of a stroke, and of the ring where an object flies that no frame shows.
-GHOST_OPACITY = 0.5
+GHOST_OPACITY, RING_DASHES = 0.5, 9
 # px at scale 1 around a place beside which its label is.
 LABEL_REACH = 8.0
 # Longer side of the plan, share of the height of the frame.
@@ -43,6 +43,8 @@ VERDICT_COLOURS: dict[str, Colour] = {"in": (64, 200, 110), "out": (255, 96, 96)
 BOUNCE_RADII = 4.0
 # Probability from which an event is drawn.
 MIN_PROBABILITY = 0.5
+# Relative error of a speed, and error of a height, m, from which a label would state nothing.
+MAX_SPEED_ERROR, MAX_HEIGHT_ERROR = 0.3, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,8 @@ class RallyAnnotation:
         with keep_balls_on_top(image, ball):
             if self.style == "coach":
                 self._draw_stroke(image, t)
+                if not frame.is_seen:  # hidden, or too faint to be seen: where physics puts it
+                    draw_ring(image, frame.centre, 6 * self.scale, 1.4 * self.scale, WHITE, GHOST_OPACITY, RING_DASHES)
             self._draw_marks(image, t)
         if self.style == "coach":
             self._draw_plan(image, t)
@@ -136,7 +140,9 @@ class RallyAnnotation:
 
     def draw_labels(self, image: Canvas, t: float, opacities: dict[int, float], obstacles: list[Rect]) -> None:
         """Draw labels of marks by their indices, with opacities, and the ellipses of those on the surface."""
-        size, reach = (image.shape[1], image.shape[0]), LABEL_REACH * self.scale
+        size, reach, rally = (image.shape[1], image.shape[0]), LABEL_REACH * self.scale, self.timeline.rally
+        row = int(np.argmin(np.abs(rally.t - t)))
+        players = rally.players[rally.players[:, 0] == rally.frame[row], 1:]
         path = np.concatenate([xyz for _, xyz in self.paths]) if self.paths else np.empty((0, 3))
         for k, opacity in opacities.items():
             mark = self.marks[k]
@@ -148,7 +154,8 @@ class RallyAnnotation:
             box = mark.label.size(self.scale)
             if k not in self.positions:
                 near = make_squares(self.timeline.project(path[::8], t), 6 * self.scale)
-                taken = np.concatenate([np.array(obstacles).reshape(-1, 4), near])
+                people = np.hstack([players[:, :2], players[:, 2:] - players[:, :2]])
+                taken = np.concatenate([np.array(obstacles).reshape(-1, 4), near, people])
                 self.positions[k] = place_label(box, centre, reach, np.zeros(2), taken, size, None)
             corner = centre + self.positions[k].top_left_corner(box, reach)
             left, top = np.clip(corner, 0, np.subtract(size, box)).tolist()
@@ -242,10 +249,11 @@ def _collect_marks(rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall)
     marks = []
     for stroke in strokes:
         colour = SIDE_COLOURS[stroke.hit.player]
-        if stroke.hit.probability >= MIN_PROBABILITY and np.isfinite(stroke.hit.speed):
+        is_measured = stroke.hit.speed_sigma < MAX_SPEED_ERROR * stroke.hit.speed
+        if stroke.hit.probability >= MIN_PROBABILITY and is_measured:
             speed = format_with_sigma(3.6 * stroke.hit.speed, 3.6 * stroke.hit.speed_sigma, 0)
             marks.append(RallyMark(stroke.hit.t, stroke.hit.place, Label(f"{speed} km/h", "", colour)))
-        if stroke.net is not None and not stroke.net.is_touch:
+        if stroke.net is not None and not stroke.net.is_touch and stroke.net.height_sigma < MAX_HEIGHT_ERROR:
             height = format_with_sigma(100 * abs(stroke.net.height), 100 * stroke.net.height_sigma, 0)
             label = Label("net", f"{height} cm {'over' if stroke.net.height >= 0 else 'below'} its edge", colour)
             marks.append(RallyMark(stroke.net.t, stroke.net.place, label))

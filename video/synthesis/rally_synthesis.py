@@ -42,6 +42,8 @@ PLAYER_MARGIN = (0.45, 0.3)
 PLAYER_ROWS = 5
 # px by which the corners may move from a frame to the next under a camera that counts as still.
 STILL_PX = 0.1
+# Radii by which the path of an object that no flight explains may bend within three frames; else it is no object.
+MAX_BEND_RADII = 2.5
 # px, least radius of what is seen of an object.
 MIN_RADIUS_PX = 1.5
 
@@ -57,8 +59,8 @@ class RallyTimeline:
     """(T, 3, 2) px, half a frame before, at, and half a frame after each frame: no streak reaches farther."""
     radius: FloatArray
     """(T,) px, apparent radius of the object; that above the court where its place is unknown."""
-    is_seen: BoolArray
-    """(T,) whether the frame shows the object where the flights, if there are any, put it."""
+    filmed: FloatArray
+    """(T, 2) px where the frame shows the object on a flight or, without one, on a smooth path; NaN elsewhere."""
 
     def locate_times(self, t: FloatArray) -> tuple[np.ndarray, FloatArray]:
         """Return the rows of the last frames at or before times (...), and the elapsed shares of the gaps."""
@@ -85,8 +87,8 @@ class RallyTimeline:
         """
         places = self.project(evaluate_rally(self.rally, t).xyz, t if frame_t is None else frame_t)
         rows, share = self.locate_times(t)
-        filmed = self.rally.px[rows] + share[:, None] * (self.rally.px[rows + 1] - self.rally.px[rows])
-        return np.where(np.isfinite(places), places, np.where(share[:, None] == 0, self.rally.px[rows], filmed))
+        between = self.filmed[rows] + share[:, None] * (self.filmed[rows + 1] - self.filmed[rows])
+        return np.where(np.isfinite(places), places, np.where(share[:, None] == 0, self.filmed[rows], between))
 
     def camera_step(self, first: int, second: int) -> FloatArray | None:
         """Return the homography (3, 3) from pixels of one row's frame to another's; None where nothing moves."""
@@ -104,17 +106,20 @@ class RallyTimeline:
 def build_rally_timeline(rally: Rally) -> RallyTimeline:
     """Find where the object of a rally is in every frame, and how large it looks."""
     sport, camera = rally.scene.sport, rally.scene.camera
-    none = np.full((len(rally.t), 3, 2), np.nan)
-    timeline = RallyTimeline(rally, none[:, 0], none, none[:, 0, 0], np.zeros(len(rally.t), np.bool_))
     xyz = evaluate_rally(rally, rally.t).xyz
     flies = np.isfinite(xyz[:, 0])
     away = np.where(flies[:, None], xyz, [sport.length / 2, sport.width / 2, 1.0]) - camera.centre
     radius = np.exp(camera.parameters[6]) * sport.object.radius / np.linalg.norm(away, axis=1)
-    centre, half = timeline.find_places(rally.t), np.median(np.diff(rally.t)) / 2
-    swept = np.stack([timeline.find_places(rally.t - half), centre, timeline.find_places(rally.t + half)], axis=1)
-    swept = np.where(np.isfinite(swept), swept, centre[:, None])
-    is_seen = np.isfinite(rally.px[:, 0]) & (rally.is_used | ~flies)
-    return RallyTimeline(rally, centre, swept, np.maximum(radius, MIN_RADIUS_PX), is_seen)
+    radius = np.maximum(radius, MIN_RADIUS_PX)
+    bend = np.full(len(rally.t), np.inf)
+    bend[1:-1] = np.nan_to_num(np.linalg.norm(np.diff(rally.px, n=2, axis=0), axis=1), nan=np.inf)
+    is_smooth = bend < MAX_BEND_RADII * radius
+    filmed = np.where((rally.is_used | (~flies & is_smooth))[:, None], rally.px, np.nan)
+    none, half = np.full((len(rally.t), 3, 2), np.nan), np.median(np.diff(rally.t)) / 2
+    timeline = RallyTimeline(rally, none[:, 0], none, radius, filmed)
+    centre, *ends = (timeline.find_places(rally.t + off) for off in (0.0, -half, half))
+    swept = np.stack([ends[0], centre, ends[1]], axis=1)
+    return replace(timeline, centre=centre, swept=np.where(np.isfinite(swept), swept, centre[:, None]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +152,7 @@ class RallyFrame:
         """Separate the frame of a row; `images` holds those around it by their rows."""
         image, t = images[row], float(timeline.rally.t[row])
         planes = YuvFrame.from_rgb(image)
-        erased = _erase_object(timeline, row, images) if timeline.is_seen[row] else None
+        erased = _erase_object(timeline, row, images) if np.isfinite(timeline.filmed[row]).all() else None
         if erased is None:
             return cls(row, t, image, planes, image, planes, None)
         patch, (x, y), sprite = erased
@@ -162,7 +167,7 @@ def _erase_object(
     timeline: RallyTimeline, row: int, images: dict[int, ImageArray]
 ) -> tuple[ImageArray, tuple[int, int], ObjectSprite | None] | None:
     """Return a patch without the object, its corner (x, y), which is even, and the object; None outside the image."""
-    image, seen = images[row], timeline.rally.px[row]
+    image, seen = images[row], timeline.filmed[row]
     half_streak = np.nan_to_num(timeline.rally.streak[row]) / 2
     reach = ERASED_RADII * float(timeline.radius[row]) + ERASED_PX
     streak = np.stack([seen - half_streak, seen + half_streak])

@@ -52,7 +52,7 @@ def build_court_figure(rally: Rally, strokes: tuple[Stroke, ...], view: CourtVie
     figure.update_xaxes(range=[-margin, sport.length + margin], title="along the court (m)", constrain="domain")
     if view == "side":
         apexes = [one.apex[2] for one in strokes if np.isfinite(one.apex[2])]
-        span = [sport.floor - 0.02 * sport.length, max(2 * sport.net.height, *apexes) + 0.05 * sport.length]
+        span = [sport.floor - 0.02 * sport.length, max([2 * sport.net.height, *apexes]) + 0.05 * sport.length]
         return figure.update_yaxes(range=span, title="height (m)", scaleanchor="x", constrain="domain")
     span = [-margin / 2, sport.width + margin / 2]
     span = span if sport.is_filmed_from_side else span[::-1]
