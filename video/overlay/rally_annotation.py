@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from models.core.number_format import format_probability, format_with_sigma
+from models.core.fit_result import SURE_PROBABILITY
+from models.core.number_format import format_probability, format_time, format_with_sigma
 from models.core.rally import Rally, RallyEvent
 from models.core.typing import FloatArray, ImageArray
 from models.estimation.rally.landing_judgement import LandingCall
@@ -221,7 +222,7 @@ def prepare_rally_annotation(
     crossed.append(make_squares(rally.px, 12 * scale))
     plan_place = place_panel(plan.size, size, cost, np.concatenate(crossed))
     clock_place = place_panel(clock.size(scale), size, cost, np.concatenate([*crossed, [plan_place]]))
-    marks = _collect_marks(rally, strokes, call)
+    marks = _collect_marks(rally, strokes, call, style)
     return RallyAnnotation(
         timeline, strokes, paths, marks, call, style, slow, scale, plan, plan_place, clock, clock_place
     )  # fmt: skip
@@ -244,11 +245,17 @@ def find_panel_cost(timeline: RallyTimeline, first: ImageArray) -> FloatArray:
     return np.asarray(cost + detail, dtype=np.float64)
 
 
-def _collect_marks(rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall) -> tuple[RallyMark, ...]:
-    """Collect hits with their speeds, crossings of the net with their heights, bounces, and the landing."""
+def _collect_marks(
+    rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall, style: OverlayStyle
+) -> tuple[RallyMark, ...]:
+    """Collect hits with speeds, or with times for an umpire, crossings of the net, bounces and the landing."""
     marks = []
     for stroke in strokes:
         colour = SIDE_COLOURS[stroke.hit.player]
+        if style == "umpire":
+            label = Label("hit", format_time(stroke.hit.t, stroke.hit.t_sigma), colour)
+            marks.append(RallyMark(stroke.hit.t, stroke.hit.place, label))
+            continue
         is_measured = stroke.hit.speed_sigma < MAX_SPEED_ERROR * stroke.hit.speed
         if stroke.hit.probability >= MIN_PROBABILITY and is_measured:
             speed = format_with_sigma(3.6 * stroke.hit.speed, 3.6 * stroke.hit.speed_sigma, 0)
@@ -270,8 +277,9 @@ def _collect_marks(rally: Rally, strokes: tuple[Stroke, ...], call: LandingCall)
 
 def _label_event(event: RallyEvent) -> Label:
     """Label a bounce, a touch of the net or a landing."""
-    doubt = "" if event.probability >= 0.9 else f"{format_probability(event.probability)}"
-    return Label({"net": "touches the net"}.get(event.kind, event.kind), doubt, FLASH)
+    doubt = "" if event.probability >= SURE_PROBABILITY else f"  {format_probability(event.probability)}"
+    value = f"{format_time(event.t, event.t_sigma)}{doubt}"
+    return Label({"net": "touches the net"}.get(event.kind, event.kind), value, FLASH)
 
 
 def label_verdict(call: LandingCall) -> Label:

@@ -97,14 +97,14 @@ def _list_events(rally: Rally, files: ReportFiles) -> list[dict[str, str | float
 
 def _list_notes(clip: Clip, rally: Rally) -> list[str]:
     """List what the quality of the answers depends on."""
-    seen, camera = np.isfinite(rally.px[:, 0]), rally.scene.camera
+    seen_count, camera = int(np.isfinite(rally.px[:, 0]).sum()), rally.scene.camera
     name = rally.scene.sport.object.name
     used = int(np.count_nonzero(rally.is_used))
     moves = "turns or zooms" if camera.motion is not None else "stands still"
     counted = f"{len(rally.t)} distinct frames of {clip.frame_count}, {float(clip.fps):.3f} fps."
     return [
         f"{rally.scene.sport.name.replace('-', ' ').capitalize()}; {counted}",
-        f"The {name} was seen in {int(seen.sum())} frames; the flights were fitted to {used} of these.",
+        f"The {name} was seen in {seen_count} frames; the flights were fitted to {used} of these.",
         f"The camera {moves}; its lines fit the court to {rally.scene.line_error:.2f} px.",
         *(f"{start_sentence(note)}." for note in format_rally_notes(rally)),
         *(start_sentence(note) for note in clip.notes),

@@ -47,10 +47,9 @@ def format_point(rally: Rally, call: LandingCall) -> PointWords:
     if assess_rally_trust(rally).level == "red":  # wrong flights have wrong errors
         is_decided, reason = False, f"{reason} But most of its flights have no explanation."
     if not is_decided:
-        headline = "Who won the last point cannot be decided."
         if hitter and call.landing is not None:
-            headline += f" If it was in, the {hitter} player; if it was out, the {OTHER_SIDE[hitter]} player."
-        return PointWords(headline, False, reason, confidence)
+            reason += f" If it was in, the {hitter} player won; if it was out, the {OTHER_SIDE[hitter]} player."
+        return PointWords("Who won the last point cannot be decided.", False, reason, confidence)
     winner = hitter if call.verdict == "in" else OTHER_SIDE[hitter]
     if call.verdict == "in" and _may_go_on(rally, call):
         clause = f"unless the {OTHER_SIDE[hitter]} player returned it after the clip"

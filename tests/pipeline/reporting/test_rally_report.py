@@ -63,7 +63,8 @@ def test_the_winner_follows_from_the_call(filmed: tuple[Clip, Rally]) -> None:
     close = move_landing(rally, edge + 0.005)
     point = format_point(close, judge_landing(close))
     assert not point.is_decided
-    assert point.headline.startswith("Who won the last point cannot be decided. If it was in, the near player")
+    assert point.headline == "Who won the last point cannot be decided."
+    assert "If it was in, the near player won; if it was out, the far player." in point.reason
     nothing = replace(rally, landings=(), no_landing=1.0)
     assert not format_point(nothing, judge_landing(nothing)).is_decided
 

@@ -11,10 +11,18 @@ from support.filmed_rally import film_rally
 
 from models.core.rally import Rally
 from models.core.typing import ImageArray
+from models.estimation.rally.landing_judgement import judge_landing
 from video.io.clip import Clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
+from video.io.yuv_frame import YuvFrame
 from video.overlay.rally_poster import draw_rally_poster
-from video.overlay.rally_slow_motion import CLOSE_UP_S, find_rally_times, render_rally
+from video.overlay.rally_slow_motion import (
+    CLOSE_UP_S,
+    find_rally_times,
+    find_replay_times,
+    magnify_planes,
+    render_rally,
+)
 
 SLOW = 4.0
 
@@ -49,12 +57,24 @@ def test_the_other_styles_end_with_the_landing(filmed: tuple[Clip, Rally], tmp_p
     clip, rally = filmed
     frames = render(filmed, tmp_path / "slow.mp4", style)
     count = (len(rally.t) - 1) * int(SLOW) + 1
-    assert len(frames) == count + round(25 * CLOSE_UP_S)
-    still = np.abs(frames[-1].astype(int) - frames[count]).mean()
+    again = len(find_replay_times(rally, judge_landing(rally), 25 * SLOW)) if style == "umpire" else 0
+    assert len(frames) == count + again + round(25 * CLOSE_UP_S)
+    assert (again > 0) == (style == "umpire")
+    still = np.abs(frames[-1].astype(int) - frames[count + again]).mean()
     assert still < 1.0, "one image at the end"
     (filmed_image,) = (image for _, image in read_frames(clip, indices=rally.frame[[15]]))
     drawn = np.abs(frames[15 * int(SLOW)].astype(int) - filmed_image).max(axis=2) > 40
     assert 0.002 < drawn.mean() < 0.2
+
+
+def test_a_magnified_view_shows_its_place_in_the_middle() -> None:
+    image = np.zeros((120, 160, 3), np.uint8)
+    image[60:64, 90:94] = 255
+    planes = magnify_planes(YuvFrame.from_rgb(image), np.array([91.5, 61.5]), 4.0).planes
+    rows, columns = np.nonzero(planes[0] > 120)
+    assert columns.mean() == pytest.approx(79.5, abs=1.0)
+    assert rows.mean() == pytest.approx(59.5, abs=1.0)
+    assert len(rows) == pytest.approx(256, rel=0.15)
 
 
 def test_still_parts_are_left_out_on_request(filmed: tuple[Clip, Rally]) -> None:
