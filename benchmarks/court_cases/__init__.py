@@ -1,0 +1,1 @@
+"""Rendered rallies for `benchmarks.courts`: cases, what the program answers, bounds and scores."""
