@@ -56,9 +56,9 @@ def summarize_clip(score: RallyScore) -> str:
     """Return a line on one clip."""
     landing = f"{100 * score.landing[0]:.1f} cm" if score.landing else "none"
     return (
-        f"found {score.found}/{score.visible} (candidates {score.candidate}), false {score.false}, events {score.events_found}"
-        f"/{score.events} + {score.events_extra}, landing {landing} (view {100 * np.median(score.bound or [np.nan]):.1f}),"
-        f" lines {np.mean(score.line):.2f} px"
+        f"found {score.found}/{score.visible} (candidates {score.candidate}), false {score.false}, "
+        f"events {score.events_found}/{score.events} + {score.events_extra}, "
+        f"landing {landing} (view {100 * np.median(score.bound or [np.nan]):.1f}), lines {np.mean(score.line):.2f} px"
     )
 
 

@@ -440,7 +440,7 @@ def draw_table_serve(game: Game, side: int, place: Floats) -> dict[str, Any] | N
         spin = np.array([chance.uniform(-250, 350), chance.uniform(-250, 250)])
         azimuth = math.atan2(away[1], away[0])
         state = launch(game, place, chance.uniform(3.0, 9.0), chance.uniform(-0.5, 0.1), azimuth, spin)
-        path, events = fly(state, court.kind, game.air, game.geometry, 1200)
+        _, events = fly(state, court.kind, game.air, game.geometry, 1200)
         halves = [(e[2] > court.length / 2) == (side == 0) for e in events[:2] if e[0] == BOUNCE and e[4] == 0.0]
         if halves == [False, True] and NET not in events[:2, 0]:
             return {"kind": "serve", "state": state, "margin": math.nan, "target": events[1, 2:4]}
@@ -468,7 +468,7 @@ def find_returns(game: Game, side: int, path: Floats, events: Floats, feet: Floa
 
 
 def draw_return(game: Game, path: Floats, choices: NDArray[np.int64]) -> int:
-    """Choose the sample of a path at which it is hit: high ones are hit overhead, the others as early or late as it is."""
+    """Choose the sample of a path at which it is hit; most high ones are hit overhead."""
     height = path[choices, 2] - game.court.floor
     if game.court.kind == SHUTTLE and height.max() > 2.4 and game.chance.random() < 0.75:
         choices = choices[height > 2.2]
@@ -583,6 +583,11 @@ def play_rally(sport: str, chance: np.random.Generator, strokes: tuple[int, int]
             if e[1] > landing[1]:
                 events[-1]["after"] = True
     tracks[side].append((now + pace, *home))
+    other, goal = 1 - side, stand_for(court, 1 - side, np.array([*landing[2:4], 0.0]), chance)
+    within = court.stride * max(landing[1] - 0.3, 0.0)
+    share = min(1.0, within / max(float(np.linalg.norm(goal - feet[other])), 1e-6)) * chance.uniform(0.3, 1.0)
+    tracks[other].append((max(now, tracks[other][-1][0]) + 0.25, *feet[other]))
+    tracks[other].append((tracks[other][-1][0] + landing[1], *(feet[other] + share * (goal - feet[other]))))
     states = np.concatenate(pieces)
     return {
         "path": states, "sport": sport, "surface": game.surface, "strokes": hits, "events": events,

@@ -1,4 +1,4 @@
-"""What the program says about a clip: court, candidates, rally and call, stored as JSON so that scores need no rerun."""
+"""What the program says about a clip: court, candidates, rally and call; stored, so that scores need no rerun."""
 
 from __future__ import annotations
 
@@ -59,8 +59,13 @@ def _run_program(truth: CourtTruth, oracles: frozenset[str]) -> dict[str, Any]:
     call = judge_landing(rally)
     return {
         "error": "", "seconds": seconds, "line_error": compare_lines(truth, scene.camera),
-        "candidates": {"frame": found.frame.tolist(), "px": found.centre.round(2).tolist(), "score": found.score.round(4).tolist()},
-        "call": {"in": call.probability, "out": call.out_probability, "distance": call.distance, "sigma": call.distance_sigma},
+        "candidates": {
+            "frame": found.frame.tolist(), "px": found.centre.round(2).tolist(), "score": found.score.round(4).tolist(),
+        },
+        "call": {
+            "in": call.probability, "out": call.out_probability, "distance": call.distance,
+            "sigma": call.distance_sigma,
+        },
         **describe_rally(rally),
     }  # fmt: skip
 
@@ -68,12 +73,13 @@ def _run_program(truth: CourtTruth, oracles: frozenset[str]) -> dict[str, Any]:
 def describe_rally(rally: Rally) -> dict[str, Any]:
     """Return what a rally states, for JSON."""
     events = [
-        {"kind": e.kind, "t": e.t, "t_sigma": e.t_sigma, "place": e.place.tolist(), "probability": e.probability, "speed": e.speed,
-         "speed_sigma": e.speed_sigma, "player": e.player}
+        {"kind": e.kind, "t": e.t, "t_sigma": e.t_sigma, "place": e.place.tolist(), "probability": e.probability,
+         "speed": e.speed, "speed_sigma": e.speed_sigma, "player": e.player}
         for e in rally.events
     ]  # fmt: skip
     landings = [
-        {"weight": h.weight, "t": h.t, "t_sigma": h.t_sigma, "place": h.place.tolist(), "covariance": h.covariance.tolist(), "is_seen": h.is_seen}
+        {"weight": h.weight, "t": h.t, "t_sigma": h.t_sigma, "place": h.place.tolist(),
+         "covariance": h.covariance.tolist(), "is_seen": h.is_seen}
         for h in rally.landings
     ]  # fmt: skip
     return {"frame": rally.frame.tolist(), "px": rally.px.round(3).tolist(), "events": events, "landings": landings}
@@ -91,7 +97,7 @@ def make_candidates(truth: CourtTruth) -> BallCandidates:
 
 
 def compare_lines(truth: CourtTruth, camera: CourtCamera) -> float:
-    """Return the root mean square distance (px) of the painted lines from where a camera puts them, over three frames."""
+    """Return the root mean square distance (px) of the painted lines from where a camera puts them, in 3 frames."""
     points = np.concatenate([np.linspace(line.start, line.end, 40) for line in truth.scene.sport.lines])
     places = np.column_stack([points, np.zeros(len(points))])
     size = np.array([camera.width_px, camera.height_px])

@@ -145,7 +145,8 @@ def _score_events(truth: CourtTruth, answer: dict[str, Any]) -> dict[str, Any]:
     called = max(call["in"], call["out"]) >= 0.99
     wrong = called and (call["in"] > call["out"]) != is_in
     return {
-        "events": len(expected), "events_found": len(pairs), "events_extra": len(extra), "speed": speed, "speed_z": speed_z,
+        "events": len(expected), "events_found": len(pairs), "events_extra": len(extra),
+        "speed": speed, "speed_z": speed_z,
         "certain": len(certain) + int(called), "certain_false": len(false) + int(wrong),
     }  # fmt: skip
 

@@ -48,7 +48,7 @@ def bound_landing(truth: CourtTruth) -> FloatArray | None:
     start = float(clock[rows[0] + 1])
     samples = np.unique(np.linspace(rows[0] + 1, rows[1] - 1, 40).astype(int))
     p = _fit_flight(first, clock[samples] - start, places[samples], prior[:11], sport)
-    on_ground, by_touch, v_touch = _derive_landing(p, touch - start, sport)
+    on_ground, by_touch = _derive_landing(p, touch - start, sport)
     information = np.diag(prior)
     t, is_visible = columns["t"], columns["is_visible"].astype(bool)
     seen = np.flatnonzero(is_visible & (t > start) & (t < touch))
@@ -79,14 +79,14 @@ def _fit_flight(first: FloatArray, t: FloatArray, xyz: FloatArray, prior: FloatA
     return np.asarray(least_squares(residual, first, x_scale=np.maximum(np.abs(first), 0.05), max_nfev=15).x)
 
 
-def _derive_landing(p: FloatArray, touch: float, sport: Sport) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the derivatives of the landing place (2, 11) and of its time (11,), and the velocity (3,) there."""
+def _derive_landing(p: FloatArray, touch: float, sport: Sport) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of the landing place (2, 11) and of its time (11,) by the parameters."""
     n = len(p)
     trials = np.concatenate([p + np.diag(DIFFERENCES), p - np.diag(DIFFERENCES), [p]])
     places, v = (a[0] for a in _fly(trials, np.array([touch]), sport))
     change = (places[:n] - places[n : 2 * n]).T / (2 * DIFFERENCES)
     by_time = -change[2] / v[-1, 2]
-    return change[:2] + np.outer(v[-1, :2], by_time), by_time, v[-1]
+    return change[:2] + np.outer(v[-1, :2], by_time), by_time
 
 
 def _differentiate(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,7 @@ def test_all_strokes_but_the_last_cross_the_net(sport: str, played: dict[str, li
     middle = rallies.COURTS[sport].length / 2
     for rally in played[sport]:
         strokes = rally["strokes"]
-        for stroke, after in zip(strokes, strokes[1:], strict=False):
+        for stroke, after in pairwise(strokes):
             assert stroke["player"] == 1 - after["player"]
             assert (stroke["place"][0] < middle) == (after["place"][0] > middle)
             part = rally["path"][round(stroke["t"] / rallies.STEP) : round(after["t"] / rallies.STEP)]

@@ -45,8 +45,8 @@ class Head:
 
 
 def make_figure(
-    rng: np.random.Generator | None, feet: FloatArray, outfit: Outfit, facing: float = 0.0, stride: tuple[float, float] = (0.0, 0.0),
-    hand: FloatArray | None = None, crouch: float = 0.0,
+    rng: np.random.Generator | None, feet: FloatArray, outfit: Outfit, facing: float = 0.0,
+    stride: tuple[float, float] = (0.0, 0.0), hand: FloatArray | None = None, crouch: float = 0.0,
 ) -> list[Capsule]:  # fmt: skip
     """Make a person.
 
@@ -68,37 +68,38 @@ def make_figure(
     neck = hips + k * 0.52 * (np.cos(lean) * up + np.sin(lean) * ahead)
     head = neck + k * 0.2 * (up + 0.3 * ahead)
     parts: list[Capsule] = []
+
+    def add(a: FloatArray, b: FloatArray, wide: float, narrow: float, colour: Colour) -> None:
+        parts.append(Capsule(a, b, wide * k, narrow * k, colour))
+
     for side in (-1.0, 1.0):
         swing = side * stride[1] * np.sin(stride[0])
         lift = max(side * np.cos(stride[0]), 0.0) * 0.35 * stride[1]
         ankle = feet + aside * side * k * (0.13 + 0.14 * crouch) + ahead * swing + (0.08 + lift) * up
         hip = hips + aside * side * 0.1 * k
         knee = (hip + ankle) / 2 + ahead * (0.07 + 0.3 * crouch + 0.2 * stride[1])
-        middle = hip + 0.6 * (knee - hip)
-        parts += [
-            Capsule(hip, knee, 0.085 * k, 0.06 * k, outfit.skin), Capsule(hip, middle, 0.105 * k, 0.095 * k, outfit.shorts),
-            Capsule(knee, ankle, 0.058 * k, 0.04 * k, outfit.skin), Capsule(knee + 0.65 * (ankle - knee), ankle, 0.045 * k, 0.042 * k, outfit.socks),
-            Capsule(ankle - 0.03 * up - 0.05 * ahead, ankle - 0.04 * up + 0.17 * ahead, 0.05 * k, 0.042 * k, outfit.shoes),
-        ]  # fmt: skip
-    parts += [Capsule(hips + 0.02 * up, neck - 0.12 * up, 0.145 * k, 0.17 * k, outfit.shirt),
-              Capsule(neck, head, 0.06 * k, 0.06 * k, outfit.skin)]  # fmt: skip
-    parts += [Capsule(head, head + 0.03 * up, 0.095 * k, 0.09 * k, outfit.skin),
-              Capsule(head + 0.06 * up - 0.04 * ahead, head + 0.05 * up - 0.02 * ahead, 0.095 * k, 0.09 * k, outfit.hair)]  # fmt: skip
+        add(hip, knee, 0.085, 0.06, outfit.skin)
+        add(hip, hip + 0.6 * (knee - hip), 0.105, 0.095, outfit.shorts)
+        add(knee, ankle, 0.058, 0.04, outfit.skin)
+        add(knee + 0.65 * (ankle - knee), ankle, 0.045, 0.042, outfit.socks)
+        add(ankle - 0.03 * up - 0.05 * ahead, ankle - 0.04 * up + 0.17 * ahead, 0.05, 0.042, outfit.shoes)
+    add(hips + 0.02 * up, neck - 0.12 * up, 0.145, 0.17, outfit.shirt)
+    add(neck, head, 0.06, 0.06, outfit.skin)
+    add(head, head + 0.03 * up, 0.095, 0.09, outfit.skin)
+    add(head + 0.06 * up - 0.04 * ahead, head + 0.05 * up - 0.02 * ahead, 0.095, 0.09, outfit.hair)
     own = -1.0 if outfit.is_left else 1.0
     for side in (-1.0, 1.0):
         shoulder = neck + aside * side * 0.19 * k - 0.06 * up
-        is_racket = side == own and hand is not None
-        wrist = (
-            hand if is_racket and hand is not None else shoulder + k * (-0.32 * up + 0.28 * ahead + 0.12 * side * aside)
-        )
-        reach = wrist - shoulder
-        longest = 0.6 * k
-        if np.linalg.norm(reach) > longest:
-            wrist = shoulder + reach * longest / np.linalg.norm(reach)
+        reach = k * (-0.32 * up + 0.28 * ahead + 0.12 * side * aside)
+        if side == own and hand is not None:
+            reach = hand - shoulder
+        wrist = shoulder + reach * min(1.0, 0.6 * k / max(float(np.linalg.norm(reach)), 1e-6))
         bend = np.sqrt(max((0.31 * k) ** 2 - float(np.sum((wrist - shoulder) ** 2)) / 4, 0.0))
         elbow = (shoulder + wrist) / 2 - bend * (0.8 * up - 0.6 * side * aside)
-        parts += [Capsule(shoulder, elbow, 0.055 * k, 0.045 * k, outfit.skin), Capsule(shoulder, shoulder + 0.6 * (elbow - shoulder), 0.07 * k, 0.062 * k, outfit.shirt),
-                  Capsule(elbow, wrist, 0.043 * k, 0.034 * k, outfit.skin), Capsule(wrist, wrist, 0.045 * k, 0.045 * k, outfit.skin)]  # fmt: skip
+        add(shoulder, elbow, 0.055, 0.045, outfit.skin)
+        add(shoulder, shoulder + 0.6 * (elbow - shoulder), 0.07, 0.062, outfit.shirt)
+        add(elbow, wrist, 0.043, 0.034, outfit.skin)
+        add(wrist, wrist, 0.045, 0.045, outfit.skin)
     return parts
 
 
@@ -164,9 +165,9 @@ def draw_capsules(
     if not capsules:
         return
     ends = np.array([[c.a, c.b] for c in capsules])
-    seen = ends @ projection[:, :3].T + projection[:, 3]
-    depth = seen[..., 2]
-    px = seen[..., :2] / depth[..., None] - (0 if offset is None else offset)
+    rays = ends @ projection[:, :3].T + projection[:, 3]
+    depth = rays[..., 2]
+    px = rays[..., :2] / depth[..., None] - (0 if offset is None else offset)
     scale = np.linalg.norm(
         projection[0, :3]
         - projection[2, :3] * (projection[0, :3] @ projection[2, :3]) / (projection[2, :3] @ projection[2, :3])
@@ -194,14 +195,14 @@ def draw_capsules(
 def draw_head(image: ByteArray, projection: FloatArray, head: Head, offset: FloatArray) -> None:
     """Draw the head of a racket onto an image (h, w, 4), in place."""
     rim = head.centre + CIRCLE @ head.axes
-    seen = rim @ projection[:, :3].T + projection[:, 3]
-    if seen[:, 2].min() < 0.3:
+    rays = rim @ projection[:, :3].T + projection[:, 3]
+    if rays[:, 2].min() < 0.3:
         return
-    points = [np.rint((seen[:, :2] / seen[:, 2:] - offset) * 2**SHIFT).astype(np.int32)]
+    points = [np.rint((rays[:, :2] / rays[:, 2:] - offset) * 2**SHIFT).astype(np.int32)]
     colour = (*(int(255 * c) for c in head.colour), 255)
     if head.is_filled:
         cv2.fillPoly(image, points, colour, cv2.LINE_AA, SHIFT)
     else:
-        size = float(np.ptp(seen[:, :2] / seen[:, 2:], axis=0).max())
+        size = float(np.ptp(rays[:, :2] / rays[:, 2:], axis=0).max())
         cv2.fillPoly(image, points, (50, 50, 50, 60), cv2.LINE_AA, SHIFT)
         cv2.polylines(image, points, True, colour, max(1, round(size / 14)), cv2.LINE_AA, SHIFT)

@@ -11,6 +11,7 @@ follow. `models.core.court_camera` projects; the camera may turn and zoom from f
 
 from __future__ import annotations
 
+import bisect
 from dataclasses import dataclass
 
 import cv2
@@ -18,9 +19,9 @@ import numpy as np
 
 from models.core.court_camera import CourtCamera
 from models.core.typing import ByteArray, Float32Array, FloatArray
-from video.rendering.court_background import CourtCanvas, paint_court
+from video.rendering.court_background import paint_court
 from video.rendering.court_players import Capsule, draw_capsules, draw_head, make_figure, pose_player
-from video.rendering.court_scene import CourtLook, Outfit, RallyPath, View, sample_outfit, sample_tint
+from video.rendering.court_scene import Colour, CourtLook, Outfit, RallyPath, View, sample_outfit, sample_tint
 
 # Subdivision of pixels in the picture of the object.
 FINE = 4
@@ -93,19 +94,17 @@ class CourtRenderer:
     """
 
     def __init__(
-        self, rng: np.random.Generator, rally: RallyPath, camera: CourtCamera, look: CourtLook, view: View, t: FloatArray
+        self, rng: np.random.Generator, rally: RallyPath, camera: CourtCamera, look: CourtLook, view: View,
+        t: FloatArray,
     ) -> None:  # fmt: skip
         self._rng, self._rally, self._camera, self._look, self.t = rng, rally, camera, look, t
-        grid = np.stack(np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px)), axis=-1).astype(
-            np.float64
-        )
-        self._flat = camera.undistort(grid)
+        grid = np.meshgrid(np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px))
+        self._flat = camera.undistort(np.stack(grid, axis=-1))
         self._canvas = paint_court(rng, rally.sport, camera, look, view, self._find_box())
-        self._is_still = camera.motion is None
         self._warped: tuple[ByteArray, list[_Layer]] | None = None
         shape = (camera.height_px + 32, camera.width_px + 32, 3)
         self._noise = _make_noise(rng, shape, look.noise)
-        self._board = _make_captions(rng, camera, look)
+        self._boards = _make_captions(rng, camera, look)
         self._fans = [
             (p, sample_tint(rng, (0.1, 0.9), (0, 0.9)), rng.uniform(0.2, 2.5), rng.uniform(0, 6))
             for p in self._canvas.crowd
@@ -117,41 +116,35 @@ class CourtRenderer:
         """Render frame k (H, W, 3), sRGB."""
         base, fixed = self._warp(k)
         image = base.copy()
-        projection = self._camera.matrix_of(k if self._camera.motion is not None else None)
+        projection = self._camera.matrix_of(self._frame(k))
         for place, colour, pace, phase in self._fans:
             self._draw_fan(image, projection, place, colour, float(np.sin(pace * self.t[k] * 3 + phase)))
         for person in self._people:
             draw_capsules(image, projection, person.pose(float(self.t[k])))
         players = [self._draw_player(projection, i, k) for i in range(len(self._rally.feet))]
-        for layer, shadow in players:
+        for _, shadow in players:
             _blend(image, shadow)
         self._cast_object_shadow(image, k)
-        layers = [layer for layer, _ in players] + fixed
+        order = sorted([*(layer for layer, _ in players), *fixed], key=_depth_key) + self._boards
         truth, sprite = self._draw_object(k)
         shown, contrast = 0.0, 0.0
         if sprite is not None:
-            order = sorted([*layers, sprite], key=_depth_key)
-        else:
-            order = sorted(layers, key=_depth_key)
-        light = None
+            at = bisect.bisect(
+                [_depth_key(layer) for layer in order[: len(order) - len(self._boards)]], _depth_key(sprite)
+            )
+            order.insert(at, sprite)
+            light = sprite.rgba[..., 3] * _inside(sprite, image.shape)
         for layer in order:
             if layer is sprite:
                 contrast = _blend_light(image, layer)
-                light = layer.rgba[..., 3].copy()
             else:
                 _blend(image, layer)
-                if light is not None and sprite is not None:
-                    _hide(light, sprite, layer)
-        for board in self._board:
-            _blend(image, board)
-            if light is not None and sprite is not None:
-                _hide(light, sprite, board)
-        if light is not None and sprite is not None:
-            inside = _inside(light.shape, sprite, image.shape)
-            shown = float((light * inside).sum() / max(sprite.rgba[..., 3].sum(), 1e-6))
+        if sprite is not None:
+            for layer in order[at + 1 :]:
+                _hide(light, sprite, layer)
+            shown = float(light.sum() / max(sprite.rgba[..., 3].sum(), 1e-6))
         boxes = np.array([[p.x, p.y, p.x + p.rgba.shape[1], p.y + p.rgba.shape[0]] for p, _ in players], np.float64)
-        finished = self._finish(image)
-        return finished, FrameTruth(truth[0], truth[1], float(truth[2][0]), shown, contrast, boxes)
+        return self._finish(image), FrameTruth(*truth, shown, contrast, boxes)
 
     def _find_box(self) -> FloatArray:
         """Return left, top, right and bottom of what all frames show, in undistorted pixels of the reference image."""
@@ -162,35 +155,29 @@ class CourtRenderer:
 
     def _warp(self, k: int) -> tuple[ByteArray, list[_Layer]]:
         """Warp the canvases to frame k: the background, and the layers of table and net."""
-        if self._warped is not None and self._is_still:
+        if self._warped is not None and self._camera.motion is None:
             return self._warped
         inverse = np.eye(3) if self._camera.motion is None else np.linalg.inv(self._camera.motion[k])
         to_canvas = (self._canvas.from_reference @ inverse).astype(np.float64)
         maps = cv2.perspectiveTransform(self._flat.astype(np.float32), to_canvas)
         background = cv2.remap(self._canvas.background, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         sport, layers = self._rally.sport, []
-        table = np.array([[x, y, z] for x in (0, sport.length) for y in (0, sport.width) for z in (0.0, sport.floor)])
-        over = sport.net.overhang
-        net = np.array(
-            [[sport.length / 2, y, z] for y in (-over, sport.width + over) for z in (0.0, sport.net.post_height)]
-        )
+        over, middle = sport.net.overhang, sport.length / 2
+        table = [(x, y, z) for x in (0, sport.length) for y in (0, sport.width) for z in (0.0, sport.floor)]
+        net = [(middle, y, z) for y in (-over, sport.width + over) for z in (0.0, sport.net.post_height)]
         for picture, corners, is_table in ((self._canvas.table, table, True), (self._canvas.net, net, False)):
-            if not picture.size:
-                continue
-            px = self._camera.to_pixels(corners, k if self._camera.motion is not None else None)
-            px = np.where(np.isfinite(px), px, 1e5)
-            bounds = np.array([self._camera.width_px, self._camera.height_px])
-            low = np.clip(np.floor(px.min(0)) - 12, 0, bounds).astype(int)
-            high = np.clip(np.ceil(px.max(0)) + 12, 0, bounds).astype(int)
-            if np.any(high - low < 1):
-                continue
+            px = self._camera.to_pixels(np.array(corners), self._frame(k))
+            low, high = self._bounds(np.where(np.isfinite(px), px, 1e5), 12.0, 0)
             part = maps[low[1] : high[1], low[0] : high[0]]
-            rgba = cv2.remap(picture, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-            layer = _Layer(rgba.astype(np.float32), int(low[0]), int(low[1]), 0.0, not is_table, is_table)
-            layer.distance = -1.0
-            layers.append(layer)
+            if picture.size and part.size:
+                rgba = cv2.remap(picture, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+                layers.append(_Layer(rgba.astype(np.float32), int(low[0]), int(low[1]), -1.0, not is_table, is_table))
         self._warped = (np.asarray(background, np.uint8), layers)
         return self._warped
+
+    def _frame(self, k: int) -> int | None:
+        """Return the index of a frame for `CourtCamera`; None where the camera does not move."""
+        return None if self._camera.motion is None else k
 
     def _sides(self, points: FloatArray) -> tuple[bool, bool]:
         """Check whether places (n, 3) are behind the net, and behind or under the table, as the camera sees them."""
@@ -217,12 +204,15 @@ class CourtRenderer:
             [end for body, head in poses for c in body for end in (c.a, c.b)]
             + [head.centre + s * head.axes[0] for _, head in poses for s in (-1, 1)]
         )
-        bend = self._bend(k, feet + [0, 0, 0.9])
-        low, high = self._bounds(
-            _project(projection, ends) + bend,
-            0.2 * float(np.linalg.norm(projection[0, :3])) / max(float(projection[2] @ [*feet, 1]), 1.0),
+        bend = self._bend(k, feet + np.array([0, 0, 0.9]))
+        # bodies are up to 0.2 m thick
+        pad = (
+            0.2
+            * float(np.linalg.norm(projection[0, :3]))
+            / max(float(projection[2, :3] @ feet + projection[2, 3]), 1.0)
         )
-        size = (max(high[1] - low[1], 1), max(high[0] - low[0], 1))
+        low, high = self._bounds(_project(projection, ends) + bend, pad)
+        size = (int(high[1] - low[1]), int(high[0] - low[0]))
         total = np.zeros((*size, 4), np.float32)
         for body, head in poses:
             window = np.zeros((*size, 4), np.uint8)
@@ -231,10 +221,10 @@ class CourtRenderer:
             total += window
         total = cv2.GaussianBlur(total / len(poses), (0, 0), max(look.blur, 0.4))
         total[..., :3] *= cv2.resize(self._folds[player], size[::-1], interpolation=cv2.INTER_LINEAR)[..., None]
-        eye = self._camera.centre
+        distance = float(np.linalg.norm(feet + np.array([0, 0, 1.0]) - self._camera.centre))
         behind = self._sides(np.array([[*feet[:2], rally.sport.floor + z] for z in (0.05, 0.4, 0.7)]))
-        body = _Layer(total, int(low[0]), int(low[1]), float(np.linalg.norm(feet + [0, 0, 1] - eye)), *behind)
-        return body, self._cast_shadow(projection, poses[len(poses) // 2][0], bend)
+        shadow = self._cast_shadow(projection, poses[len(poses) // 2][0], bend)
+        return _Layer(total, int(low[0]), int(low[1]), distance, *behind), shadow
 
     def _cast_shadow(self, projection: FloatArray, body: list[Capsule], bend: FloatArray) -> _Layer:
         """Draw the shadow of a figure on the floor."""
@@ -246,7 +236,7 @@ class CourtRenderer:
         ]
         ends = np.array([end for c in flat for end in (c.a, c.b)])
         low, high = self._bounds(_project(projection, ends) + bend, 12.0)
-        window = np.zeros((max(high[1] - low[1], 1), max(high[0] - low[0], 1), 4), np.uint8)
+        window = np.zeros((int(high[1] - low[1]), int(high[0] - low[0]), 4), np.uint8)
         draw_capsules(window, projection, flat, low - bend)
         soft = 1.0 if self._look.shadow > 0.32 else 4.0
         rgba = cv2.GaussianBlur(window.astype(np.float32) * self._look.shadow, (0, 0), soft)
@@ -263,7 +253,7 @@ class CourtRenderer:
         if height < 0 or share < 0.02:
             return
         spot = place - height * light / light[2]
-        frame = k if self._camera.motion is not None else None
+        frame = self._frame(k)
         rim = spot + sport.object.radius * np.array(
             [[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
         )
@@ -280,15 +270,15 @@ class CourtRenderer:
             image, _Layer(cv2.GaussianBlur(mask.astype(np.float32) * share, (0, 0), 1.0), int(low[0]), int(low[1]), 0.0)
         )
 
-    def _draw_object(self, k: int) -> tuple[tuple[FloatArray, FloatArray, FloatArray], _Layer | None]:
-        """Draw the object over the exposure; also return its place (2,), streak (2,) and radius (1,), px."""
+    def _draw_object(self, k: int) -> tuple[tuple[FloatArray, FloatArray, float], _Layer | None]:
+        """Draw the object over the exposure; also return its place (2,), streak (2,) and radius, px."""
         rally, look, sport = self._rally, self._look, self._rally.sport
-        frame = k if self._camera.motion is not None else None
+        frame = self._frame(k)
         times = self.t[k] + look.exposure * np.array([-0.5, 0.0, 0.5])
         places, _ = rally.place_at(times)
         px = self._camera.to_pixels(places, frame)
         beside = self._camera.to_pixels(places[1] + self._right(frame) * sport.object.radius, frame)
-        radius = np.linalg.norm(beside - px[1], keepdims=True)
+        radius = float(np.linalg.norm(beside - px[1]))
         truth = (px[1], px[2] - px[0], radius)
         middle = np.array([self._camera.width_px, self._camera.height_px]) / 2
         if not np.isfinite(px).all() or np.abs(px - middle).max() > 1.2 * self._camera.width_px:
@@ -298,18 +288,17 @@ class CourtRenderer:
         moments = self.t[k] + look.exposure * ((np.arange(count) + 0.5) / count - 0.5)
         where, nose = rally.place_at(moments)
         path = self._camera.to_pixels(where, frame)
-        pad = 2 * float(radius[0]) + 4
+        pad = 2 * radius + 4
         low = np.floor(path.min(0) - pad).astype(int)
         size = np.ceil(path.max(0) + pad).astype(int) - low
         total = np.zeros((size[1] * FINE, size[0] * FINE), np.uint16 if count < 256 else np.int32)
         mask = np.zeros(total.shape, np.uint8)
         for i in range(count):
             mask[:] = 0
-            self._draw_silhouette(mask, where[i], nose[i], path[i], low, float(radius[0]), frame)
+            self._draw_silhouette(mask, where[i], nose[i], path[i], low, radius, frame)
             total += mask
-        share = cv2.resize(
-            total.astype(np.float32) / (255 * count), (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA
-        )
+        light = total.astype(np.float32) / (255 * count)
+        share = cv2.resize(light, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
         share = cv2.GaussianBlur(share, (0, 0), max(look.blur, 0.4))
         if sport.name == "badminton":
             share *= look.opacity
@@ -326,31 +315,31 @@ class CourtRenderer:
         return np.asarray(right / np.linalg.norm(right))
 
     def _draw_silhouette(
-        self, mask: ByteArray, place: FloatArray, nose: FloatArray, px: FloatArray, low: FloatArray, radius: float, frame: int | None
+        self, mask: ByteArray, place: FloatArray, nose: FloatArray, px: FloatArray, low: FloatArray, radius: float,
+        frame: int | None,
     ) -> None:  # fmt: skip
         """Draw the outline of the object at one moment onto a fine mask, in place."""
 
         def fine(points: FloatArray) -> FloatArray:
-            return ((points - low + 0.5) * FINE - 0.5) * 2**SHIFT
+            return np.asarray(((points - low + 0.5) * FINE - 0.5) * 2**SHIFT)
 
         if self._rally.sport.name != "badminton":
             centre = np.rint(fine(px)).astype(int)
-            cv2.circle(
-                mask, centre.tolist(), max(round((radius * FINE - 0.5) * 2**SHIFT), 1), 255, -1, cv2.LINE_AA, SHIFT
-            )
+            size = max(round((radius * FINE - 0.5) * 2**SHIFT), 1)
+            cv2.circle(mask, centre.tolist(), size, 255, -1, cv2.LINE_AA, SHIFT)
             return
         nose = nose / max(float(np.linalg.norm(nose)), 1e-6)
         front, back = self._camera.to_pixels(np.stack([place + CORK * nose, place - SKIRT * nose]), frame)
         per_m = radius / self._rally.sport.object.radius
         axis = front - back
         length = float(np.linalg.norm(axis))
-        seen = np.clip(length / ((CORK + SKIRT) * per_m), 0, 1)
+        length_share = np.clip(length / ((CORK + SKIRT) * per_m), 0, 1)
         along = axis / length if length > 1e-6 else np.array([1.0, 0.0])
         ring = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
         wide = (
             per_m
             * SKIRT_RADIUS
-            * (ring[:, :1] * along * np.sqrt(1 - seen**2) + ring[:, 1:] * np.array([-along[1], along[0]]))
+            * (ring[:, :1] * along * np.sqrt(1 - length_share**2) + ring[:, 1:] * np.array([-along[1], along[0]]))
         )
         # the open end is the largest part; shift it so that the middle of the silhouette is the place
         outline = np.concatenate([back + wide, front + per_m * CORK_RADIUS * ring]) + 0.12 * axis
@@ -358,37 +347,32 @@ class CourtRenderer:
         cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 255, cv2.LINE_AA, SHIFT)
 
     def _bend(self, k: int, place: FloatArray) -> FloatArray:
-        """Return by how much (2,) px the lens moves what is seen at a place (3,)."""
-        matrix = self._camera.matrix_of(k if self._camera.motion is not None else None)
+        """Return by how much (2,) px the lens moves what is seen at a place (3,); 0 behind the camera."""
+        matrix = self._camera.matrix_of(self._frame(k))
         px = _project(matrix, place[None])
-        return np.asarray(self._camera.distort(px)[0] - px[0])
+        return np.nan_to_num(self._camera.distort(px)[0] - px[0])
 
-    def _bounds(self, px: FloatArray, pad: float) -> tuple[FloatArray, FloatArray]:
+    def _bounds(self, px: FloatArray, pad: float, margin: int = 40) -> tuple[FloatArray, FloatArray]:
         """Return the first pixel of a window that holds points (n, 2), and the one after its last."""
         size = np.array([self._camera.width_px, self._camera.height_px])
         good = px[np.isfinite(px).all(axis=1)]
         if not len(good):
             return np.zeros(2, np.int64), np.ones(2, np.int64)
-        low = np.clip(np.floor(good.min(0) - pad), -40, size).astype(np.int64)
-        return low, np.clip(np.ceil(good.max(0) + pad), low + 1, np.maximum(size + 40, low + 1)).astype(np.int64)
+        low = np.clip(np.floor(good.min(0) - pad), -margin, size).astype(np.int64)
+        return low, np.clip(np.ceil(good.max(0) + pad), low + 1, np.maximum(size + margin, low + 1)).astype(np.int64)
 
     def _draw_fan(
-        self,
-        image: ByteArray,
-        projection: FloatArray,
-        place: FloatArray,
-        colour: tuple[float, float, float],
-        sway: float,
+        self, image: ByteArray, projection: FloatArray, place: FloatArray, colour: Colour, sway: float
     ) -> None:
         up = np.array([0.0, 0.0, 1.0])
         body = place + 0.1 * sway * np.array([0.3, 1.0, 0.2])
-        arm = body + 0.25 * up + (0.35 + 0.15 * sway) * np.array([0.0, 0.4, 0.9])
+        arm = body + 0.1 * up + (0.35 + 0.15 * sway) * np.array([0.0, 0.4, 0.9])
         skin = (0.7, 0.55, 0.45)
         parts = [
-            Capsule(place - 0.3 * up, body + 0.2 * up, 0.2, 0.2, colour),
-            Capsule(body + 0.5 * up, body + 0.5 * up, 0.11, 0.11, skin),
+            Capsule(place - 0.2 * up, body + 0.05 * up, 0.2, 0.18, colour),
+            Capsule(body + 0.35 * up, body + 0.35 * up, 0.1, 0.1, skin),
         ]
-        draw_capsules(image, projection, [*parts, Capsule(body + 0.25 * up, arm, 0.05, 0.05, skin)])
+        draw_capsules(image, projection, [*parts, Capsule(body + 0.1 * up, arm, 0.045, 0.04, skin)])
 
     def _finish(self, image: ByteArray) -> ByteArray:
         """Reduce the resolution, add noise, and sharpen."""
@@ -415,8 +399,8 @@ def _apply(matrix: FloatArray, px: FloatArray) -> FloatArray:
 
 def _project(projection: FloatArray, places: FloatArray) -> FloatArray:
     """Project places (n, 3) to undistorted pixels (n, 2); NaN behind the camera."""
-    seen = places @ projection[:, :3].T + projection[:, 3]
-    return np.asarray(seen[:, :2] / np.where(seen[:, 2:] > 0.2, seen[:, 2:], np.nan))
+    rays = places @ projection[:, :3].T + projection[:, 3]
+    return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > 0.2, rays[:, 2:], np.nan))
 
 
 def _depth_key(layer: _Layer) -> tuple[int, float]:
@@ -468,9 +452,9 @@ def _hide(light: Float32Array, sprite: _Layer, layer: _Layer) -> None:
         light[y0:y1, x0:x1] *= 1 - layer.rgba[y0 - dy : y1 - dy, x0 - dx : x1 - dx, 3] / 255
 
 
-def _inside(shape: tuple[int, ...], sprite: _Layer, frame: tuple[int, ...]) -> Float32Array:
-    """Return 1 for the pixels (h, w) of a layer that lie in the frame, else 0."""
-    y, x = np.arange(shape[0]) + sprite.y, np.arange(shape[1]) + sprite.x
+def _inside(sprite: _Layer, frame: tuple[int, ...]) -> Float32Array:
+    """Return 1 for the pixels (h, w) of a layer that lie in a frame of a shape, else 0."""
+    y, x = np.arange(sprite.rgba.shape[0]) + sprite.y, np.arange(sprite.rgba.shape[1]) + sprite.x
     return np.outer((y >= 0) & (y < frame[0]), (x >= 0) & (x < frame[1])).astype(np.float32)
 
 
@@ -483,13 +467,13 @@ def _make_noise(rng: np.random.Generator, shape: tuple[int, int, int], sigma: fl
 
 def _make_folds(rng: np.random.Generator) -> Float32Array:
     """Make the shading (h, w) of a body: folds of cloth, and light from above."""
-    folds = sum(
+    coarse, fine = (
         cv2.resize(rng.normal(0, s, (n * 2, n)).astype(np.float32), (64, 128), interpolation=cv2.INTER_CUBIC)
         for n, s in ((6, 0.08), (20, 0.06))
     )
     light = np.linspace(rng.uniform(1.0, 1.15), rng.uniform(0.75, 1.0), 128, dtype=np.float32)[:, None]
     side = np.linspace(rng.uniform(0.8, 1.0), rng.uniform(0.8, 1.0), 64, dtype=np.float32)[None]
-    return np.clip((1 + folds) * light * side, 0.4, 1.0).astype(np.float32)
+    return np.asarray(np.clip((1 + coarse + fine) * light * side, 0.4, 1.0), np.float32)
 
 
 def _make_captions(rng: np.random.Generator, camera: CourtCamera, look: CourtLook) -> list[_Layer]:
@@ -505,28 +489,9 @@ def _make_captions(rng: np.random.Generator, camera: CourtCamera, look: CourtLoo
         ground = [int(255 * c) for c in sample_tint(rng, (0.0, 0.4), (0, 0.9))]
         board[:] = [*(g * alpha // 255 for g in ground), alpha]
         for row in range(2):
-            word = "".join(rng.choice(list("ABCDEFGHIKLMNOPRSTUVWZ"), int(rng.integers(4, 11))))
-            at, size = (int(0.05 * w), int(h * (0.42 + 0.48 * row))), 0.011 * h
-            cv2.putText(
-                board,
-                word,
-                at,
-                cv2.FONT_HERSHEY_SIMPLEX,
-                size,
-                (235, 235, 235, 255),
-                max(1, round(h / 36)),
-                cv2.LINE_AA,
-            )
-            score = str(int(rng.integers(0, 22)))
-            cv2.putText(
-                board,
-                score,
-                (int(0.85 * w), at[1]),
-                cv2.FONT_HERSHEY_SIMPLEX,
-                size,
-                (235, 235, 235, 255),
-                max(1, round(h / 36)),
-                cv2.LINE_AA,
-            )
+            name = "".join(rng.choice(list("ABCDEFGHIKLMNOPRSTUVWZ"), int(rng.integers(4, 11))))
+            style = (cv2.FONT_HERSHEY_SIMPLEX, 0.011 * h, (235, 235, 235, 255), max(1, round(h / 36)), cv2.LINE_AA)
+            for share, word in ((0.05, name), (0.85, str(rng.integers(22)))):
+                cv2.putText(board, word, (int(share * w), int(h * (0.42 + 0.48 * row))), *style)
         layers.append(_Layer(board.astype(np.float32), int(x * camera.width_px), int(y * camera.height_px), 0.0))
     return layers

@@ -191,13 +191,16 @@ def sample_look(rng: np.random.Generator, sport: str, surface: str, view: View, 
         sample_tint(rng, (0.08, 0.6), (0.1, 0.9)),
         tuple(sample_tint(rng, (0.1, 0.9), (0.2, 0.95)) for _ in range(6)),
         sample_tint(rng, (0.04, 0.5), (0.0, 0.6)),
-        _dimmed(rng, balls[rng.integers(len(balls))]), float(rng.uniform(0.25, 0.9)), _near(rng, (0.93, 0.93, 0.93), 0.02),
-        float(rng.uniform(0.05, 0.35) if sport == "badminton" else rng.uniform(0.15, 0.45)), tuple(sample_outfit(rng) for _ in range(2)),
-        np.array([*away, 1.0]) / np.linalg.norm([*away, 1.0]), float(rng.uniform(0.35, 0.6) if sunny else rng.uniform(0.05, 0.3)),
+        _dimmed(rng, balls[rng.integers(len(balls))]), float(rng.uniform(0.25, 0.9)),
+        _near(rng, (0.93, 0.93, 0.93), 0.02),
+        float(rng.uniform(0.05, 0.35) if sport == "badminton" else rng.uniform(0.15, 0.45)),
+        tuple(sample_outfit(rng) for _ in range(2)), np.array([*away, 1.0]) / np.linalg.norm([*away, 1.0]),
+        float(rng.uniform(0.35, 0.6) if sunny else rng.uniform(0.05, 0.3)),
         (float(rng.normal(0, 0.08)), float(rng.normal(0, 0.1)), float(rng.uniform(0, 0.25))),
         soft, float(np.exp(rng.uniform(np.log(0.5), np.log(2.5 if view == "broadcast" else 5.0)))),
         float(rng.choice([1.0, 1.0, rng.uniform(0.6, 1.0)])), float(rng.choice([0.0, rng.uniform(0.0, 0.8)])),
-        float(np.exp(rng.uniform(np.log(1 / 1000), np.log(slowest)))), bool(rng.random() < (0.85 if view == "broadcast" else 0.1)),
+        float(np.exp(rng.uniform(np.log(1 / 1000), np.log(slowest)))),
+        bool(rng.random() < (0.85 if view == "broadcast" else 0.1)),
         int(rng.integers(17, 30)),
     )  # fmt: skip
 
@@ -219,7 +222,8 @@ def sample_outfit(rng: np.random.Generator) -> Outfit:
 
 
 def make_camera(
-    sport: Sport, place: FloatArray, target: FloatArray, focal_px: float, k1: float, size: tuple[int, int], roll: float = 0
+    sport: Sport, place: FloatArray, target: FloatArray, focal_px: float, k1: float, size: tuple[int, int],
+    roll: float = 0.0,
 ) -> CourtCamera:  # fmt: skip
     """Make a camera at a place (3,), m, that looks at a target (3,); size is width and height, px; roll in rad."""
     forward = (target - place) / np.linalg.norm(target - place)
@@ -241,14 +245,13 @@ def sample_camera(rng: np.random.Generator, sport: Sport, view: View, size: tupl
     for _ in range(3000):
         k1 = float(rng.normal(0, 0.01) if view == "broadcast" else rng.normal(-0.03, 0.03))
         if sport.is_filmed_from_side:
-            away, angle = (
-                (rng.uniform(5, 10), rng.normal(0, 0.1))
-                if view == "broadcast"
-                else (rng.uniform(2.6, 4.5), rng.normal(0, 0.35))
-            )
-            height = rng.uniform(1.3, 0.5 * away) if view == "broadcast" else rng.uniform(0.5, 1.3)
+            if view == "broadcast":
+                away, angle, share = rng.uniform(5, 10), rng.normal(0, 0.1), rng.uniform(0.27, 0.42)
+                height = rng.uniform(1.3, 0.5 * away)
+            else:
+                away, angle, share = rng.uniform(2.6, 4.5), rng.normal(0, 0.35), rng.uniform(0.33, 0.55)
+                height = rng.uniform(0.5, 1.3)
             place = np.array([length / 2 + away * np.sin(angle), width / 2 - away * np.cos(angle), height])
-            share = rng.uniform(0.27, 0.42) if view == "broadcast" else rng.uniform(0.33, 0.55)
             focal = share * size[0] * away / length
             target = np.array([length / 2 + rng.normal(0, 0.15), width / 2, rng.uniform(-0.2, 0.35)])
         elif view == "broadcast":
@@ -261,12 +264,11 @@ def sample_camera(rng: np.random.Generator, sport: Sport, view: View, size: tupl
             place = np.array([-away, width * rng.uniform(-0.1, 1.1), rng.uniform(1.6, 4.5)])
             focal = size[0] / 2 / np.tan(np.radians(rng.uniform(50, 75)) / 2)
             target = np.array([length * rng.uniform(0.3, 0.55), width / 2 + rng.normal(0, 0.08) * width, 0.8])
-        camera = make_camera(
-            sport, place, target, focal, k1, size, float(rng.normal(0, 0.003 if view == "broadcast" else 0.02))
-        )
+        roll = float(rng.normal(0, 0.003 if view == "broadcast" else 0.02))
+        camera = make_camera(sport, place, target, focal, k1, size, roll)
         # rallies that leave the picture show little; some do
         high = np.array([0.5 * length, width / 2, rng.uniform(2.5, 6.0)])
-        behind = np.array([-rng.uniform(0.0, 3.5), width / 2, 0.0])
+        behind = np.array([-rng.uniform(1.0, 4.5), width / 2, 0.0])
         is_high_enough = sport.name != "badminton" or camera.to_pixels(high)[1] > 0
         is_low_enough = sport.name != "tennis" or view == "phone" or camera.to_pixels(behind)[1] < size[1]
         if _shows_court(sport, camera, view) and is_high_enough and is_low_enough:
@@ -288,7 +290,7 @@ def _shows_court(sport: Sport, camera: CourtCamera, view: View) -> bool:
 def sample_motion(
     rng: np.random.Generator, camera: CourtCamera, frames: int, fps: float, pan: float, shake: float, zoom: float
 ) -> FloatArray:  # fmt: skip
-    """Sample homographies (T, 3, 3) of a camera that turns slowly by about `pan` and shakes by `shake`, rad, and zooms."""
+    """Sample homographies (T, 3, 3) of a camera that pans by about `pan` and shakes by `shake`, rad, and zooms."""
     turns = np.zeros((frames, 3))
     for size, seconds, axes in (
         (pan, 1.5, (1.0, 0.25, 0.02)),

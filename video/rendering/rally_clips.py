@@ -101,7 +101,8 @@ def simulate_rallies(sport: str, seed: int, count: int, folder: Path, **experime
 
 
 def stage_rally(
-    rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int], span: tuple[float, float]
+    rng: np.random.Generator, rally: RallyPath, view: View, fps: Fraction, size: tuple[int, int],
+    span: tuple[float, float],
 ) -> tuple[CourtRenderer, CourtCamera, CourtLook, FloatArray]:  # fmt: skip
     """Draw a look and a camera for a rally; also return the times (T,), s of the rally, of frames within a span, s."""
     sport = rally.sport
@@ -134,13 +135,8 @@ def write_rally_clip(
     folder.mkdir(parents=True, exist_ok=True)
     rng, rate = np.random.default_rng(seed), Fraction(fps).limit_denominator(1001)
     renderer, camera, look, t = stage_rally(rng, rally, view, rate, size, span or (rally.t[0], rally.t[-1]))
-    truths = []
-    with VideoWriter(folder / "clip.mp4", *size, rate, crf=look.crf, threads=1) as writer:
-        for k in range(len(t)):
-            image, truth = renderer.render_frame(k)
-            writer.write(image)
-            truths.append(truth)
-    truth = collect_truth(rally, camera, look, rate, t, truths)
+    shown = _write_frames(folder / "clip.mp4", renderer, look, rate, size, "veryfast")
+    truth = collect_truth(rally, camera, look, rate, t, shown)
     write_truth(folder, truth, view)
     return truth
 
@@ -161,19 +157,28 @@ def generate_rally_clips(
         span = (start, start + frames / float(fps) + 1e-6)
         renderer, camera, look, t = stage_rally(rng, rally, view, fps, size, span)
         with tempfile.TemporaryDirectory() as folder:
-            path, truths = Path(folder) / "clip.mp4", []
-            with VideoWriter(path, *size, fps, crf=look.crf, preset="ultrafast", threads=1) as writer:
-                for k in range(len(t)):
-                    image, truth = renderer.render_frame(k)
-                    writer.write(image)
-                    truths.append(truth)
+            path = Path(folder) / "clip.mp4"
+            shown = _write_frames(path, renderer, look, fps, size, "ultrafast")
             with av.open(str(path)) as container:
                 decoded = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
-        yield RallyClip(np.stack(decoded), collect_truth(rally, camera, look, fps, t, truths))
+        yield RallyClip(np.stack(decoded), collect_truth(rally, camera, look, fps, t, shown))
+
+
+def _write_frames(
+    path: Path, renderer: CourtRenderer, look: CourtLook, fps: Fraction, size: tuple[int, int], preset: str
+) -> list[FrameTruth]:  # fmt: skip
+    """Render all frames to a file; returns their truth."""
+    shown = []
+    with VideoWriter(path, *size, fps, crf=look.crf, preset=preset, threads=1) as writer:
+        for k in range(len(renderer.t)):
+            image, truth = renderer.render_frame(k)
+            writer.write(image)
+            shown.append(truth)
+    return shown
 
 
 def collect_truth(
-    rally: RallyPath, camera: CourtCamera, look: CourtLook, fps: Fraction, t: FloatArray, truths: Sequence[FrameTruth]
+    rally: RallyPath, camera: CourtCamera, look: CourtLook, fps: Fraction, t: FloatArray, shown: Sequence[FrameTruth]
 ) -> RallyTruth:  # fmt: skip
     """Collect the truth of frames at times t (T,), s of the rally."""
     start, stop = float(t[0]), float(t[-1] + 1 / fps)
@@ -183,11 +188,12 @@ def collect_truth(
         if start <= e["t"] < stop
     )
     columns = {
-        name: np.array([getattr(truth, name) for truth in truths])
+        name: np.array([getattr(truth, name) for truth in shown])
         for name in ("px", "streak", "radius_px", "shown", "contrast", "players")
     }
     return RallyTruth(
-        rally.sport.name, fps, camera, look.exposure, t - start, start, rally.place_at(t)[0], **columns, events=events, rally=rally
+        rally.sport.name, fps, camera, look.exposure, t - start, start, rally.place_at(t)[0], **columns, events=events,
+        rally=rally,
     )  # fmt: skip
 
 

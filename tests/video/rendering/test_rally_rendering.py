@@ -107,7 +107,8 @@ def test_painted_lines_cover_their_width() -> None:
 def test_a_clip_is_written_with_its_truth(tmp_path: Path) -> None:
     rally = make_rally("table-tennis")
     truth = rally_clips.write_rally_clip(tmp_path, rally, "broadcast", 25, seed=5, size=SIZE, span=(0.1, 0.5))
-    assert (tmp_path / "clip.mp4").exists() and len(truth.t) == 10
+    assert (tmp_path / "clip.mp4").exists()
+    assert len(truth.t) == 10
     with np.load(tmp_path / "truth.npz") as arrays:
         camera = CourtCamera(
             arrays["camera"], np.zeros((8, 8)), *SIZE, False, arrays["motion"] if len(arrays["motion"]) else None
@@ -115,3 +116,15 @@ def test_a_clip_is_written_with_its_truth(tmp_path: Path) -> None:
         frame = np.arange(10) if len(arrays["motion"]) else None
         assert np.allclose(camera.to_pixels(arrays["xyz"], frame), arrays["px"], atol=1e-6)
         assert arrays["is_visible"].mean() > 0.5
+
+
+def test_a_player_beside_or_behind_the_camera_is_no_trouble() -> None:
+    rally = make_rally("badminton")
+    camera = sample_camera(np.random.default_rng(4), rally.sport, "phone", SIZE)
+    for offset in (-3.0, 0.0, 0.4):
+        feet = rally.feet.copy()
+        feet[0, :, :2] = camera.centre[:2] + np.array([offset, 0.2])
+        one = replace(rally, feet=feet)
+        look = sample_look(np.random.default_rng(5), "badminton", "mat", "phone", 25)
+        renderer = court_renderer.CourtRenderer(np.random.default_rng(6), one, camera, look, "phone", np.array([0.5]))
+        assert renderer.render_frame(0)[0].shape == (SIZE[1], SIZE[0], 3)
