@@ -19,6 +19,7 @@ from video.io.video_writer import VideoWriter
 
 DISC_PX = 6.0
 WHITE = (245, 245, 240)
+SCORE_BOX = (40, 40, 240, 92)
 
 
 def paint_hall(rally: Rally) -> ImageArray:
@@ -45,6 +46,9 @@ def draw_frame(rally: Rally, hall: ImageArray, row: int, disc: FloatArray) -> Im
         image = cv2.warpPerspective(hall, camera.motion[row], hall.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
     left, top, right, bottom = person_box(row)
     cv2.rectangle(image, (left, top), (right, bottom), (160, 60, 50), -1)
+    if camera.motion is not None:  # the score is part of the image, not of the hall
+        cv2.rectangle(image, SCORE_BOX[:2], SCORE_BOX[2:], (10, 10, 14), -1)
+        cv2.putText(image, "LIN 2 : 3", (50, 78), cv2.FONT_HERSHEY_SIMPLEX, 1.1, WHITE, 2, cv2.LINE_AA)
     if np.isfinite(disc).all():
         cv2.circle(image, np.rint(16 * disc).astype(int).tolist(), round(16 * DISC_PX), WHITE, -1, cv2.LINE_AA, 4)
     return np.asarray(image)

@@ -38,12 +38,17 @@ NOISE_LEVELS, NOISE_FACTOR, MIN_CONTRAST = 2.0, 1.5, 2.0
 FULL_LEVEL, MAX_DILUTION = 220.0, 8.0
 # Shares of the size of a player by which the box around is widened: arms and rackets move beyond it.
 PLAYER_MARGIN = (0.45, 0.3)
+# Share of the frame that a box of a player fills at most.
+MAX_PLAYER_SHARE = 0.25
 # Frames before and after a gap whose players count: some frames miss one who stands still.
 PLAYER_ROWS = 5
 # px by which the corners may move from a frame to the next under a camera that counts as still.
 STILL_PX = 0.1
 # Radii by which the path of an object that no flight explains may bend within three frames; else it is no object.
 MAX_BEND_RADII = 2.5
+# Side of the cells in which frames of a moving camera are compared, px; levels by which what keeps its place in the
+# image differs after the camera's turn is undone, and the share of that by which it differs before at most.
+GRAPHICS_CELL_PX, GRAPHICS_LEVELS, GRAPHICS_SHARE = 4, 10.0, 0.35
 # px, least radius of what is seen of an object.
 MIN_RADIUS_PX = 1.5
 
@@ -288,6 +293,8 @@ class RallyInterval:
     """(3, 3) from pixels of the first frame to the second; None for a camera at rest."""
     regions: tuple[tuple[MovingRegion, ByteArray], ...]
     """Where players move, in pixels of the first frame, with levels instead of colours; and the coverage."""
+    graphics: tuple[tuple[ImageArray, ByteArray, int, int], ...]
+    """Levels, coverage and corner of what keeps its place in the image under a moving camera, as a score does."""
     hit_share: float
     """Elapsed share of the gap at which the object is hit or bounces; NaN where it is not."""
 
@@ -311,6 +318,8 @@ class RallyInterval:
             whole = np.floor(moved)
             patch = region.flow.interpolate(share, moved - whole)
             blend_levels(frame, patch, cover, x0 + int(whole[0]), y0 + int(whole[1]))
+        for levels, cover, x, y in self.graphics:
+            blend_levels(frame, levels, cover, x, y)
         draw_sprites(frame, self._weigh_sprites(share), centre)
         return frame
 
@@ -337,11 +346,13 @@ def _warp_planes(frame: YuvFrame, step: FloatArray) -> YuvFrame:
 def prepare_rally_interval(timeline: RallyTimeline, first: RallyFrame, second: RallyFrame) -> RallyInterval:
     """Prepare the synthesis of frames between two neighbouring ones."""
     step = timeline.camera_step(first.row, second.row)
-    after = second.background
+    after, within, graphics = second.background, find_play_mask(timeline, first.row), []
     if step is not None:
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         after = cv2.warpPerspective(after, step, after.shape[1::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    within = find_play_mask(timeline, first.row)
+        moves, stays = _compare_with_camera(first.background, second.background, after)
+        within &= moves
+        graphics = _cut_out(first.background, stays)
     regions = []
     for region in find_moving_regions(first.background, after, step is None, within):
         one, two = (convert_colours(image) for image in region.flow.images)
@@ -349,14 +360,45 @@ def prepare_rally_interval(timeline: RallyTimeline, first: RallyFrame, second: R
         regions.append((levels, np.asarray(255 * region.weight, np.uint8)))
     turns = [event.t for event in timeline.rally.events if first.t < event.t <= second.t]
     share = (turns[0] - first.t) / (second.t - first.t) if turns else np.nan
-    return RallyInterval(first, second, step, tuple(regions), share)
+    return RallyInterval(first, second, step, tuple(regions), tuple(graphics), share)
+
+
+def _compare_with_camera(first: ImageArray, second: ImageArray, after: ImageArray) -> tuple[BoolArray, BoolArray]:
+    """Find the pixels (H, W) in which something moves on its own, and those of what keeps its place in the image.
+
+    `after` is the second frame in pixels of the first: it shows the hall where the first does. Edges of the hall differ
+    a little, for the camera is not known to a hundredth of a pixel, but far less than without the camera's turn.
+    """
+    size = (first.shape[1] // GRAPHICS_CELL_PX, first.shape[0] // GRAPHICS_CELL_PX)
+    one, *others = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (first, second, after))
+    unturned, turned = (cv2.absdiff(one, other).max(axis=2).astype(np.float32) for other in others)
+    stays = ((turned > GRAPHICS_LEVELS) & (unturned < GRAPHICS_SHARE * turned)).astype(np.uint8)
+    stays = cv2.morphologyEx(stays, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))  # letters and what is between them
+    stays = cv2.dilate(cv2.morphologyEx(stays, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.ones((3, 3), np.uint8))
+    moves = ((turned > GRAPHICS_SHARE * unturned) & (stays == 0)).astype(np.uint8)
+    whole = (cv2.resize(mask, first.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0 for mask in (moves, stays))
+    return next(whole), next(whole)
+
+
+def _cut_out(image: ImageArray, mask: BoolArray) -> list[tuple[ImageArray, ByteArray, int, int]]:
+    """Cut out the connected parts of a mask (H, W): levels, coverage, and left and top, px."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    parts = []
+    for k, (x, y, width, height) in enumerate(stats[1:count, :4].tolist(), start=1):
+        here = np.s_[y : y + height, x : x + width]
+        cover = cv2.blur(
+            (labels[here] == k).astype(np.float32), (GRAPHICS_CELL_PX + 1,) * 2, borderType=cv2.BORDER_CONSTANT
+        )
+        parts.append((convert_colours(image[here]), np.asarray(255 * cover, np.uint8), x, y))
+    return parts
 
 
 def find_play_mask(timeline: RallyTimeline, row: int) -> BoolArray:
     """Find the pixels (H, W) in which players may move: around them in frames around a row, or around the court."""
     rally, camera, sport = timeline.rally, timeline.rally.scene.camera, timeline.rally.scene.sport
     mask = np.zeros((camera.height_px, camera.width_px), np.uint8)
-    near = np.full(len(rally.players), camera.motion is None)  # else all that a moving camera moves is in the boxes
+    size = np.ptp(rally.players[:, 1:].reshape(-1, 2, 2), axis=1)
+    near = size.prod(axis=1) < MAX_PLAYER_SHARE * mask.size  # a larger box encloses what a camera that turns moves
     near &= np.isin(rally.players[:, 0], rally.frame[max(row - PLAYER_ROWS, 0) : row + PLAYER_ROWS + 2])
     for left, top, right, bottom in rally.players[near, 1:]:
         x, y = PLAYER_MARGIN[0] * (right - left), PLAYER_MARGIN[1] * (bottom - top)

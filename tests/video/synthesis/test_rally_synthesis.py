@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from support.filmed_rally import DISC_PX, film_rally, paint_hall, person_box
+from support.filmed_rally import DISC_PX, SCORE_BOX, film_rally, paint_hall, person_box
 
 from models.core.rally import Rally
 from models.core.typing import FloatArray, ImageArray
@@ -16,6 +15,8 @@ from video.io.clip import Clip, read_frames
 from video.io.yuv_frame import YuvFrame
 from video.synthesis.rally_synthesis import build_rally_timeline, synthesize_rally_frames
 
+SHIFT_PX = 2.0
+"""Of the hall from a frame to the next under the camera that turns."""
 BRIGHT = 180
 """Luma from which a pixel belongs to the disc, away from lines."""
 
@@ -90,15 +91,30 @@ def test_people_move_on_between_frames(filmed: tuple[Clip, Rally]) -> None:
     assert left < edge
 
 
-def test_under_a_camera_that_turns_object_and_hall_move_together(tmp_path: Path) -> None:
-    shifts = 2.0 * np.arange(80)
+@pytest.fixture(scope="module")
+def panned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Clip, Rally]:
     motion = np.tile(np.eye(3), (80, 1, 1))
-    motion[:, 0, 2] = shifts
-    clip, rally = film_rally(tmp_path / "clip.mp4", motion)
+    motion[:, 0, 2] = SHIFT_PX * np.arange(80)
+    return film_rally(tmp_path_factory.mktemp("panned") / "clip.mp4", motion)
+
+
+def test_under_a_camera_that_turns_graphics_keep_their_place(panned: tuple[Clip, Rally]) -> None:
+    clip, rally = panned
+    (frame,) = synthesize(clip, rally, np.array([rally.t[9] + 0.5 / 25]))
+    left, top, right, bottom = SCORE_BOX
+    images = [image for _, image in read_frames(clip, indices=rally.frame[[9, 10]])]
+    for image in images:
+        filmed_luma = YuvFrame.from_rgb(image).planes[0][top:bottom, left:right].astype(int)
+        drawn = frame.planes[0][top:bottom, left:right].astype(int)
+        assert np.abs(drawn - filmed_luma).mean() < 3
+
+
+def test_under_a_camera_that_turns_object_and_hall_move_together(panned: tuple[Clip, Rally]) -> None:
+    clip, rally = panned
+    shifts = SHIFT_PX * np.arange(80)
     row = fast_row(rally)
     t = float(rally.t[row] + 0.25 / 25)
     (frame,) = synthesize(clip, rally, np.array([t]))
-    place = rally.scene.camera.to_pixels(evaluate_rally(rally, np.array([t])).xyz, None)[0]
     camera = replace(rally.scene.camera, motion=None)
     place = camera.to_pixels(evaluate_rally(rally, np.array([t])).xyz)[0] + [shifts[row] + 0.5, 0]
     np.testing.assert_allclose(bright_centre(frame.planes[0], place), place, atol=0.6)
