@@ -36,6 +36,8 @@ GHOST_OPACITY, RING_DASHES = 0.5, 9
 LABEL_REACH = 8.0
 # Longer side of the plan, share of the height of the frame.
 PLAN_SHARE = 0.36
+# px beyond which nothing of a line is in view.
+MAX_PX = 1e4
 # Levels of the Laplacian of a reduced frame that are detail as full as text.
 DETAIL_LEVELS = 60.0
 # Colours of verdicts.
@@ -117,16 +119,26 @@ class RallyAnnotation:
         times, xyz = self.draw_trail(image, index, t)
         px, filmed = self.timeline.project(xyz, t), self.timeline.rally.t
         for row in np.flatnonzero((filmed > times[0]) & (filmed < times[-1])) if len(times) else ():
-            nearest = int(np.argmin(np.abs(times - filmed[row])))
-            draw_disc(image, px[nearest], max(float(self.timeline.radius[row]), 2 * self.scale), WHITE, GHOST_OPACITY)
+            place = px[np.argmin(np.abs(times - filmed[row]))]
+            if np.isfinite(place).all():
+                draw_disc(image, place, max(float(self.timeline.radius[row]), 2 * self.scale), WHITE, GHOST_OPACITY)
 
     def draw_trail(self, image: Canvas, index: int, t: float) -> tuple[FloatArray, FloatArray]:
         """Draw the path of a stroke up to a time in the frame of that time; return its times (n,) and places (n, 3)."""
         times, xyz = self.path_of(index, t)
         fade = np.clip(1 - (t - times) / TRAIL_S, LEAST_TRAIL, 1)
         colour = SIDE_COLOURS[self.strokes[index].hit.player]
-        draw_trail(image, self.timeline.project(xyz, t), fade, colour, 4 * self.scale)
+        self._draw_line(image, xyz, t, fade, colour, 4 * self.scale)
         return times, xyz
+
+    def _draw_line(
+        self, image: Canvas, xyz: FloatArray, t: float, fade: FloatArray, colour: Colour, width: float
+    ) -> None:
+        """Draw a line through places (n, 3), m, with opacities (n,), as far as it is before the camera."""
+        px = self.timeline.project(xyz, t)
+        rows = np.flatnonzero((np.abs(np.nan_to_num(px, nan=np.inf)) < MAX_PX).all(axis=1))
+        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            draw_trail(image, px[run], fade[run], colour, width)
 
     def _draw_marks(self, image: Canvas, t: float) -> None:
         """Draw flashes and labels of recent moments."""
@@ -170,7 +182,7 @@ class RallyAnnotation:
         rings = (find_ellipse(np.eye(2) * radius**2, 1.0), find_ellipse(mark.covariance[:2, :2], 2.0))
         for ring, colour in zip(rings, (WHITE, FLASH), strict=True):
             outline = mark.place + np.column_stack([ring, np.zeros(len(ring))])
-            draw_trail(image, self.timeline.project(outline, t), np.full(len(ring), opacity), colour, 2.5 * self.scale)
+            self._draw_line(image, outline, t, np.full(len(ring), opacity), colour, 2.5 * self.scale)
 
     def _draw_plan(self, image: Canvas, t: float) -> None:
         """Draw the plan with the current stroke up to the last frame, and the object where it is now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -15,6 +16,8 @@ from models.estimation.rally.landing_judgement import judge_landing
 from video.io.clip import Clip, read_frames
 from video.io.video_options import OverlayStyle, RenderOptions
 from video.io.yuv_frame import YuvFrame
+from video.overlay.landing_close_up import draw_landing
+from video.overlay.rally_annotation import prepare_rally_annotation
 from video.overlay.rally_poster import draw_rally_poster
 from video.overlay.rally_slow_motion import (
     CLOSE_UP_S,
@@ -23,6 +26,7 @@ from video.overlay.rally_slow_motion import (
     magnify_planes,
     render_rally,
 )
+from video.synthesis.rally_synthesis import InBetweenFrame, build_rally_timeline
 
 SLOW = 4.0
 
@@ -75,6 +79,22 @@ def test_a_magnified_view_shows_its_place_in_the_middle() -> None:
     assert columns.mean() == pytest.approx(79.5, abs=1.0)
     assert rows.mean() == pytest.approx(59.5, abs=1.0)
     assert len(rows) == pytest.approx(256, rel=0.15)
+
+
+@pytest.mark.parametrize("place", [(-14.0, 3.0, 0.0), (4.0, 3.0, 0.0), (900.0, -80.0, 0.0)])
+def test_a_landing_out_of_view_with_a_huge_error_is_drawn_without_trouble(
+    filmed: tuple[Clip, Rally], place: tuple[float, float, float]
+) -> None:
+    clip, rally = filmed
+    landing = replace(rally.landings[0], place=np.array(place), covariance=np.diag([350.0, 80.0, 1e-6]))
+    wrong = replace(rally, landings=(landing,))
+    assert draw_rally_poster(clip, wrong).shape == (clip.height, clip.width, 3)
+    assert draw_landing(clip, wrong, judge_landing(wrong)).shape == (720, 960, 3)
+    timeline = build_rally_timeline(wrong)
+    canvas = np.zeros((clip.height, clip.width, 3), np.uint8)
+    annotation = prepare_rally_annotation(timeline, judge_landing(wrong), canvas, SLOW, "coach")
+    frame = InBetweenFrame(landing.t + 0.01, YuvFrame.from_rgb(canvas), np.full(2, np.nan), False)
+    annotation.draw(frame)
 
 
 def test_still_parts_are_left_out_on_request(filmed: tuple[Clip, Rally]) -> None:
