@@ -33,7 +33,7 @@ from video.overlay.rally_annotation import VERDICT_COLOURS
 LEAST_SHARE, LEAST_HEIGHT, LARGEST_HEIGHT = 0.06, 0.4, 4.0
 SHOWN_SIGMAS, SHOWN_DISTANCES = 8.0, 3.0
 # Frames, and s around the landing, whose median shows the surface without people that run across.
-SURFACE_FRAMES, SURFACE_S = 7, 1.2
+SURFACE_FRAMES, SURFACE_S = 9, 2.0
 # Opacities of the paint of lines that is drawn over the filmed one, and of the shade over what is out.
 PAINT_OPACITY, OUT_SHADE = 0.85, 0.38
 # Pixels between those for which the place in the image is computed; between them it is interpolated.
@@ -146,7 +146,8 @@ def describe_call(call: LandingCall) -> str:
 
 def _film_surface(clip: Clip, rally: Rally, view: SurfaceView, t: float) -> ImageArray:
     """Return the median (h, w, 3) of the surface over frames around a time: people who run across vanish."""
-    moments = np.clip(t + np.linspace(-SURFACE_S, SURFACE_S, SURFACE_FRAMES), rally.t[0], rally.t[-1])
+    middle = max(min(t, float(rally.t[-1]) - SURFACE_S), float(rally.t[0]) + SURFACE_S)
+    moments = middle + np.linspace(-SURFACE_S, SURFACE_S, SURFACE_FRAMES)
     rows = np.unique(np.abs(rally.t[:, None] - moments).argmin(axis=0))
     columns, lines = (np.arange(0, side + MAP_STEP, MAP_STEP) for side in view.size)
     coarse = view.to_court(np.stack(np.meshgrid(columns, lines), axis=-1).astype(np.float64))

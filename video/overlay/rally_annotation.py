@@ -38,8 +38,8 @@ LABEL_REACH = 8.0
 PLAN_SHARE = 0.36
 # px beyond which nothing of a line is in view.
 MAX_PX = 1e4
-# Levels of the Laplacian of a reduced frame that are detail as full as text.
-DETAIL_LEVELS = 60.0
+# Levels of the Laplacian of a reduced frame that are detail as full as text, and its cost relative to that of court.
+DETAIL_LEVELS, DETAIL_COST = 60.0, 3.0
 # Colours of verdicts.
 VERDICT_COLOURS: dict[str, Colour] = {"in": (64, 200, 110), "out": (255, 96, 96), "undecided": (255, 176, 32)}
 # m, radius of the ring that a bounce draws on the surface, in radii of the object.
@@ -233,7 +233,8 @@ def prepare_rally_annotation(
     crossed = [make_squares(timeline.project(xyz[::12], t[::12]), 12 * scale) for t, xyz in paths]
     crossed.append(make_squares(rally.px, 12 * scale))
     plan_place = place_panel(plan.size, size, cost, np.concatenate(crossed))
-    clock_place = place_panel(clock.size(scale), size, cost, np.concatenate([*crossed, [plan_place]]))
+    crossed += [np.array([plan_place])] if style == "coach" else []
+    clock_place = place_panel(clock.size(scale), size, cost, np.concatenate(crossed))
     marks = _collect_marks(rally, strokes, call, style)
     return RallyAnnotation(
         timeline, strokes, paths, marks, call, style, slow, scale, plan, plan_place, clock, clock_place
@@ -254,7 +255,7 @@ def find_panel_cost(timeline: RallyTimeline, first: ImageArray) -> FloatArray:
         cost[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = 1
     grey = cv2.cvtColor(cv2.resize(first, cost.shape[::-1], interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     detail = np.minimum(np.abs(cv2.Laplacian(grey, cv2.CV_32F)) / DETAIL_LEVELS, 1)
-    return np.asarray(cost + detail, dtype=np.float64)
+    return np.asarray(cost + DETAIL_COST * detail, dtype=np.float64)
 
 
 def _collect_marks(
