@@ -93,6 +93,7 @@ def find_moving_regions(
     first: ImageArray,
     second: ImageArray,
     camera_is_still: bool = True,
+    within: BoolArray | None = None,
 ) -> tuple[MovingRegion, ...]:
     """Find the regions in which something moves between two frames, and prepare their interpolation.
 
@@ -103,11 +104,15 @@ def find_moving_regions(
         first: First frame (H, W, 3) without its moving balls.
         second: Second frame (H, W, 3) without its moving balls, in the pixels of the first.
         camera_is_still: False if the second frame was warped.
+        within: Pixels (H, W) in which motion counts; None for all.
 
     Returns:
         The regions, which may overlap.
     """
     moving_cells = find_moving_cells(first, second, camera_is_still)
+    if within is not None:
+        rows, columns = moving_cells.shape
+        moving_cells &= within[: rows * CELL_PX : CELL_PX, : columns * CELL_PX : CELL_PX]
     regions = []
     for box, cells in _find_boxes(moving_cells, first.shape):
         x0, y0, x1, y1 = box

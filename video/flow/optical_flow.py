@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.core.typing import Float32Array, ImageArray
+from models.core.typing import Float32Array, FloatArray, ImageArray
 
 # Fixed-point iterations of the flow lookup; after two, displacements are within 0.1 px except at edges.
 LOOKUP_ITERATIONS = 2
@@ -77,8 +77,10 @@ class FlowPair:
     is_wide: bool = False
     """Whether the better candidate is used alone."""
 
-    def interpolate(self, share: float) -> ImageArray:
+    def interpolate(self, share: float, shift: FloatArray | None = None) -> ImageArray:
         """Return the image (H, W, 3) at a share, 0 to 1, of the time from the first image to the second.
+
+        With `shift` (2,) px, less than a pixel, all of it is moved by that.
 
         Where the ends of a displacement disagree, the nearer image is used: it is right more often than a mixture.
         """
@@ -92,6 +94,8 @@ class FlowPair:
             costs = [np.minimum(*costs)]
         (height, width), (rows, columns) = self.images[0].shape[:2], costs[0].shape
         grid, stretch = pixel_grid(height, width), np.array([width / columns, height / rows], np.float32)
+        if shift is not None:
+            grid = grid - shift.astype(np.float32)
         agree = [1 / (cost + 1) ** 2 for cost in costs]
         mixtures = []
         for field, cost in zip(fields, costs, strict=True):

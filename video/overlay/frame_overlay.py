@@ -171,17 +171,20 @@ def _font_size(scale: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ClockPanel:
-    """Panel with the time in milliseconds, the slowdown and the trust level."""
+    """Panel with the time in milliseconds, the slowdown and, where there is one, the trust level."""
 
     slowdown_text: str
-    trust_level: TrustLevel
-    trust_text: str
+    trust_level: TrustLevel = "green"
+    trust_text: str = ""
 
     def size(self, scale: float) -> tuple[int, int]:
         """Return width and height, px."""
         small = round(13 * scale)
         lower = text_mask(self.slowdown_text, small).shape[1] + text_mask(self.trust_text, small).shape[1]
-        return lower + round(24 * scale + 1.65 * small + 9.2 * scale) + 2, round(62 * scale)
+        if self.trust_text:
+            lower += round(1.65 * small + 9.2 * scale)
+        upper = number_mask("00.000", round(27 * scale), bold=True).shape[1] + round(22 * scale)
+        return max(lower, upper) + round(24 * scale) + 2, round(62 * scale)
 
     def draw(self, image: Canvas, rect: Rect, t: float, scale: float) -> None:
         """Draw into `rect`, in place."""
@@ -194,8 +197,9 @@ class ClockPanel:
         advance = draw_text(image, self.slowdown_text, x + pad, row, small, MUTED_GREY)
         radius = 4.6 * scale
         dot = np.array([x + pad + advance + 1.2 * small + radius, y + 39 * scale + 0.62 * small])
-        draw_disc(image, dot, radius, TRUST_COLOURS[self.trust_level])
-        draw_text(image, self.trust_text, dot[0] + radius + 0.45 * small, row, small, MUTED_GREY)
+        if self.trust_text:
+            draw_disc(image, dot, radius, TRUST_COLOURS[self.trust_level])
+            draw_text(image, self.trust_text, dot[0] + radius + 0.45 * small, row, small, MUTED_GREY)
         blend_mask(image, seconds, x + pad, y + round(5 * scale), WHITE)
 
 

@@ -92,7 +92,7 @@ def render_slow_motion(
         options: Slowdown, style and quality.
         progress: Function that receives the finished share.
     """
-    rate, times = _output_rate(clip), find_output_times(clip, appearance.timeline, options)
+    rate, times = find_output_rate(clip), find_output_times(clip, appearance.timeline, options)
     preset = "ultrafast" if options.quick else "veryfast"
     tuning = SLOW_TUNING if options.slow >= TUNING_MIN_SLOWDOWN and not options.quick else ""
     marks = select_replay_marks(select_contact_marks(appearance.timeline, fit)) if options.style == "umpire" else []
@@ -119,7 +119,7 @@ def render_slow_motion(
             progress(done / (len(times) + again))
 
 
-def _output_rate(clip: Clip) -> Fraction:
+def find_output_rate(clip: Clip) -> Fraction:
     """Return the frame rate of the slow motion, 1/s."""
     return min(max(clip.fps, MIN_RATE), MAX_RATE)
 
@@ -139,10 +139,14 @@ def find_output_times(clip: Clip, timeline: BallTimeline, options: RenderOptions
         rows = np.flatnonzero(timeline.moving.any(axis=1))
         first = max(first, float(timeline.t[rows[0]]) - TRIM_MARGIN_S)
         last = min(last, float(timeline.t[rows[-1] + 1]) + TRIM_MARGIN_S)
-    step = 1 / (float(_output_rate(clip)) * options.slow)
+    return space_output_times(timeline.t, first, last, 1 / (float(find_output_rate(clip)) * options.slow))
+
+
+def space_output_times(t: FloatArray, first: float, last: float, step: float) -> FloatArray:
+    """Space times (K,), s, by a step from the first to the last; close to a frame at `t` (T,), its time is used."""
     times = np.asarray(first + step * np.arange(int((last - first) / step + SNAP_SHARE) + 1), dtype=np.float64)
-    nearest = timeline.t[np.clip(np.searchsorted(timeline.t, times), 0, len(timeline.t) - 1)]
-    before = timeline.t[np.clip(np.searchsorted(timeline.t, times) - 1, 0, None)]
+    nearest = t[np.clip(np.searchsorted(t, times), 0, len(t) - 1)]
+    before = t[np.clip(np.searchsorted(t, times) - 1, 0, None)]
     nearest = np.where(np.abs(before - times) < np.abs(nearest - times), before, nearest)
     return np.where(np.abs(nearest - times) < SNAP_SHARE * step, nearest, times)
 

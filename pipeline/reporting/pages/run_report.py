@@ -219,7 +219,7 @@ def build_event_rows(
         alternatives = format_alternatives(events, k, fit.explanation, naming)
         rows.append(
             {
-                "seek": _seek_time(float(events.t[k]), files),
+                "seek": find_seek_time(float(events.t[k]), files),
                 "at": round(max(float(events.t[k]) - files.start, 0.0) * files.slow_factor, 3),
                 "time": format_event_time(events, k),
                 "sentence": format_event(events, k, naming),
@@ -232,7 +232,7 @@ def build_event_rows(
     return rows
 
 
-def _seek_time(t: float, files: ReportFiles) -> float:
+def find_seek_time(t: float, files: ReportFiles) -> float:
     """Return the time of the video, s, shortly before t (s of the clip)."""
     return round(max(t - LEAD_IN_SECONDS - files.start, 0.0) * files.slow_factor, 3)
 
@@ -326,7 +326,7 @@ def _list_checks(
     return [
         {
             "frame": place.frame, "t": place.t, "uncertainty": format_probability(place.uncertainty),
-            "sentence": format_check_place(place, fit.naming), "seek": _seek_time(place.t, files),
+            "sentence": format_check_place(place, fit.naming), "seek": find_seek_time(place.t, files),
             "image": _embed_close_up(scene, tracks, fit, place, images[place.frame]),
             "alt": f"close-up of {join_names(map(fit.naming.say, place.balls[:MAX_OUTLINES]))} in frame {place.frame}",
         }

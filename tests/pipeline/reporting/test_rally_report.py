@@ -1,0 +1,154 @@
+"""The page and the recording of a rally answer who won its last point, and show its strokes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rerun.chunk import RrdReader
+from support.browser import accessibility_violations, console_messages, open_chromium, open_page
+from support.filmed_rally import film_rally
+from support.page_words import read_page
+
+from models.core.court_camera import rotation_matrix
+from models.core.rally import BallCandidates, Rally
+from models.estimation.rally.landing_judgement import judge_landing
+from models.estimation.rally.stroke_summary import summarize_strokes
+from pipeline.reporting.pages.rally_report import write_rally_report
+from pipeline.reporting.pages.run_report import ReportFiles
+from pipeline.reporting.recording.rally_recording import split_projection, write_rally_recording
+from pipeline.reporting.text.stroke_sentences import format_point, list_stroke_rows
+from video.io.clip import Clip
+from video.overlay.rally_poster import draw_rally_poster
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Clip, Rally]:
+    return film_rally(tmp_path_factory.mktemp("rally") / "clip.mp4")
+
+
+@pytest.fixture(scope="module")
+def page(filmed: tuple[Clip, Rally], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    Image.new("RGB", (64, 36), (40, 90, 70)).save(folder / "poster.png")
+    files = ReportFiles("slow.mp4", folder / "poster.png", 8.0)
+    write_rally_report(*filmed, files, "rally.mp4", ["--sport badminton"], folder / "report.html")
+    return folder / "report.html"
+
+
+def move_landing(rally: Rally, y: float) -> Rally:
+    place = np.array([rally.landings[0].place[0], y, rally.landings[0].place[2]])
+    return replace(rally, landings=(replace(rally.landings[0], place=place),))
+
+
+def test_the_first_words_of_the_page_are_the_verdict(page: Path) -> None:
+    words = " ".join(read_page(page).split())
+    start = words[: words.index("What happened")]
+    assert "The near player won the last point: the shuttle was in." in start
+    assert "left singles line" in start
+    assert "above 99.9 %" in start
+    for heading in ("speed at the racket", "apex", "at the net", "landing", "The court from above"):
+        assert heading in words
+
+
+def test_the_winner_follows_from_the_call(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    edge = rally.scene.sport.areas["singles"][1][1]
+    out = move_landing(rally, edge - 0.2)
+    point = format_point(out, judge_landing(out))
+    assert point.headline == "The far player won the last point: the shuttle was out."
+    close = move_landing(rally, edge + 0.005)
+    point = format_point(close, judge_landing(close))
+    assert not point.is_decided
+    assert point.headline == "Who won the last point cannot be decided."
+    assert "If it was in, the near player won; if it was out, the far player." in point.reason
+    nothing = replace(rally, landings=(), no_landing=1.0)
+    assert not format_point(nothing, judge_landing(nothing)).is_decided
+
+
+def test_an_unsure_last_hit_leaves_the_point_open(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    hit, *others = rally.events
+    unsure = replace(rally, events=(replace(hit, probability=0.7), *others))
+    point = format_point(unsure, judge_landing(unsure))
+    assert not point.is_decided
+    assert "70 %" in point.confidence
+
+
+def test_a_returned_stroke_states_where_it_would_have_landed(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    (flight,) = rally.flights
+    middle = (flight.start + flight.end) / 2
+    hit = replace(rally.events[0], t=middle + 0.2, player="far")
+    cut = replace(rally, flights=(replace(flight, end=middle),), events=(rally.events[0], hit), landings=())
+    first, second = summarize_strokes(cut)
+    assert first.call is not None
+    assert first.call.landing is not None
+    np.testing.assert_allclose(first.call.landing.place[:2], rally.landings[0].place[:2], atol=0.02)
+    assert first.net is not None
+    assert second.call is None
+    (_, cells), _ = list_stroke_rows(cut, (first, second))
+    assert cells[5].startswith("without the return, at ")
+    assert "left singles line" in cells[5]
+
+
+def test_a_rally_without_strokes_has_a_page(filmed: tuple[Clip, Rally], page: Path, tmp_path: Path) -> None:
+    clip, rally = filmed
+    empty = replace(rally, flights=(), events=(), landings=(), no_landing=1.0, is_used=np.zeros(len(rally.t), bool))
+    assert summarize_strokes(empty) == ()
+    files = ReportFiles("slow.mp4", page.with_name("poster.png"), 8.0)
+    write_rally_report(clip, empty, files, "rally.mp4", [], tmp_path / "report.html")
+    assert "No stroke was found." in read_page(tmp_path / "report.html")
+    assert draw_rally_poster(clip, empty).shape == (clip.height, clip.width, 3)
+
+
+def test_apex_and_height_over_the_net_agree_with_the_flight(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    (stroke,) = summarize_strokes(rally)
+    dense = rally.t[0] + np.arange(0, rally.t[-1], 1e-3)
+    from models.estimation.rally.rally_views import evaluate_rally
+
+    xyz = evaluate_rally(rally, dense).xyz
+    assert stroke.apex[2] == pytest.approx(np.nanmax(xyz[:, 2]), abs=2e-3)
+    crossing = np.nanargmin(np.abs(xyz[:, 0] - rally.scene.sport.length / 2))
+    assert stroke.net is not None
+    edge = rally.scene.sport.net.height_at(xyz[[crossing], 1], rally.scene.sport.width)[0]
+    assert stroke.net.height == pytest.approx(xyz[crossing, 2] - rally.scene.sport.object.radius - edge, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_page_fits_the_screen_and_is_accessible(page: Path, width: int) -> None:
+    with open_chromium(width) as browser:
+        open_page(page, browser)
+        wide = browser.execute_script(
+            "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+        )
+        assert wide <= 0
+        assert not accessibility_violations(browser)
+        assert not [one for one in console_messages(browser) if "slow.mp4" not in one]
+
+
+def test_the_recording_holds_court_camera_flights_and_events(filmed: tuple[Clip, Rally], tmp_path: Path) -> None:
+    clip, rally = filmed
+    seen = np.flatnonzero(np.isfinite(rally.px[:, 0]))
+    one = np.ones(len(seen))
+    candidates = BallCandidates(rally.frame[seen], rally.px[seen], np.zeros((len(seen), 2)), one, one, one)
+    write_rally_recording(clip, rally, candidates, tmp_path / "recording.rrd", "made up")
+    entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "recording.rrd").stream()}
+    wanted = ["/court/lines", "/court/net", "/court/object", "/picture", "/picture/video", "/picture/candidates"]
+    wanted += ["/picture/used", "/plots/height/shuttle", "/plots/speed/shuttle", "/log/events", "/about"]
+    assert not set(wanted) - entities
+    assert any(name.startswith("/court/flights/") for name in entities)
+    assert any(name.startswith("/court/events/") for name in entities)
+
+
+def test_a_projection_splits_into_camera_and_rotation() -> None:
+    intrinsic = np.array([[900.0, 3.0, 320.0], [0, 880.0, 180.0], [0, 0, 1.0]])
+    turn = rotation_matrix(np.array([0.3, -1.2, 0.7]))
+    camera, rotation = split_projection(2.5 * intrinsic @ turn)
+    np.testing.assert_allclose(camera, intrinsic, atol=1e-9)
+    np.testing.assert_allclose(rotation, turn, atol=1e-12)
