@@ -14,7 +14,7 @@ from models.estimation.rally.landing_judgement import judge_landing
 from models.sports.sport_catalogue import find_sports
 from pipeline.run_options import build_options
 
-MODULE = '''
+MODULE = """
 from models.core.court import CourtLine, FlyingObject, Net, Range, Sport
 
 SPORT = Sport(
@@ -24,7 +24,7 @@ SPORT = Sport(
     FlyingObject("ball", 0.05, 0.2, Range(0.03, 0.01), 0.0, Range(0.0, 0.0), 0.03, None, None, 50.0),
     areas={"ring": ((5.0, 0.0, 10.0, 4.0), (0.0, 0.0, 5.0, 4.0))}, default_area="ring",
 )
-'''
+"""
 PROGRAM = """import sys
 import models.sports
 models.sports.__path__.append(sys.argv.pop(1))
