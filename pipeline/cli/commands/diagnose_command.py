@@ -47,7 +47,7 @@ def diagnose_folders(
         px_per_m: Scale of files with positions in px, in px per m.
         simulator: Your own simulator: FILE.xml of MuJoCo, MODULE:FUNCTION of Python, (state, inputs, dt) -> state, or
             a table of its predictions. INPUT are then tables with a column per joint (rad or m) and t (s), MCAP files
-            or ROS 2 bags.
+            or ROS 2 bags. Or pooltool, for the run folders and track folders of billiards.
     """
     first = inputs[0]
     beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"
