@@ -122,9 +122,10 @@ def describe_coefficients(scene: GapScene, report: DiagnosisReport) -> tuple[str
     gap = report.gap
     if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:  # also where one of them is unknown
         return sentences
+    whose = "the coefficients of its file" if isinstance(scene, SimulatorScene) else "its own coefficients"
     errors = [format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before)]
     return (
-        f"with the coefficients of its file your simulator errs by {errors[0]} rms, with coefficients fitted to the"
-        f" recordings by {errors[1]}: correct them first",
+        f"with {whose} your simulator errs by {errors[0]} rms, with coefficients fitted to the recordings by"
+        f" {errors[1]}: correct them first",
         *sentences,
     )

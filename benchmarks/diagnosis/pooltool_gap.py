@@ -2,7 +2,7 @@
 
     python -m benchmarks.diagnosis.pooltool_gap [KIND...] [--seeds 1] [--first 0]
 
-Eight shots of two or three balls, 2 s at 60 fps, noise of 0.3 px at 350 px per metre; coefficients of cloth, cushions
+Twelve shots of two or three balls, 2 s at 60 fps, noise of 0.3 px at 350 px per metre; coefficients of cloth, cushions
 and balls are drawn, so that those of the user's pooltool are wrong in all kinds. pooltool runs in an environment of its
 own (`benchmarks.physics.pooltool_contacts`). Half a minute to a few minutes per case.
 """
@@ -20,15 +20,15 @@ import numpy as np
 
 from benchmarks.diagnosis.pooltool_worlds import play_shots
 from benchmarks.physics.foreign_engines import POOLTOOL
+from diagnosis.diagnose import diagnose
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.billiards_scene import BilliardsScene
 from pipeline.io.simulators.pooltool_simulator import PYTHON_VARIABLE
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
 from pipeline.simulator_diagnosis import describe_coefficients, pair_with_pooltool
-from diagnosis.diagnose import diagnose
 
-SHOTS, SECONDS, FPS, NOISE = 8, 2.0, 60.0, 0.3 / 350
+SHOTS, SECONDS, FPS, NOISE = 12, 2.0, 60.0, 0.3 / 350
 LENGTH, WIDTH, RADIUS = 2.54, 1.27, 0.028575
 # By kind: the names that are right.
 KINDS = {
@@ -65,7 +65,7 @@ def film_world(kind: str, seed: int, folder: Path) -> None:
     if kind == "dropped frames":
         times = times + np.where(frames >= rng.integers(30, 80), rng.integers(3, 7), 0) / FPS
     params = np.array([rng.uniform(0.16, 0.26), rng.uniform(0.008, 0.015), rng.uniform(0.3, 0.6),
-                       0.3 if kind == "ball model" else 0.05, rng.uniform(0.92, 0.97),
+                       0.2 if kind == "ball model" else 0.05, rng.uniform(0.92, 0.97),
                        rng.uniform(0.75, 0.9), rng.uniform(0.12, 0.25)])  # fmt: skip
     angle = rng.uniform(0, 2 * np.pi)
     given = {

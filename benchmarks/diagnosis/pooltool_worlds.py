@@ -44,9 +44,7 @@ def play_shots(
 
     ball_params = BallParams(0.17, 0.028575, *map(float, params))
     length, width, height = map(float, size)
-    table = Table.from_table_specs(
-        BilliardTableSpecs(l=length, w=width, cushion_height=height * ball_params.R)
-    )
+    table = Table.from_table_specs(BilliardTableSpecs(l=length, w=width, cushion_height=height * ball_params.R))
     resolver = Resolver.default()
     resolver.ball_linear_cushion = ball_lcushion_models[str(cushion)]()
     resolver.ball_ball = FrictionalInelastic(friction=ball_ball_friction_models[str(friction)]())

@@ -15,19 +15,20 @@ from diagnosis.fitting.gap_closure import (
     shapley_shares,
     sum_squares,
 )
-from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states, linearize_fit
 from diagnosis.fitting.prediction_windows import HORIZON_S, PredictionWindow, predict_windows
 from diagnosis.fitting.shot_preparation import SEGMENT_FRAMES
 from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
-from diagnosis.selection.study import Study
+from diagnosis.selection.study import Study, select_shot_windows
 from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law, measure_excess_acceleration
 from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
     estimate_shot_spreads,
     find_group,
+    flip_gains,
     flip_signs,
     put_answer_first,
     smallest_p_value,
@@ -171,10 +172,13 @@ def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], s
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
         alike = find_group(study.search, best, name, effect_signatures)
+        p_value = flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0))
+        choice = next((one for one in problem.scene.alternatives if one.name == name), None)
+        if choice is not None:  # a model has no strength about which shots could agree
+            p_value = flip_gains(_measure_shot_gains(problem, without, best.fitted), len(choice.forms) - 1)
         named_effects[name] = CandidateEffect(
             name, 0.0, tuple(one for one in alike if one not in study.refuted_by_bodies), (),
-            flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
-            smallest_p_value(len(linearized.shot_information.shots)),
+            p_value, smallest_p_value(len(linearized.shot_information.shots)),
             per_body=() if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
         )  # fmt: skip
         alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
@@ -182,6 +186,18 @@ def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], s
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
             film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
     return named_effects, film
+
+
+def _measure_shot_gains(problem: DiagnosisProblem, before: EffectFit, after: EffectFit) -> FloatArray:
+    """Measure the chi2 (Q,) that each shot gains from a fit."""
+    gains = []
+    for shot in dict.fromkeys(one.shot for one in after.segments):
+        costs = []
+        for fitted in (before, after):
+            windows = select_shot_windows(fitted, tuple(one for one in fitted.segments if one.shot == shot))
+            costs.append(fit_start_states(problem, windows[0], fitted, windows[1]).cost)
+        gains.append(costs[0] - costs[1])
+    return np.array(gains)
 
 
 def _recommend_experiment(study: Study, verdict: Verdict, apart: str, rest: Unexplained) -> str:

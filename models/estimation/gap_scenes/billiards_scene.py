@@ -103,11 +103,13 @@ class BilliardsScene:
                 if NOSE_HEIGHT_PARAMETER in self.simulator.holds(ContactModels(form, self.laws.ball)):
                     standard_values[form] = {NOSE_HEIGHT_PARAMETER: self.simulator.nose_height}
         of_balls = tuple(form for form in ball.forms if form != "elastic" or self.laws.ball == "elastic")
+        # a law that brings its friction is not replaced by one without any
+        companions = ("ball_friction",) if self.laws.ball == "alciatore" else ball.companions
         return (
             Alternatives(
                 cushion.name, cushion.forms, self.laws.cushion, cushion.phases, cushion.companions, standard_values
             ),
-            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, ball.companions),
+            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, companions),
         )
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:

@@ -144,9 +144,9 @@ class ForeignShotWindows(ShotWindows):
             least = 1.0 / float(np.nanmax(segment.whitening))
             if float(np.nanmax(np.abs(ours - before), initial=0.0)) * share <= _ENOUGH * least:
                 return deviation
-        held = {SHOT_PARAMETERS[k]: float(assumed[k]) for k in np.flatnonzero(self._is_held)}
+        given = {SHOT_PARAMETERS[k]: float(assumed[k]) for k in np.flatnonzero(self._is_held)}
         states = build_balls(start, segment.moving, self.table, assumed).state
-        theirs = self.simulator.simulate(states, self.table, held, self.laws, t)
+        theirs = self.simulator.simulate(states, self.table, given, self.laws, t)
         # a ball in a pocket of ours, which the other has not, stays there
         self.deviations[window] = ours, None if theirs is None else np.nan_to_num(theirs - ours)
         return self.deviations[window][1]

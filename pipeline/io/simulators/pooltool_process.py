@@ -80,7 +80,7 @@ def simulate_shot(request: dict[str, Any]) -> list[list[list[float]]]:
                 one.s, one.rvw, params.R, params.m, params.u_s, params.u_sp, params.u_r, params.g, max(at - one.t, 0.0)
             )
             place[:] = rvw[0, 1], width - rvw[0, 0]
-    return places.tolist()  # type: ignore[no-any-return]
+    return places.tolist()
 
 
 def _find_motion(rvw: np.ndarray, radius: float) -> int:

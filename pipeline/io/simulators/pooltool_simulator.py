@@ -10,7 +10,9 @@ import json
 import os
 import subprocess
 import sys
+import weakref
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
@@ -49,7 +51,7 @@ class PooltoolSimulator:
     def __init__(self, command: tuple[str, ...]) -> None:
         """Start a process; another one starts where this is sent to another process of ours."""
         self._command = command
-        self._process, self._answers, models = _start(command)
+        models = self._start()
         cushion, ball = _CUSHION_FORMS.get(models["cushion"], "mirror"), _BALL_FORMS.get(models["ball"], "inelastic")
         self.laws = ContactModels(cushion, "alciatore" if models["friction"] == "alciatore" else ball)
         self.nose_height = float(models["cushion_height"])
@@ -68,6 +70,21 @@ class PooltoolSimulator:
         """Pickle how to start it again."""
         return PooltoolSimulator, (self._command,)
 
+    @property
+    def process_id(self) -> int:
+        """Number of its process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End its process, which also ends when this object goes."""
+        self._end()
+
+    def _start(self) -> Any:
+        """Start a process and return what its models are."""
+        self._process, self._answers, models = _start(self._command)
+        self._end = weakref.finalize(self, _stop, self._process)
+        return models
+
     def holds(self, laws: ContactModels) -> frozenset[str]:
         """Name the parameters that it can hold with these contact models."""
         is_own_mirror = laws.cushion == self.laws.cushion == "mirror"
@@ -85,14 +102,14 @@ class PooltoolSimulator:
     ) -> FloatArray | None:
         """Simulate a shot; see `BilliardsSimulator.simulate`."""
         fitted = [Parameter(name, value, 0.0, "", False) for name, value in values.items()]
-        told = build_pooltool_parameters(fitted, laws.cushion, laws.ball, table)
-        resolver = {}
+        document = build_pooltool_parameters(fitted, laws.cushion, laws.ball, table)
+        resolver: dict[str, Any] = {}
         if laws.cushion != self.laws.cushion:
-            resolver |= {"cushion": told["ball_cushion"], "cushion_options": told["ball_cushion_options"]}
+            resolver |= {"cushion": document["ball_cushion"], "cushion_options": document["ball_cushion_options"]}
         if laws.ball != self.laws.ball:
-            resolver |= {"ball": told["ball_ball"], "friction": told["ball_ball_friction"]}
-        request = {"states": states.tolist(), "t": t.tolist(), "params": told["ball_params"],
-                   "table": told["table_specs"], "resolver": resolver}  # fmt: skip
+            resolver |= {"ball": document["ball_ball"], "friction": document["ball_ball_friction"]}
+        request = {"states": states.tolist(), "t": t.tolist(), "params": document["ball_params"],
+                   "table": document["table_specs"], "resolver": resolver}  # fmt: skip
         answer = self._ask(request)
         return None if "error" in answer else np.array(answer["xy"], np.float64)
 
@@ -106,9 +123,8 @@ class PooltoolSimulator:
             line = ""
         if line:
             return json.loads(line)
-        self._process.kill()
-        self._process.wait()
-        self._process, self._answers, _ = _start(self._command)
+        self.close()
+        self._start()
         return {"error": "no answer"}
 
 
@@ -141,8 +157,7 @@ def _start(command: tuple[str, ...]) -> tuple[subprocess.Popen[str], Queue[str],
         first = answers.get(timeout=_START_S)
         return process, answers, json.loads(first)
     except (Empty, json.JSONDecodeError) as error:
-        process.kill()
-        process.wait()
+        _stop(process)
         raise OptionError(
             f"{command[0]} has no pooltool that starts; expected: the Python of an environment with pooltool-billiards"
         ) from error
@@ -151,6 +166,16 @@ def _start(command: tuple[str, ...]) -> tuple[subprocess.Popen[str], Queue[str],
 def _collect(process: subprocess.Popen[str], answers: Queue[str]) -> None:
     """Collect the lines of a process; an empty one is its end."""
     assert process.stdout is not None
-    for line in process.stdout:
-        answers.put(line)
+    with process.stdout:
+        for line in process.stdout:
+            answers.put(line)
     answers.put("")
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """End a process."""
+    assert process.stdin is not None
+    process.kill()
+    with suppress(OSError):  # what it has not read
+        process.stdin.close()
+    process.wait()

@@ -116,9 +116,12 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         few = limit >= EXTREME_PROBABILITY and p <= _NEAR_LIMIT * limit
         bound = f"; with {1 - round(math.log2(limit))} shots this share cannot be below {least}" if few else ""
         weak = " That alone would not exclude chance; the probability above rests on the size of the noise as well."
+        asks = (
+            "ask for a positive or a negative strength" if one.strengths else "be fitted better or worse by another law"
+        )
         sentences.append(
-            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for"
-            " a positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives"
+            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would {asks}"
+            " by chance, whatever its noise is. Flipping these signs at random gives"
             f" an agreement as good as this in {share} of all cases{bound}.{'' if p < SMALL_P_VALUE else weak}"
         )
     return tuple(sentences)
