@@ -53,8 +53,9 @@ from diagnosis.verdicts.verdict import (
 )
 from diagnosis.verdicts.verdict_decision import decide_verdict
 from models.core.recording import Recording
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 # Standard deviations that half of all strengths exceed.
@@ -281,9 +282,30 @@ def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatA
 
 def _find_unidentifiable(problem: DiagnosisProblem, detectable: FloatArray, named: frozenset[str]) -> tuple[str, ...]:
     """Find effects not `named` that at typical strength would be missed in some direction more often than not."""
-    usual = _typical_strengths(problem)
-    masks = {name: problem.mask((name,)) for name in problem.candidates if name not in named}
-    return tuple(name for name, mask in masks.items() if np.any(detectable[mask] > usual[mask]))
+    is_missed = detectable > _typical_strengths(problem)
+    has_sites = isinstance(problem.scene, SimulatorScene)
+    others = (name for name in problem.candidates if name not in named)
+    return tuple(one for name in others for one in list_missed_strengths(problem, name, is_missed, has_sites))
+
+
+def list_missed_strengths(
+    problem: DiagnosisProblem, effect: str, is_missed: BoolArray, has_sites: bool
+) -> tuple[str, ...]:
+    """List what of an effect the shots cannot show: all of it, or, of one with strengths per joint, some of these.
+
+    Args:
+        problem: Scene and priors.
+        effect: Name of the effect.
+        is_missed: (P,) parameters that would be missed at typical strength.
+        has_sites: Whether parameters are strengths of joints, of which each may be missing alone; those of a direction
+            belong together.
+
+    Returns:
+        The effect, or `effect.parameter` of those that would be missed.
+    """
+    numbers = np.flatnonzero(problem.mask((effect,)))
+    weak = tuple(problem.priors[k].name for k in numbers if is_missed[k])
+    return weak if has_sites and len(weak) < len(numbers) else (effect,) * bool(weak)
 
 
 def _measure_gap(

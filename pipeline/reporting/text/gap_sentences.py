@@ -566,8 +566,8 @@ def format_undecided(report: DiagnosisReport) -> str:
         empty if there are none.
     """
     weighed = {one.effect for one in report.candidates}
-    never = [format_cause(name) for name in report.unidentifiable if name not in weighed]
-    missed = [format_cause(name) for name in report.unidentifiable if name in weighed]
+    never = [format_cause(name) for name in report.unidentifiable if name.partition(".")[0] not in weighed]
+    missed = [format_parameter(name) for name in report.unidentifiable if name.partition(".")[0] in weighed]
     untested = _group_by_reason(report.not_tested)
     lists = ("Not identifiable from any shot", never), ("Not detectable in these shots at usual strength", missed)
     return " ".join(f"{what}: {', '.join(which)}." for what, which in (*lists, ("Not tested", untested)) if which)

@@ -211,6 +211,11 @@ def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_sho
         "Not identifiable from any shot: frame rate. Not detectable in these shots at usual strength: rolling shutter."
         " Not tested: lens distortion."
     )
+    friction = CandidateEffect("joint_friction", 0.0, ("joint_friction",), ())
+    diagnosis = replace(diagnosis, candidates=(friction,), unidentifiable=("joint_friction.viscous_motor",), not_tested=())
+    assert format_undecided(diagnosis) == (
+        "Not detectable in these shots at usual strength: joint friction, viscous motor."
+    )
 
 
 def test_the_page_names_the_profile_and_the_option_that_uses_it(tmp_path: Path) -> None:
