@@ -19,7 +19,7 @@ from models.numerics.executor import SERIAL, Executor
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
 from pipeline.io.simulators.pooltool_simulator import open_pooltool
-from pipeline.reporting.text.gap_sentences import format_error_size
+from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
@@ -58,7 +58,12 @@ def diagnose_mechanism(
         is_told_by_number = shots.run_count in (1, len(origins))
         origins = {} if is_told_by_number else {shot: name.partition(", ")[2] for shot, name in origins.items()}
     notes = (*_describe_changes(scene, report), *describe_coefficients(scene, report), *report.notes, *shots.notes)
-    return replace(report, notes=notes), dict(origins)
+
+    def say(text: str) -> str:
+        return name_runs(report.scene, text)
+
+    worded = replace(report, notes=tuple(map(say, notes)), film_next=say(report.film_next), reason=say(report.reason))
+    return worded, {shot: say(name) for shot, name in origins.items()}
 
 
 # Attributes of a joint of MuJoCo that hold the strengths of an effect, in their order.

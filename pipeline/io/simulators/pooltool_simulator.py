@@ -13,6 +13,7 @@ import sys
 import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
@@ -49,7 +50,7 @@ class PooltoolSimulator:
     name = POOLTOOL_NAME
 
     def __init__(self, command: tuple[str, ...]) -> None:
-        """Start a process; another one starts where this is sent to another process of ours."""
+        """Start a process."""
         self._command = command
         models = self._start()
         cushion, ball = _CUSHION_FORMS.get(models["cushion"], "mirror"), _BALL_FORMS.get(models["ball"], "inelastic")
@@ -67,8 +68,8 @@ class PooltoolSimulator:
         self._has_rubbing_cushion = models["cushion"] != "unrealistic"
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle how to start it again."""
-        return PooltoolSimulator, (self._command,)
+        """Pickle how to start it again, once in each process of ours that it is sent to."""
+        return _start_once, (self._command,)
 
     @property
     def process_id(self) -> int:
@@ -126,6 +127,12 @@ class PooltoolSimulator:
         self.close()
         self._start()
         return {"error": "no answer"}
+
+
+@cache
+def _start_once(command: tuple[str, ...]) -> PooltoolSimulator:
+    """Start a simulator, or return the one that this process has: a fit is sent to a helper process in many parts."""
+    return PooltoolSimulator(command)
 
 
 def open_pooltool() -> PooltoolSimulator:

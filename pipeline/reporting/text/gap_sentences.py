@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -66,6 +67,31 @@ class Cause:
     """Effects that these shots cannot distinguish from it."""
     formula: str = ""
     """Law of the effect; empty where no short one states it."""
+
+
+# Words about films in sentences about a log; not in names of files.
+_FILM_WORDS = re.compile(r"(?<![\w./-])([Ss]hot|[Ff]rame)(s?)\b(?!\.\w|[/-])")
+# What is no sentence of a page: scripts, styles, and tags.
+_MARKUP = re.compile(r"(<(script|style)\b.*?</\2>|<[^>]*>)", re.DOTALL)
+
+
+def name_runs(scene: str, text: str) -> str:
+    """Call the shots and frames of a sentence runs and rows, where a log was diagnosed and no film."""
+    if scene != "mechanism":
+        return text
+    words = {"shot": "run", "Shot": "Run", "frame": "row", "Frame": "Row"}
+    return _FILM_WORDS.sub(lambda match: words[match[1]] + match[2], text)
+
+
+def name_runs_in_page(scene: str, html: str) -> str:
+    """Call shots and frames runs and rows in the sentences of a page."""
+    if scene != "mechanism":
+        return html
+    parts, last = [], 0
+    for match in _MARKUP.finditer(html):
+        parts += [name_runs(scene, html[last : match.start()]), match[0]]
+        last = match.end()
+    return "".join((*parts, name_runs(scene, html[last:])))
 
 
 def format_verdict(report: DiagnosisReport) -> str:

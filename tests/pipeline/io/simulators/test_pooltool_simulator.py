@@ -103,8 +103,10 @@ def test_shots_that_fail_are_lost_and_a_process_that_dies_or_hangs_is_replaced(
         assert play(opened, 1.0) is not None
 
 
-def test_another_process_of_ours_starts_its_own(opened: PooltoolSimulator) -> None:
-    again = pickle.loads(pickle.dumps(opened))
+def test_another_process_of_ours_starts_its_own_and_only_one(opened: PooltoolSimulator) -> None:
+    sent = pickle.dumps(opened)
+    again, once_more = pickle.loads(sent), pickle.loads(sent)
+    assert once_more is again
     assert again.process_id != opened.process_id
     assert play(again, 1.0) is not None
     again.close()
