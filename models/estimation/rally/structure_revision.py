@@ -88,7 +88,8 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
     Returns:
         The best explanation found, its rivals and doubts.
     """
-    best, trials = fit, _try_variants(observed, sport, fit)
+    tried: dict[tuple[object, ...], _Trial | None] = {}
+    best, trials = fit, _try_variants(observed, sport, fit, tried)
     for _ in range(_MOST_PASSES):
         gains = _select_gains(trials)
         if not gains:
@@ -99,7 +100,7 @@ def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) 
         other = refine_fit(observed, sport, structure, values)
         if other is None or weigh_fit(other, observed) <= weigh_fit(best, observed):
             break
-        best, trials = other, _try_variants(observed, sport, other)
+        best, trials = other, _try_variants(observed, sport, other, tried)
     return _collect_rivals(observed, sport, best, trials)
 
 
@@ -134,21 +135,40 @@ def _select_gains(trials: list[_Trial]) -> list[_Trial]:
     return selected
 
 
-def _try_variants(observed: FlightObservations, sport: Sport, fit: RallyFit) -> list[_Trial]:
+def _try_variants(
+    observed: FlightObservations, sport: Sport, fit: RallyFit, tried: dict[tuple[object, ...], _Trial | None]
+) -> list[_Trial]:
+    """Try the doubtful events otherwise; what was tried before, among the same events, is taken from `tried`."""
     trials: list[_Trial] = []
     count, originals = len(fit.structure), dict[int, tuple[FlightObservations, float]]()
     for event, structure, values in _vary(observed, sport, fit):
         first, stop = max(event - 1 - _NEIGHBOURS, 0), min(event + 1 + _NEIGHBOURS, count)
-        if event not in originals:
-            part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop)
-            if original is None:
-                continue
-            originals[event] = part, weigh_fit(original, part)
-        part, before = originals[event]
-        _, other = _fit_part(observed, sport, structure, values, first, stop - count + len(structure))
-        if other is not None:
-            trials.append(_Trial(event, first, stop, other, weigh_fit(other, part) - before))
+        fewer = count - len(structure)
+        key = (
+            _describe_events(fit.structure, fit.values, first, stop),
+            _describe_events(structure, values, first, stop - fewer),
+        )
+        if key not in tried:
+            tried[key] = None
+            if event not in originals:
+                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop)
+                if original is None:
+                    continue
+                originals[event] = part, weigh_fit(original, part)
+            part, before = originals[event]
+            _, other = _fit_part(observed, sport, structure, values, first, stop - fewer)
+            if other is not None:
+                tried[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
+        trial = tried[key]
+        if trial is not None:
+            trials.append(replace(trial, event=event, first=first, stop=stop))
     return trials
+
+
+def _describe_events(structure: RallyStructure, values: FloatArray, first: int, stop: int) -> tuple[object, ...]:
+    starts = values[start_row(first, len(structure)) : start_row(stop, len(structure))]
+    heights = structure.heights[first:stop].tolist()
+    return tuple(zip(structure.kinds[first:stop], np.round(starts, 2).tolist(), heights, strict=True))
 
 
 def _fit_part(
