@@ -35,8 +35,6 @@ _EVIDENCE_SHARE = 0.5
 _WORST_RIVAL, _MOST_RIVALS = 16.0, 8
 # Sequences of flights that are fitted wholly.
 _MOST_SEQUENCES = 2
-# Natural logarithm of the odds against strokes after a landing: nobody plays on.
-_AFTER_LANDING = 30.0
 
 
 def explain_rally(

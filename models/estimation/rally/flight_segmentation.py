@@ -222,7 +222,10 @@ def _find_sequences(
             cost = _CLUTTER_COST * float(sizes[back:at].sum())
             _join(ends[back], now, nodes, steps, cost, kinks, observed, sport, prior)
         for k in now:
-            steps[k] = sorted(steps[k], key=lambda step: -step.score)[:_BEST]
+            # nothing follows a landing, so one that comes too early must not crowd out what goes on
+            flies_on = sorted((step for step in steps[k] if step.kind != "landing"), key=lambda step: -step.score)
+            landed = sorted((step for step in steps[k] if step.kind == "landing"), key=lambda step: -step.score)
+            steps[k] = flies_on[:_BEST] + landed[:_BEST]
             ends[nodes[k].end].extend(steps[k])
         rest = _CLUTTER_COST * float(sizes[at:].sum())
         ended += [_Step(step.score - rest, step.node, step.previous, step.kind, step.t) for step in ends[at]]
@@ -252,6 +255,8 @@ def _join(
     """Continue partial sequences with the nodes that begin now."""
     for k in now:
         for step in arriving:
+            if step.kind == "landing" and nodes[k].flight is not None:
+                continue
             if nodes[k].flight is None or nodes[step.node].flight is None:
                 t = float(observed.t[kinks[nodes[k].begin]])
                 kind: RallyEventKind | None = None if nodes[k].flight is None else "hit"
@@ -272,6 +277,8 @@ def _join(
             if step.node in before:
                 row = before.index(step.node)
                 for kind, (value, when) in weights.items():
+                    if step.kind == "landing" and kind != "landing":
+                        continue  # it hops, and nobody plays on
                     score = step.score + nodes[k].evidence - cost + float(value[row, column])
                     steps[k].append(_Step(score, k, step, kind, float(when[row, column])))
 

@@ -125,6 +125,13 @@ def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
     return fit.evidence - CLUTTER_COST * (len(observed) - explained)
 
 
+def goes_on_after_landing(structure: RallyStructure) -> bool:
+    """Check whether somebody plays on after a landing, which does not happen."""
+    kinds = structure.kinds
+    after = kinds[kinds.index("landing") :] if "landing" in kinds else ()
+    return "hit" in after or None in after
+
+
 def _select_gains(trials: list[_Trial]) -> list[_Trial]:
     """Select trials that explain the clip better and do not overlap, the best first."""
     selected: list[_Trial] = []
@@ -142,6 +149,8 @@ def _try_variants(
     trials: list[_Trial] = []
     count, originals = len(fit.structure), dict[int, tuple[FlightObservations, float]]()
     for event, structure, values in _vary(observed, sport, fit):
+        if goes_on_after_landing(structure) and not goes_on_after_landing(fit.structure):
+            continue
         first, stop = max(event - 1 - _NEIGHBOURS, 0), min(event + 1 + _NEIGHBOURS, count)
         fewer = count - len(structure)
         key = (
