@@ -350,7 +350,7 @@ class CourtRenderer:
         """Return by how much (2,) px the lens moves what is seen at a place (3,); 0 behind the camera."""
         matrix = self._camera.matrix_of(self._frame(k))
         px = _project(matrix, place[None])
-        return np.nan_to_num(self._camera.distort(px)[0] - px[0])
+        return np.asarray(np.nan_to_num(self._camera.distort(px)[0] - px[0]))
 
     def _bounds(self, px: FloatArray, pad: float, margin: int = 40) -> tuple[FloatArray, FloatArray]:
         """Return the first pixel of a window that holds points (n, 2), and the one after its last."""

@@ -55,14 +55,14 @@ def revise_structure(
     """
     best, rivals, trials = fit, list[RallyFit](), 0
     is_better = True
-    tried: set[tuple[object, ...]] = {_describe(fit)}
+    past_trials: set[tuple[object, ...]] = {_describe(fit)}
     while is_better and trials < _MOST_TRIALS:
         is_better = False
         for structure, values in _vary(observed, sport, best):
             key = _describe_parts(structure, values)
-            if key in tried or trials >= _MOST_TRIALS:
+            if key in past_trials or trials >= _MOST_TRIALS:
                 continue
-            tried.add(key)
+            past_trials.add(key)
             trials += 1
             other = refine_fit(observed, sport, structure, values)
             if other is None:
