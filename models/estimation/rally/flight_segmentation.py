@@ -77,7 +77,6 @@ def find_kinks(observed: FlightObservations, px: FloatArray, sport: Sport) -> In
     Args:
         observed: N observations.
         px: (N, 2) places in an image that stands still.
-        sport: Sport.
 
     Returns:
         Indices (M + 1,) of the first observations of M stretches, and N.
@@ -132,7 +131,6 @@ def segment_rally(
     Args:
         observed: N observations of the object.
         px: (N, 2) places in an image that stands still.
-        sport: Sport.
         progress: Receives the finished share.
 
     Returns:

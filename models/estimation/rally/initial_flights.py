@@ -28,7 +28,6 @@ def align_flights(observed: FlightObservations, sport: Sport, hypothesis: RallyH
 
     Args:
         observed: N observations.
-        sport: Sport.
         hypothesis: Flights that were fitted alone.
 
     Returns:
@@ -87,7 +86,6 @@ def pin_to_surface(matrix: FloatArray, place: FloatArray, t: float, sport: Sport
         matrix: (3, 4) projection.
         place: (3,) m, in whatever depth.
         t: s.
-        sport: Sport.
 
     Returns:
         Where the ray meets the surface; None where the place is not finite.

@@ -46,7 +46,6 @@ def revise_structure(
 
     Args:
         observed: N observations.
-        sport: Sport.
         fit: The best explanation so far.
         weigh: Computes the evidence of an explanation.
 
