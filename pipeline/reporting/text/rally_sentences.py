@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from models.core.fit_result import Trust, TrustLevel, is_undecided
+from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
 from models.core.number_format import format_probability, format_speed, format_time, format_with_sigma
 from models.core.rally import Rally, RallyEvent
-from models.estimation.joint_fit.trust_level import AMBER_SHARE, GREEN_SHARE
-from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, is_explained
+from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
 from pipeline.reporting.text.text_formatting import start_sentence
 
 # px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
@@ -27,6 +26,7 @@ REASON_WORDS: dict[CallReason, str] = {
     "no_landing": "The clip does not show that it landed, nor that it would have.",
     "hitter_unknown": "The clip does not show from which side it was hit.",
     "unexplained": "The law of flight does not explain the last flight, so that its landing is unknown.",
+    "mostly_unexplained": "The law of flight does not explain most of the rally, so that its landing is unknown.",
     "several": "It may have landed at several places or times.",
 }
 
@@ -68,12 +68,10 @@ def list_event_rows(rally: Rally) -> list[tuple[str, str, str]]:
 
 def assess_rally_trust(rally: Rally) -> Trust:
     """Assess the trust level of a rally, with its reasons."""
-    name, fitted = rally.scene.sport.object.name, [one for one in rally.flights if is_explained(rally, one)]
+    name, share = rally.scene.sport.object.name, find_explained_share(rally)
     is_seen = np.isfinite(rally.px[:, 0])
-    if not fitted:
+    if share == 0:
         return Trust("red", (f"No flight of the {name} is explained.",))
-    spans = sum(one.end - one.start for one in rally.flights)
-    share = sum(one.end - one.start for one in fitted) / spans if spans > 0 else 1.0
     used = float(np.mean(rally.is_used[is_seen])) if is_seen.any() else 0.0
     reasons = [f"Gravity and air explain {100 * share:.0f} % of the time in flight."]
     level: TrustLevel = "green" if share >= GREEN_SHARE else "amber" if share >= AMBER_SHARE else "red"
@@ -159,7 +157,7 @@ def _format_advice(call: LandingCall, name: str) -> str:
     if call.reason is None:
         return ""
     text = REASON_WORDS[call.reason]
-    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained"):
+    if call.frames[0] < 0 or call.reason in ("hitter_unknown", "unexplained", "mostly_unexplained"):
         return text
     first, last = call.frames
     return (
