@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from models.core.fit_result import AMBER_SHARE, GREEN_SHARE, Trust, TrustLevel, is_undecided
-from models.core.number_format import format_probability, format_speed, format_time, format_with_sigma
+from models.core.number_format import format_probability, format_speed, format_time
 from models.core.rally import Rally, RallyEvent
 from models.estimation.rally.landing_judgement import CallReason, LandingCall, NetCrossing, find_explained_share
+from models.estimation.rally.landing_margin import format_distance, format_margin
 from pipeline.reporting.text.text_formatting import start_sentence
 
 # px up to which painted lines lie where the camera puts them: they are a few pixels wide, and found to a fraction.
 MAX_LINE_ERROR_PX = 2.0
-# m up to which a distance is written in cm.
-LONG_DISTANCE = 1.0
 EVENT_WORDS = {"hit": "is hit", "bounce": "bounces", "net": "touches the net", "landing": "lands"}
 AREA_WORDS = {"service-box": "the service box"}
 NOTE_WORDS = {"incomplete_clip": "the clip is incomplete"}
@@ -112,7 +111,7 @@ def format_landing(call: LandingCall, rally: Rally) -> LandingWords:
     if call.landing is None:
         text = f"{start_sentence(verdict)}: no landing of the {name} is known."
         return LandingWords(question, verdict, "", text, "", _format_advice(call, name))
-    margin = f"{format_distance(call.distance, call.distance_sigma)} {_format_side(call)}"
+    margin = format_margin(call)
     would = "landed" if call.landing.is_seen else "would have landed"
     when = format_time(call.landing.t, call.landing.t_sigma)
     speed = f", at {format_speed(call.speed, call.speed_sigma)}" if math.isfinite(call.speed) else ""
@@ -136,20 +135,6 @@ def describe_landing_call(call: LandingCall, rally: Rally) -> dict[str, Any]:
         "frames": list(call.frames) if call.frames[0] >= 0 else None, "reason": call.reason,
         "sentence": words.sentence, "advice": words.advice or None,
     }  # fmt: skip
-
-
-def _format_side(call: LandingCall) -> str:
-    """Format on which side of which line a landing is."""
-    line = f"the {call.line}" if call.line else "the line"
-    if call.line == "net":
-        return "beyond the net" if call.distance >= 0 else "short of the net"
-    return f"{'inside' if call.distance >= 0 else 'beyond'} the outer edge of {line}"
-
-
-def format_distance(distance: float, sigma: float) -> str:
-    """Format a distance, m, without its sign: in cm up to `LONG_DISTANCE`."""
-    scale, unit = (100, "cm") if abs(distance) < LONG_DISTANCE else (1, "m")
-    return f"{format_with_sigma(scale * abs(distance), scale * sigma)} {unit}"
 
 
 def _format_advice(call: LandingCall, name: str) -> str:

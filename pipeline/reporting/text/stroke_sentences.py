@@ -10,8 +10,9 @@ from models.core.fit_result import SURE_PROBABILITY
 from models.core.number_format import format_moment, format_probability, format_speed, format_time, format_with_sigma
 from models.core.rally import Rally
 from models.estimation.rally.landing_judgement import LandingCall, find_last_hit
+from models.estimation.rally.landing_margin import format_distance
 from models.estimation.rally.stroke_summary import Stroke
-from pipeline.reporting.text.rally_sentences import format_distance, format_landing
+from pipeline.reporting.text.rally_sentences import format_landing
 
 OTHER_SIDE = {"near": "far", "far": "near", "left": "right", "right": "left"}
 # s of the clip after a bounce without another hit, from which nobody can have returned it.
