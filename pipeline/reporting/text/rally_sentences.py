@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,14 @@ from pipeline.reporting.text.text_formatting import start_sentence
 MAX_LINE_ERROR_PX = 2.0
 EVENT_WORDS = {"hit": "is hit", "bounce": "bounces", "net": "touches the net", "landing": "lands"}
 AREA_WORDS = {"service-box": "the service box"}
-NOTE_WORDS = {"incomplete_clip": "the clip is incomplete"}
+# That a camera turns is no doubt, and stands beside how well its lines fit.
+HARMLESS_NOTE = "camera-moves"
+NOTE_WORDS = {
+    "incomplete_clip": "the clip is incomplete",
+    "camera-motion-interpolated": "in some frames the lines do not show where the camera looks, only frames around them",
+    "camera-travels": "the camera changes its place, not only its direction",
+    "no-flight": "no flight was found",
+}
 REASON_WORDS: dict[CallReason, str] = {
     "close": "The error of the place reaches over the line.",
     "no_landing": "The clip does not show that it landed, nor that it would have.",
@@ -94,7 +102,7 @@ def assess_rally_trust(rally: Rally) -> Trust:
 def format_rally_notes(rally: Rally) -> list[str]:
     """Format the notes of a rally and of its court, without full stops."""
     codes = dict.fromkeys([*rally.scene.notes, *rally.notes])
-    return [NOTE_WORDS.get(code, code.replace("_", " ")) for code in codes]
+    return [NOTE_WORDS.get(code, re.sub("[-_]", " ", code)) for code in codes if code != HARMLESS_NOTE]
 
 
 def format_landing(call: LandingCall, rally: Rally) -> LandingWords:

@@ -87,6 +87,13 @@ def test_page_and_call_decide_nothing_where_trust_is_red(filmed: tuple[Clip, Ral
     assert not format_point(untrusted, call).is_decided
 
 
+def test_a_camera_that_turns_is_no_doubt(filmed: tuple[Clip, Rally]) -> None:
+    rally = filmed[1]
+    for note, level in (("camera-moves", "green"), ("camera-travels", "amber")):
+        noted = replace(rally, scene=replace(rally.scene, notes=(note,)))
+        assert assess_rally_trust(noted).level == level
+
+
 def test_times_of_the_page_count_from_where_a_trimmed_slow_motion_begins(
     filmed: tuple[Clip, Rally], tmp_path: Path
 ) -> None:
