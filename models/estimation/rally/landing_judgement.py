@@ -303,8 +303,7 @@ def _name_half(sport: Sport, targets: list[tuple[tuple[Rectangle, ...], float]])
     halves = {(one[0] + one[2]) / 2 > sport.length / 2 for rectangles, _ in targets for one in rectangles}
     if len(halves) != 1:
         return ""
-    names = ("left", "right") if sport.is_filmed_from_side else ("near", "far")
-    return names[halves.pop()]
+    return sport.halves[halves.pop()]
 
 
 def _find_speed(rally: Rally, landing: LandingHypothesis | None) -> tuple[float, float]:

@@ -24,7 +24,7 @@ AREA_WORDS = {"service-box": "the service box"}
 HARMLESS_NOTE = "camera-moves"
 NOTE_WORDS = {
     "incomplete_clip": "the clip is incomplete",
-    "camera-motion-interpolated": "in some frames the lines do not show where the camera looks, only frames around them",
+    "camera-motion-interpolated": "in some frames only the frames around them tell where the camera looks",
     "camera-travels": "the camera changes its place, not only its direction",
     "no-flight": "no flight was found",
 }
