@@ -20,10 +20,11 @@ from pipeline.engine.helper_executor import open_executor
 from pipeline.io.image_file import read_image
 from pipeline.io.long_recordings import cut_pendulums
 from pipeline.io.shot_setup import parse_shot, place_on_learned_table, read_shot_setup
+from pipeline.io.simulators.pooltool_simulator import POOLTOOL_NAME
 from pipeline.io.table_profile import read_profile_text
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import build_gap_scene
-from pipeline.simulator_diagnosis import diagnose_mechanism
+from pipeline.simulator_diagnosis import describe_coefficients, diagnose_mechanism, pair_with_pooltool
 from pipeline.stages.read_stage import ReadOptions
 from video.io.square_pixels import stretch_to_square_pixels
 from video.io.video_options import CalibrateOptions
@@ -56,7 +57,7 @@ def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -
         inputs: Run folders or track folders, all of one scene; with a simulator, tables with a column per joint, MCAP
             files or ROS 2 bags.
         simulator: Your own simulator: `FILE.xml` of MuJoCo, `MODULE:FUNCTION` of Python, (state, inputs, dt) -> state,
-            or a table of its predictions.
+            a table of its predictions, or `pooltool`, which takes run folders and track folders.
         seed: Random seed of the bootstraps.
 
     Returns:
@@ -66,13 +67,16 @@ def diagnose(*inputs: str | Path, simulator: str | None = None, seed: int = 0) -
         TruerollError: A folder cannot be used; the message states what was expected.
     """
     paths = [Path(one) for one in inputs]
-    if simulator is not None:
+    if simulator is not None and simulator != POOLTOOL_NAME:
         with open_executor() as executor:
             return diagnose_mechanism(paths, simulator, seed, executor=executor)[0]
     folder = cut_pendulums(read_track_folders(paths))
+    scene = build_gap_scene(folder)
+    if simulator is not None:
+        scene = pair_with_pooltool(scene)
     with open_executor() as executor:
-        report = diagnose_recordings(build_gap_scene(folder), folder.recordings, seed, executor=executor)
-    return replace(report, notes=(*report.notes, *folder.notes))
+        report = diagnose_recordings(scene, folder.recordings, seed, executor=executor)
+    return replace(report, notes=(*describe_coefficients(scene, report), *report.notes, *folder.notes))
 
 
 def detect(

@@ -10,12 +10,16 @@ from diagnosis.diagnose import diagnose
 from diagnosis.fitting.display_names import format_parameter
 from diagnosis.selection.hypotheses import ProgressCallback, ignore_progress
 from diagnosis.verdicts.verdict import DiagnosisReport
+from models.core.errors import OptionError
 from models.core.number_format import format_unit, format_with_sigma
+from models.estimation.gap_scenes.billiards_scene import BilliardsScene, pair_with_simulator
+from models.estimation.gap_scenes.gap_scene import GapScene
 from models.estimation.gap_scenes.simulator_scene import SimulatorScene, build_simulator_scene
 from models.numerics.executor import SERIAL, Executor
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
 from pipeline.io.simulators.mechanism_recordings import read_mechanism_shots
-from pipeline.reporting.text.gap_sentences import format_error_size
+from pipeline.io.simulators.pooltool_simulator import open_pooltool
+from pipeline.reporting.text.gap_sentences import format_error_size, name_runs
 
 # Standard deviations from which a coefficient of a simulator is called wrong.
 _WRONG_SIGMAS = 3.0
@@ -53,8 +57,13 @@ def diagnose_mechanism(
     if len(inputs) == 1:  # without the name of the file, and none where the number of the shot says all
         is_told_by_number = shots.run_count in (1, len(origins))
         origins = {} if is_told_by_number else {shot: name.partition(", ")[2] for shot, name in origins.items()}
-    notes = (*_describe_changes(scene, report), *_describe_coefficients(scene, report), *report.notes, *shots.notes)
-    return replace(report, notes=notes), dict(origins)
+    notes = (*_describe_changes(scene, report), *describe_coefficients(scene, report), *report.notes, *shots.notes)
+
+    def say(text: str) -> str:
+        return name_runs(report.scene, text)
+
+    worded = replace(report, notes=tuple(map(say, notes)), film_next=say(report.film_next), reason=say(report.reason))
+    return worded, {shot: say(name) for shot, name in origins.items()}
 
 
 # Attributes of a joint of MuJoCo that hold the strengths of an effect, in their order.
@@ -78,8 +87,21 @@ def _describe_changes(scene: SimulatorScene, report: DiagnosisReport) -> tuple[s
     return (f"in the file of your simulator, give {', '.join(changes)}",) if changes else ()
 
 
-def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tuple[str, ...]:
-    """Describe the coefficients of the simulator that the recordings contradict."""
+def pair_with_pooltool(scene: GapScene) -> BilliardsScene:
+    """Let pooltool play the shots of a scene.
+
+    Raises:
+        OptionError: The scene is no billiards, or pooltool does not start.
+    """
+    if not isinstance(scene, BilliardsScene):
+        raise OptionError(f"pooltool simulates billiards; these recordings are of the scene {scene.name}")
+    return pair_with_simulator(scene, open_pooltool())
+
+
+def describe_coefficients(scene: GapScene, report: DiagnosisReport) -> tuple[str, ...]:
+    """Describe the coefficients of a simulator from outside that the recordings contradict; none of our own."""
+    if not scene.has_stated_values:
+        return ()
     stated = {
         f"{effect.name}.{prior.name}": prior.value
         for effect in scene.effects
@@ -90,7 +112,8 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
     for one in report.fitted:
         if one.name in stated and not one.prior_only and abs(one.value - stated[one.name]) > _WRONG_SIGMAS * one.sigma:
             effect, _, parameter = one.name.partition(".")
-            strength, joint = MECHANISM_EFFECTS[effect].split_parameter(parameter)
+            is_common = effect not in MECHANISM_EFFECTS
+            strength, joint = (parameter, "") if is_common else MECHANISM_EFFECTS[effect].split_parameter(parameter)
             # one sentence for all joints whose file states the same
             says = f"your {format_parameter(f'{effect}.{strength}')} is {stated[one.name]:.4g}"
             place = f" ({format_parameter(joint)})" if joint else ""
@@ -104,9 +127,10 @@ def _describe_coefficients(scene: SimulatorScene, report: DiagnosisReport) -> tu
     gap = report.gap
     if not gap.as_stated > _CLEARLY_WORSE * gap.closure.before:  # also where one of them is unknown
         return sentences
+    whose = "the coefficients of its file" if isinstance(scene, SimulatorScene) else "its own coefficients"
     errors = [format_error_size(one, gap.metric) for one in (gap.as_stated, gap.closure.before)]
     return (
-        f"with the coefficients of its file your simulator errs by {errors[0]} rms, with coefficients fitted to the"
-        f" recordings by {errors[1]}: correct them first",
+        f"with {whose} your simulator errs by {errors[0]} rms, with coefficients fitted to the recordings by"
+        f" {errors[1]}: correct them first",
         *sentences,
     )

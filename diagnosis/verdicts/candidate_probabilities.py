@@ -186,6 +186,24 @@ def flip_signs(
     return float(np.mean(largest >= observed * (1 - 1e-9)))
 
 
+def flip_gains(gains: FloatArray, rivals: int) -> float:
+    """Return the probability that shots gain as much from another contact model as these do, if none were better.
+
+    Args:
+        gains: (Q,) chi2 that each shot gains.
+        rivals: Number of models among which it was chosen.
+
+    Returns:
+        p-value; NaN where shots are few.
+    """
+    if len(gains) < _MIN_SHOTS:
+        return float("nan")
+    drawn = _draw_flips(len(gains), np.random.default_rng(0)) @ gains
+    # these gains have a sign, so that all shots may be flipped together
+    tail = np.mean(np.concatenate([drawn, -drawn]) >= drawn[0] * (1 - 1e-9))
+    return float(min(rivals * tail, 1.0))
+
+
 def smallest_p_value(count: int) -> float:
     """Return the smallest p-value that flips of `count` shots allow; NaN where they are too few to test."""
     return float(2.0 ** (1 - min(count, _MAX_EXACT_SHOTS))) if count >= _MIN_SHOTS else float("nan")

@@ -15,19 +15,20 @@ from diagnosis.fitting.gap_closure import (
     shapley_shares,
     sum_squares,
 )
-from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, linearize_fit
+from diagnosis.fitting.hypothesis_fits import DiagnosisProblem, EffectFit, fit_start_states, linearize_fit
 from diagnosis.fitting.prediction_windows import HORIZON_S, PredictionWindow, predict_windows
 from diagnosis.fitting.shot_preparation import SEGMENT_FRAMES
 from diagnosis.selection.effect_selection import fit_without_effect
 from diagnosis.selection.hypotheses import compute_signatures
 from diagnosis.selection.hypothesis_trials import try_hypothesis
-from diagnosis.selection.study import Study
+from diagnosis.selection.study import Study, select_shot_windows
 from diagnosis.unexplained.force_law import ExcessAcceleration, find_force_law, measure_excess_acceleration
 from diagnosis.unexplained.local_patch import PatchFit, find_local_patch, fit_local_patch
 from diagnosis.verdicts.candidate_probabilities import (
     compute_probabilities,
     estimate_shot_spreads,
     find_group,
+    flip_gains,
     flip_signs,
     put_answer_first,
     smallest_p_value,
@@ -52,8 +53,9 @@ from diagnosis.verdicts.verdict import (
 )
 from diagnosis.verdicts.verdict_decision import decide_verdict
 from models.core.recording import Recording
-from models.core.typing import FloatArray
+from models.core.typing import BoolArray, FloatArray
 from models.estimation.gap_scenes.gap_scene import GapScene
+from models.estimation.gap_scenes.simulator_scene import SimulatorScene
 
 _PATCH_NOTE = "the fitted parameters come from a fit that includes the patch; without it they would be biased"
 # Standard deviations that half of all strengths exceed.
@@ -171,10 +173,13 @@ def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], s
             problem, linearized.shot_information, without.free, best.fitted.lack_of_fit
         )
         alike = find_group(study.search, best, name, effect_signatures)
+        p_value = flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0))
+        choice = next((one for one in problem.scene.alternatives if one.name == name), None)
+        if choice is not None:  # a model has no strength about which shots could agree
+            p_value = flip_gains(_measure_shot_gains(problem, without, best.fitted), len(choice.forms) - 1)
         named_effects[name] = CandidateEffect(
             name, 0.0, tuple(one for one in alike if one not in study.refuted_by_bodies), (),
-            flip_signs(problem, linearized.shot_information, without.free, name, np.random.default_rng(0)),
-            smallest_p_value(len(linearized.shot_information.shots)),
+            p_value, smallest_p_value(len(linearized.shot_information.shots)),
             per_body=() if study.body_fit is None else summarize_bodies(problem, study.body_fit, name),
         )  # fmt: skip
         alike = tuple(one for one in named_effects[name].group if one in problem.candidates)
@@ -182,6 +187,18 @@ def _describe_named_effects(study: Study) -> tuple[dict[str, CandidateEffect], s
             rest = compute_residuals(problem, without, linearized, np.random.default_rng(0))
             film = design_separating_experiment(problem, linearized.shot_information, rest, without.free, alike)
     return named_effects, film
+
+
+def _measure_shot_gains(problem: DiagnosisProblem, before: EffectFit, after: EffectFit) -> FloatArray:
+    """Measure the chi2 (Q,) that each shot gains from a fit."""
+    gains = []
+    for shot in dict.fromkeys(one.shot for one in after.segments):
+        costs = []
+        for fitted in (before, after):
+            windows = select_shot_windows(fitted, tuple(one for one in fitted.segments if one.shot == shot))
+            costs.append(fit_start_states(problem, windows[0], fitted, windows[1]).cost)
+        gains.append(costs[0] - costs[1])
+    return np.array(gains)
 
 
 def _recommend_experiment(study: Study, verdict: Verdict, apart: str, rest: Unexplained) -> str:
@@ -265,9 +282,30 @@ def _summarize_all_strengths(study: Study, fitted: EffectFit, detectable: FloatA
 
 def _find_unidentifiable(problem: DiagnosisProblem, detectable: FloatArray, named: frozenset[str]) -> tuple[str, ...]:
     """Find effects not `named` that at typical strength would be missed in some direction more often than not."""
-    usual = _typical_strengths(problem)
-    masks = {name: problem.mask((name,)) for name in problem.candidates if name not in named}
-    return tuple(name for name, mask in masks.items() if np.any(detectable[mask] > usual[mask]))
+    is_missed = detectable > _typical_strengths(problem)
+    has_sites = isinstance(problem.scene, SimulatorScene)
+    others = (name for name in problem.candidates if name not in named)
+    return tuple(one for name in others for one in list_missed_strengths(problem, name, is_missed, has_sites))
+
+
+def list_missed_strengths(
+    problem: DiagnosisProblem, effect: str, is_missed: BoolArray, has_sites: bool
+) -> tuple[str, ...]:
+    """List what of an effect the shots cannot show: all of it, or, of one with strengths per joint, some of these.
+
+    Args:
+        problem: Scene and priors.
+        effect: Name of the effect.
+        is_missed: (P,) parameters that would be missed at typical strength.
+        has_sites: Whether parameters are strengths of joints, of which each may be missing alone; those of a direction
+            belong together.
+
+    Returns:
+        The effect, or `effect.parameter` of those that would be missed.
+    """
+    numbers = np.flatnonzero(problem.mask((effect,)))
+    weak = tuple(problem.priors[k].name for k in numbers if is_missed[k])
+    return weak if has_sites and len(weak) < len(numbers) else (effect,) * bool(weak)
 
 
 def _measure_gap(

@@ -144,7 +144,7 @@ def design_separating_experiment(
             f"No shot like these separates {names}: record other speeds and directions, also at right angles to these."
         )
     shot = _describe_shot(residuals, int(shot_information.shots[best]))
-    return f"To separate {names}, record {max(more, 1)} more like {shot}."
+    return f"To separate {names}, record {max(more, 1)} more shot{'s' if more > 1 else ''} like {shot}."
 
 
 def design_detecting_experiment(
@@ -173,6 +173,8 @@ def design_detecting_experiment(
     if not missed:
         return ""
     name = min(missed, key=lambda one: missed[one])
+    if name == "saturation":  # of usual strength it ends just below the largest input
+        return "This answer needs no more recordings. To test saturation, give larger inputs than these."
     for more in _REPETITIONS:
         shots = range(len(shot_information.shots))
         left = [over_typical(_add_repetitions(shot_information, k, more), name) for k in shots]
@@ -180,7 +182,7 @@ def design_detecting_experiment(
             like = _describe_shot(residuals, int(shot_information.shots[int(np.argmin(left))]))
             return (
                 f"This answer needs no more recordings. These shots would not have shown {format_cause(name)} of usual"
-                f" strength; {more} more like {like} would."
+                f" strength; {more} more shot{'s' if more > 1 else ''} like {like} would."
             )
     return (
         f"This answer needs no more recordings. To test {format_cause(name)} of usual strength, record much slower and"

@@ -29,6 +29,7 @@ from pipeline.engine.helper_executor import open_executor
 from pipeline.io.gap_files import write_gap_files, write_profile_files
 from pipeline.io.long_recordings import cut_pendulums
 from pipeline.io.saved_shot import holds_rally
+from pipeline.io.simulators.pooltool_simulator import POOLTOOL_NAME
 from pipeline.io.strict_json import read_json
 from pipeline.io.track_folder import read_track_folders
 from pipeline.io.track_folder_scene import billiards_table, build_gap_scene
@@ -36,7 +37,7 @@ from pipeline.io.view_profile import collect_views
 from pipeline.reporting.pages.gap_page import write_gap_page
 from pipeline.reporting.text.gap_sentences import format_verdict
 from pipeline.reporting.text.text_formatting import format_error
-from pipeline.simulator_diagnosis import diagnose_mechanism
+from pipeline.simulator_diagnosis import describe_coefficients, diagnose_mechanism, pair_with_pooltool
 from pipeline.terminal.progress_display import show_activity
 
 # CIE 1976 colour difference below which two cloths are regarded as the same: half the difference of a green and a blue
@@ -127,7 +128,7 @@ def diagnose_into(
         workers: Distributes the fits over processes.
         shown_title: Words before the progress.
         options: What files of tracks may lack.
-        simulator: Name of a simulator from outside, see `read_mechanism_shots`; None for our own.
+        simulator: `pooltool`, or a simulator of a mechanism, see `read_mechanism_shots`; None for our own.
 
     Returns:
         The report, and the origin of each shot.
@@ -136,7 +137,7 @@ def diagnose_into(
         OptionError: The inputs cannot be read, or are no shots of one scene.
     """
     require_writable_folder(folder)
-    if simulator is not None:
+    if simulator is not None and simulator != POOLTOOL_NAME:
         with show_search_progress(console, shown_title) as watch:
             report, origins = diagnose_mechanism(inputs, simulator, 0, watch, workers)
         write_gap_files(report, folder)
@@ -145,9 +146,11 @@ def diagnose_into(
     folders, sources = import_tracks(inputs, folder / "tracks", options)
     read = cut_pendulums(read_track_folders(folders))
     scene = build_gap_scene(read)
+    if simulator == POOLTOOL_NAME:
+        scene = pair_with_pooltool(scene)
     with show_search_progress(console, shown_title) as watch:
         report = diagnose(scene, read.recordings, on_progress=watch, executor=workers)
-    report = replace(report, notes=(*report.notes, *sources, *read.notes))
+    report = replace(report, notes=(*describe_coefficients(scene, report), *report.notes, *sources, *read.notes))
     write_gap_files(report, folder)
     if (table := billiards_table(scene)) is not None:
         write_profile_files(report, table, folder, collect_views(folders))

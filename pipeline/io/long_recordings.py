@@ -49,7 +49,7 @@ def cut_long_recordings(recordings: Sequence[Recording]) -> tuple[list[tuple[int
     seconds = max(float(piece.t[-1] - piece.t[0]) for _, piece in pieces)
     what = "the recording was" if count == 1 else f"the {count} recordings were"
     return pieces, (
-        f"{what} cut into {len(pieces)} shots of up to {seconds:.3g} s, numbered from 0, so that some can confirm what"
+        f"{what} cut into {len(pieces)} pieces of up to {seconds:.3g} s, numbered from 0, so that some can confirm what"
         " others say; separate runs confirm more"
     )
 

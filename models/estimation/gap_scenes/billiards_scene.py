@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from models.core.recording import Recording
 from models.core.scene import Table
 from models.core.typing import BoolArray, FloatArray
+from models.estimation.gap_scenes.foreign_shots import BilliardsSimulator, ForeignShotWindows, state_effects
 from models.estimation.gap_scenes.gap_scene import Alternatives, Covariates
 from models.estimation.multiple_shooting.shooting_problem import LEAST_GAIN
 from models.estimation.whole_shot.shot_segments import ShotSegment, estimate_initial_states, find_shot_rows
 from models.estimation.whole_shot.shot_windows import ShotWindows
+from models.physics.billiards.contact_model import NOSE_HEIGHT_PARAMETER
 from models.physics.billiards.contact_models import REGISTERED_CUSHION_MODELS
 from models.physics.billiards.simulation.event_engine import (
     BALL,
@@ -76,7 +78,8 @@ class BilliardsScene:
     not_tested: tuple[str, ...] = ()
     is_smooth: bool = False
     least_gain: float = LEAST_GAIN
-    has_stated_values: bool = False
+    simulator: BilliardsSimulator | None = None
+    """The user's own engine; None where it is ours."""
     _segment_cache: dict[tuple[int, bool], tuple[Recording, ShotSegment]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -86,16 +89,27 @@ class BilliardsScene:
     `models.estimation.gap_scenes.gap_scene.ContactRichScene`."""
 
     @property
+    def has_stated_values(self) -> bool:
+        """Whether an engine from outside states its parameters."""
+        return self.simulator is not None
+
+    @property
     def alternatives(self) -> tuple[Alternatives, ...]:
         """Contact models of cushions and of balls; without loss and friction, `elastic` equals `inelastic`."""
         cushion, ball = BILLIARDS_MODEL_CHOICES
         standard_values = {model.name: dict(model.standard_values) for model in REGISTERED_CUSHION_MODELS}
+        if self.simulator is not None:  # its cushions keep their height, whatever the model
+            for form in standard_values:
+                if NOSE_HEIGHT_PARAMETER in self.simulator.holds(ContactModels(form, self.laws.ball)):
+                    standard_values[form] = {NOSE_HEIGHT_PARAMETER: self.simulator.nose_height}
         of_balls = tuple(form for form in ball.forms if form != "elastic" or self.laws.ball == "elastic")
+        # a law that brings its friction is not replaced by one without any
+        companions = ("ball_friction",) if self.laws.ball == "alciatore" else ball.companions
         return (
             Alternatives(
                 cushion.name, cushion.forms, self.laws.cushion, cushion.phases, cushion.companions, standard_values
             ),
-            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, ball.companions),
+            Alternatives(ball.name, of_balls, self.laws.ball, ball.phases, companions),
         )
 
     def split_recording(self, recording: Recording) -> tuple[Recording, ...]:
@@ -110,13 +124,11 @@ class BilliardsScene:
         shot_segments = tuple(
             self._look_up_segment(segment, after) for segment, after in zip(segments, follows, strict=True)
         )
-        return ShotWindows(
-            shot_segments,
-            self.table,
-            self._effect_priors(),
-            ContactModels(*forms),
-            view=self._camera_view,
-            jacobian_mask=jacobian_mask,
+        arguments = shot_segments, self.table, self._effect_priors(), ContactModels(*forms)
+        if self.simulator is None:
+            return ShotWindows(*arguments, view=self._camera_view, jacobian_mask=jacobian_mask)
+        return ForeignShotWindows(
+            *arguments, view=self._camera_view, jacobian_mask=jacobian_mask, simulator=self.simulator
         )
 
     def observation_covariates(
@@ -202,6 +214,22 @@ def build_billiards_scene(
         one for one in BILLIARDS_EFFECTS if one.name != "dropped_frames" or jumps or one.name in simulator_effects
     )
     return BilliardsScene(table, geometry, simulator_effects, ContactModels() if laws is None else laws, jumps, offered)
+
+
+def pair_with_simulator(scene: BilliardsScene, simulator: BilliardsSimulator) -> BilliardsScene:
+    """Let another engine play the shots of a scene, with the effects, values and contact models that it has.
+
+    Args:
+        scene: Scene of our own engine.
+        simulator: The user's engine.
+
+    Returns:
+        The scene of the other engine.
+    """
+    effects = state_effects(scene.effects, simulator)
+    own = {name.partition(".")[0] for name in simulator.holds(simulator.laws) & simulator.stated.keys()}
+    names = tuple(effect.name for effect in effects if effect.name in own)
+    return replace(scene, simulator=simulator, effects=effects, simulator_effects=names, laws=simulator.laws)
 
 
 def find_last_contacts(run: SimulatedShot, t: FloatArray) -> tuple[FloatArray, NDArray[np.str_]]:

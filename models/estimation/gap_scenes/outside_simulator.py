@@ -46,9 +46,12 @@ def group_joints(joints: Sequence[Joint]) -> tuple[tuple[str, ...], IntArray]:
     Returns:
         Names of the groups, and the group (N,) of every joint.
     """
-    names = [joint.body or joint.name for joint in joints]
-    groups = tuple(dict.fromkeys(names))
-    return groups, np.array([groups.index(name) for name in names], np.int64)
+    keys = [(joint.body, "" if joint.body else joint.name) for joint in joints]
+    groups = list(dict.fromkeys(keys))
+    bodies = {body for body, _ in groups}
+    # a joint may be called like a free body
+    names = tuple(body or (f"{name}_joint" if name in bodies else name) for body, name in groups)
+    return names, np.array([groups.index(key) for key in keys], np.int64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ NET_DEPTH = 0.08
 # Shares of the reach outside of which the density of hits, 6 u (1 - u) at a share u, falls no further: a racket seldom
 # gets to the floor, and seldom as high as a jump.
 HIT_HEIGHTS = (0.01, 0.98)
-# Probability that a hit sends the object away from the net: mishits.
+# Probability that a hit sends the object away from the net, and that it sends it on the way it came: mishits.
 _MISHIT = 0.02
 # chi2 up to which an improbable state of a flight counts: an absurd one must not gain by being explained.
 _LARGEST_SURPRISE = 9.0
@@ -227,7 +227,14 @@ def _weigh_hit(place: FloatArray, deviation: FloatArray, joint: _Joint, sport: S
     off -= 2 * np.log(6 * share * (1 - share))
     is_near = ndtr((sport.length / 2 - place[:, 0]) / deviation[:, 0])
     to_far = ndtr(joint.v_b[:, 0] / np.sqrt(joint.cov_b[:, 3, 3]))
-    return np.asarray(np.log(_MISHIT + (1 - _MISHIT) * (is_near * to_far + (1 - is_near) * (1 - to_far))) - 0.5 * off)
+    came_far = ndtr(joint.v_a[:, 0] / np.sqrt(joint.cov_a[:, 3, 3]))
+    off -= 2 * (weigh_chance(is_near, to_far) + weigh_chance(came_far, 1 - to_far))
+    return np.asarray(-0.5 * off)
+
+
+def weigh_chance(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Weigh that two statements of given probabilities agree, as they do but for mishits."""
+    return np.asarray(np.log(_MISHIT + (1 - _MISHIT) * (one * other + (1 - one) * (1 - other))))
 
 
 def _excess(value: FloatArray, low: float, high: float) -> FloatArray:

@@ -12,7 +12,6 @@ from models.core.rally import BallCandidates, Rally
 from models.core.typing import FloatArray, IntArray
 from models.estimation.rally.flight_fit import (
     RallyFit,
-    assign_times,
     fit_rally,
     refine_fit,
 )
@@ -26,7 +25,7 @@ from models.estimation.rally.image_association import associate_candidates
 from models.estimation.rally.initial_flights import align_flights
 from models.estimation.rally.landing_hypotheses import merge_landings
 from models.estimation.rally.rally_building import build_rally
-from models.estimation.rally.rally_revision import revise_structure
+from models.estimation.rally.rally_revision import Doubt, revise_structure, weigh_fit
 from models.physics.flight.flight_motion import PARAMETER_COUNT
 
 # Natural logarithm of the probability that an explanation is right although another fits better by as much: evidence
@@ -34,8 +33,8 @@ from models.physics.flight.flight_motion import PARAMETER_COUNT
 _EVIDENCE_SHARE = 0.5
 # Natural logarithm of the evidence by which a rival may be worse, and their largest number.
 _WORST_RIVAL, _MOST_RIVALS = 16.0, 8
-# Natural logarithm of the density of clutter for an observation that no flight explains.
-_CLUTTER_COST = 12.0
+# Sequences of flights that are fitted wholly.
+_MOST_SEQUENCES = 2
 # Natural logarithm of the odds against strokes after a landing: nobody plays on.
 _AFTER_LANDING = 30.0
 
@@ -62,6 +61,7 @@ def explain_rally(
     px = stabilize_places(scene.camera, frame[sight.rows], candidates.centre[chosen[sight.rows]])
     hypotheses = segment_rally(sight.observed, px, sport, lambda share: progress(0.2 + 0.4 * share))
     fits: list[RallyFit] = []
+    hypotheses = hypotheses[:_MOST_SEQUENCES]
     for k, hypothesis in enumerate(hypotheses):
         fit = fit_rally(sight.observed, sport, align_flights(sight.observed, sport, hypothesis))
         if fit is not None and not any(_are_same(fit, other) for other in fits):
@@ -69,30 +69,30 @@ def explain_rally(
         progress(0.6 + 0.3 * (k + 1) / len(hypotheses))
     if not fits:
         return _build_empty(scene, candidates, frame, t)
-    fits.sort(key=lambda fit: -_weigh_fit(fit, sight.observed))
-    revised = revise_structure(sight.observed, sport, fits[0], lambda fit: _weigh_fit(fit, sight.observed))
-    fits = [*revised, *(fit for fit in fits[1:] if not any(_are_same(fit, other) for other in revised))]
+    fits.sort(key=lambda fit: -weigh_fit(fit, sight.observed))
+    revised = revise_structure(sight.observed, sport, fits[0])
+    fits = [revised.best, *revised.rivals, *(fit for fit in fits[1:] if not _are_same(fit, revised.best))]
     chosen = choose_candidates(scene, candidates, frame, t, sight.chosen, fits[0])
     if (chosen != sight.chosen).any():
         sight = look_at_candidates(scene, candidates, frame, t, chosen)
         refined = (refine_fit(sight.observed, sport, fit.structure, fit.values) for fit in fits)
         fits = [fit for fit in refined if fit is not None] or fits
     fits = _select_fits(fits, sight.observed)
-    evidence = np.array([_weigh_fit(fit, sight.observed) for fit in fits])
+    evidence = np.array([weigh_fit(fit, sight.observed) for fit in fits])
     order = np.argsort(-evidence, kind="stable")
     weights = np.exp(_EVIDENCE_SHARE * (evidence[order] - evidence.max()))
     weights = weights / weights.sum()
     rallies = [build_rally(scene, candidates, frame, t, sight, fits[k]) for k in order]
     progress(1.0)
-    return _combine(rallies, weights, t)
+    return _combine(rallies, weights, t, revised.doubts)
 
 
 def _select_fits(fits: list[RallyFit], observed: FlightObservations) -> list[RallyFit]:
     """Leave out explanations that occur twice, or that no longer matter."""
-    best = sorted(fits, key=lambda fit: -_weigh_fit(fit, observed))
+    best = sorted(fits, key=lambda fit: -weigh_fit(fit, observed))
     selected: list[RallyFit] = []
     for fit in best:
-        matters = _weigh_fit(fit, observed) > _weigh_fit(best[0], observed) - _WORST_RIVAL
+        matters = weigh_fit(fit, observed) > weigh_fit(best[0], observed) - _WORST_RIVAL
         if matters and len(selected) < _MOST_RIVALS and not any(_are_same(fit, other) for other in selected):
             selected.append(fit)
     return selected
@@ -107,14 +107,6 @@ def _are_same(one: RallyFit, other: RallyFit) -> bool:
     )
 
 
-def _weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
-    """Return the evidence of a fit, the observations that it leaves as clutter included."""
-    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
-    kinds = fit.structure.kinds
-    goes_on = "landing" in kinds and "hit" in kinds[kinds.index("landing") :]
-    return fit.evidence - _CLUTTER_COST * (len(observed) - explained) - _AFTER_LANDING * goes_on
-
-
 def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray, t: FloatArray) -> Rally:
     nothing = np.full((len(t), 2), np.nan)
     return Rally(
@@ -123,7 +115,7 @@ def _build_empty(scene: CourtScene, candidates: BallCandidates, frame: IntArray,
     )  # fmt: skip
 
 
-def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray) -> Rally:
+def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray, doubts: tuple[Doubt, ...]) -> Rally:
     """Weigh the events and the landing of the best rally by all explanations."""
     best, interval = rallies[0], float(np.median(np.diff(t)))
     events = []
@@ -133,6 +125,8 @@ def _combine(rallies: list[Rally], weights: FloatArray, t: FloatArray) -> Rally:
             for rally, weight in zip(rallies, weights, strict=True)
             if any(other.kind == event.kind and abs(other.t - event.t) < 1.5 * interval for other in rally.events)
         )
+        near = (doubt for doubt in doubts if doubt.kind == event.kind and abs(doubt.t - event.t) < interval / 2)
+        support /= 1 + sum(float(np.exp(_EVIDENCE_SHARE * doubt.gain)) for doubt in near)
         events.append(replace(event, probability=float(min(event.probability * support, 1.0))))
     pairs = [
         (float(weight), rally.landings[0] if rally.landings else None)

@@ -25,6 +25,7 @@ from models.estimation.rally.event_evidence import (
     REACH_SOFTNESS,
     SURROUNDINGS_SOFTNESS,
     contact_ranges,
+    weigh_chance,
 )
 from models.estimation.rally.flight_observations import (
     FlightObservations,
@@ -44,6 +45,8 @@ _BOUNCE_HEIGHT = 0.01
 # m by which a hit is away from the player's feet, to either side: an arm, a racket and a jump. Beyond so many times
 # that, the distance counts less: the feet of someone who is half hidden are not seen. s within which people are seen.
 _ARM, _PLAYER_SCALE, _PLAYER_TIME = 1.1, 2.0, 0.15
+# m/s along the court from which it is clear which way the object flies.
+_WAY_SOFTNESS = 1.0
 # s, least time between events, and the longest step of an event in the search.
 _SHORTEST_FLIGHT, _LONGEST_SHIFT = 0.01, 0.1
 _SEARCH = SearchOptions(iterations=30, attempts=6, min_gain=0.05, min_relative_gain=1e-4, quiet_steps=2, damping=1e-2)
@@ -375,6 +378,8 @@ class _Problem:
             self._add_reach(k, p, float(values[at_start]))
             share = float(np.clip((p[2] - sport.floor) / sport.reach, *HIT_HEIGHTS))
             self.normalizer += float(np.log(HIT_RATE * 6 * share * (1 - share)))
+            came, leaves = 1 / (1 + np.exp(-np.clip(np.array([state[3], p[3]]) / _WAY_SOFTNESS, -50, 50)))
+            self.normalizer += float(weigh_chance(came, 1 - leaves))
         elif kind in ("bounce", "landing"):
             restitution, retention = contact_ranges(sport)
             add(0 * unit[0], unit[2], p[2] - self.structure.heights[k] - item.radius, _BOUNCE_HEIGHT)

@@ -29,8 +29,10 @@ _EVENT_RATE, _START_RATE = 2.0, 0.3
 _CLUTTER_CELL = 2.5
 # Share of the frames from which a place counts as that of a mark, whose look is no evidence.
 _RECURRING = 0.1
-# Largest weight of a candidate's look, natural logarithm of odds: detectors are surer than they are right.
-_LARGEST_ODDS = 3.0
+# Least and largest weight of a candidate's look, natural logarithm of odds: detectors are surer than they are right.
+_ODDS = (-6.0, 3.0)
+# Largest natural logarithm of a likelihood ratio by motion alone: limbs, rackets and shadows move smoothly too.
+_LARGEST_MOTION = 3.5
 # Share of g by which the acceleration in the image departs from a straight path (gravity, lift, approach).
 _ACCELERATION_SHARE = 1.0
 # Factor on the speed in the image of the fastest object at the middle of the court, as one nearer the camera moves.
@@ -75,7 +77,8 @@ def associate_candidates(scene: CourtScene, candidates: BallCandidates, frame: I
     centre, frames = candidates.centre[usable], candidates.frame[usable]
     px = stabilize_places(scene.camera, frames, centre)
     streak = stabilize_places(scene.camera, frames, centre + candidates.streak[usable]) - px
-    weigh = _Weights(scene, t[row], px, streak, candidates.sigma[usable], _weigh_look(scene, candidates, usable, px, t))
+    look, clutter = _weigh_look(scene, candidates, usable, px, t)
+    weigh = _Weights(scene, t[row], px, streak, candidates.sigma[usable], look, clutter)
     path = _find_best_path(weigh, row, t)
     chosen[row[path]] = usable[path]
     return chosen
@@ -85,20 +88,27 @@ class _Weights:
     """Log-likelihood ratios of steps between candidates."""
 
     def __init__(
-        self, scene: CourtScene, t: FloatArray, px: FloatArray, streak: FloatArray, sigma: FloatArray, look: FloatArray
+        self,
+        scene: CourtScene,
+        t: FloatArray,
+        px: FloatArray,
+        streak: FloatArray,
+        sigma: FloatArray,
+        look: FloatArray,
+        clutter: FloatArray,
     ) -> None:
         sport, camera = scene.sport, scene.camera
         middle = np.array([sport.length / 2, sport.width / 2, 1.0])
         self.per_metre = float(np.exp(camera.parameters[6])) / float(np.linalg.norm(middle - camera.centre))
         self.log_area = float(np.log(camera.width_px * camera.height_px))
-        self.t, self.px, self.streak, self.sigma, self.look = t, px, streak, sigma, look
+        self.t, self.px, self.streak, self.sigma, self.look, self.clutter = t, px, streak, sigma, look, clutter
         self.gravity = _ACCELERATION_SHARE * 9.81 * self.per_metre
         self.drag = sport.object.drag.mean / self.per_metre
         self.fastest = sport.object.max_speed * self.per_metre * _NEARNESS
 
     def start(self, before: IntArray, last: IntArray) -> FloatArray:
         """Weigh the first two places of a path: the second lies anywhere within reach of the first."""
-        return np.asarray(self.look[before] - self.log_area + self.jump(before, last))
+        return np.asarray(self.look[before] - self.clutter[before] - self.log_area + self.jump(before, last))
 
     def jump(self, before: IntArray, last: IntArray) -> FloatArray:
         """Weigh a step in any direction, all velocities within reach alike."""
@@ -109,7 +119,8 @@ class _Weights:
         distance = np.linalg.norm(step, axis=-1)
         density = -np.log(2 * np.pi * scale**2) - 1.5 * np.log1p((distance / scale) ** 2)
         within = np.where(distance <= reach + 3 * self.sigma[last], density, -np.inf)
-        return np.asarray(within + self.look[last] + self.weigh_streak(step, last))
+        moves = np.minimum(within - self.clutter[last], _LARGEST_MOTION)
+        return np.asarray(moves + self.look[last] + self.weigh_streak(step, last))
 
     def follow(self, first: IntArray, before: IntArray, last: IntArray) -> FloatArray:
         """Weigh a step that continues the motion from `first` to `before`."""
@@ -128,7 +139,8 @@ class _Weights:
         square = off_along**2 / along + ((off**2).sum(axis=-1) - off_along**2) / across
         density = -np.log(2 * np.pi) - 0.5 * np.log(along * across) - 0.5 * square
         step = self.px[last] - self.px[before]
-        return np.asarray(density + self.look[last] + self.weigh_streak(step, last))
+        moves = np.minimum(density - self.clutter[last], _LARGEST_MOTION)
+        return np.asarray(moves + self.look[last] + self.weigh_streak(step, last))
 
     def weigh_streak(self, step: FloatArray, last: IntArray) -> FloatArray:
         """Weigh the angle between a step and the streak at its end, against any angle."""
@@ -145,10 +157,10 @@ class _Weights:
 
 def _weigh_look(
     scene: CourtScene, candidates: BallCandidates, usable: IntArray, px: FloatArray, t: FloatArray
-) -> FloatArray:
-    """Weigh each candidate by its look and against the density of clutter at its place, 1/px^2."""
+) -> tuple[FloatArray, FloatArray]:
+    """Weigh each candidate by its look, and measure the logarithm of the density of clutter at its place, 1/px^2."""
     score = np.clip(candidates.score[usable], 1e-6, 1 - 1e-6)
-    odds = np.clip(np.log(score / (1 - score)), -_LARGEST_ODDS, _LARGEST_ODDS)
+    odds = np.clip(np.log(score / (1 - score)), *_ODDS)
     area = float(scene.camera.width_px * scene.camera.height_px)
     uniform = max(len(usable) / len(t), 1.0) / area
     cells = np.floor(px / _CLUTTER_CELL).astype(np.int64)
@@ -161,7 +173,7 @@ def _weigh_look(
     # an object that moves is itself seen in a place in a few frames
     local = np.maximum(here - 3, 0) / (len(t) * 9 * _CLUTTER_CELL**2)
     odds = np.where(here > 3 + _RECURRING * len(t), np.minimum(odds, 0.0), odds)
-    return np.asarray(np.log(_DETECTION) + odds - np.log(uniform + local))
+    return np.log(_DETECTION) + odds, np.log(uniform + local)
 
 
 def _find_best_path(weigh: _Weights, row: IntArray, t: FloatArray) -> IntArray:

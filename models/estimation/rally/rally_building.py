@@ -69,8 +69,8 @@ def _estimate_covariance(
         bounded = residual * factor[:, None]
         used[rows] = (residual**2).sum(axis=1) < GATE**2
         series.append(bounded)
-        freedom = 2 * len(rows) - 6
-        chi2.append(float((bounded**2).sum()) / freedom if freedom > 0 else float("nan"))
+        freedom = 2 * int(used[rows].sum()) - 6
+        chi2.append(float((bounded[used[rows]] ** 2).sum()) / freedom if freedom > 0 else float("nan"))
         by = np.concatenate([by_place @ path.derivatives[:, :3], -by_place @ path.states[:, 3:, None]], axis=2)
         columns = np.append(np.arange(part.start, part.stop), start_row(k, count))
         for j, other in enumerate(shifted):

@@ -6,12 +6,13 @@ near the ground, only the joint fit can tell; what loses by little stays as a ri
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.core.court import Sport
+from models.core.rally import RallyEventKind
 from models.core.typing import FloatArray
 from models.estimation.rally.event_evidence import name_contact
 from models.estimation.rally.flight_fit import (
@@ -25,10 +26,14 @@ from models.estimation.rally.flight_fit import (
 from models.estimation.rally.flight_observations import FlightObservations
 from models.estimation.rally.initial_flights import pin_to_surface
 from models.estimation.rally.single_flight import Pin, build_flight_prior, fit_single_flight
-from models.physics.flight.flight_motion import PARAMETER_COUNT, fly
+from models.physics.flight.flight_motion import fly
 
-# Joint fits that are tried, at most: half a second of work.
-_MOST_TRIALS = 20
+# Passes in which gains are taken over, and flights on each side of a doubtful event that are fitted with it.
+_MOST_PASSES, _NEIGHBOURS = 4, 1
+# Events at the end of a rally whose rivals are fitted wholly, and how many of these.
+_LAST_EVENTS, _MOST_RIVALS = 3, 4
+# Natural logarithm of the density of clutter for an observation that no flight explains.
+CLUTTER_COST = 12.0
 # A flight of fewer observations, or shorter, s, may be none.
 _FEW, _SHORT = 5, 0.3
 # m above the surface, beyond four standard deviations, up to which a hit may be a bounce.
@@ -39,60 +44,181 @@ _DEPTH_SHARE = 0.5
 _WORST_RIVAL = 16.0
 
 
-def revise_structure(
-    observed: FlightObservations, sport: Sport, fit: RallyFit, weigh: Callable[[RallyFit], float]
-) -> list[RallyFit]:
-    """Try the doubtful events of a rally otherwise.
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """An event that might be otherwise."""
+
+    kind: RallyEventKind | None
+    t: float
+    """s."""
+    gain: float
+    """Natural logarithm of the evidence by which the other explanation is better; at most 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """The best explanation after doubtful events were tried otherwise."""
+
+    best: RallyFit
+    rivals: tuple[RallyFit, ...]
+    """Other explanations of the last events, which decide on the landing."""
+    doubts: tuple[Doubt, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """An event tried otherwise, with the flights around it fitted again."""
+
+    event: int
+    first: int
+    stop: int
+    """Flights of the explanation so far that were fitted again."""
+    fit: RallyFit
+    gain: float
+
+
+def revise_structure(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Revision:
+    """Try the doubtful events of a rally otherwise, each with its neighbours alone.
 
     Args:
         observed: N observations.
         fit: The best explanation so far.
-        weigh: Computes the evidence of an explanation.
 
     Returns:
-        The best explanation found, and its rivals.
+        The best explanation found, its rivals and doubts.
     """
-    best, rivals, trials = fit, list[RallyFit](), 0
-    is_better = True
-    past_trials: set[tuple[object, ...]] = {_describe(fit)}
-    while is_better and trials < _MOST_TRIALS:
-        is_better = False
-        for structure, values in _vary(observed, sport, best):
-            key = _describe_parts(structure, values)
-            if key in past_trials or trials >= _MOST_TRIALS:
-                continue
-            past_trials.add(key)
-            trials += 1
-            other = refine_fit(observed, sport, structure, values)
-            if other is None:
-                continue
-            if weigh(other) > weigh(best):
-                best, is_better = other, True
-                rivals.append(best)
-                break
-            rivals.append(other)
-    least = weigh(best) - _WORST_RIVAL
-    return [best, *(rival for rival in [fit, *rivals] if rival is not best and weigh(rival) > least)]
+    past: dict[tuple[object, ...], _Trial | None] = {}
+    best, trials = fit, _try_variants(observed, sport, fit, past)
+    for _ in range(_MOST_PASSES):
+        gains = _select_gains(trials)
+        if not gains:
+            break
+        structure, values = best.structure, best.values
+        for trial in sorted(gains, key=lambda trial: -trial.first):  # the flights before it keep their numbers
+            structure, values = _splice(structure, values, trial)
+        other = refine_fit(observed, sport, structure, values)
+        if other is None or weigh_fit(other, observed) <= weigh_fit(best, observed):
+            break
+        best, trials = other, _try_variants(observed, sport, other, past)
+    return _collect_rivals(observed, sport, best, trials)
 
 
-def _describe(fit: RallyFit) -> tuple[object, ...]:
-    return _describe_parts(fit.structure, fit.values)
+def _collect_rivals(observed: FlightObservations, sport: Sport, best: RallyFit, trials: list[_Trial]) -> Revision:
+    """Fit the rivals of the last events wholly, and note the other doubts."""
+    count, rivals, doubts = len(best.structure), list[RallyFit](), list[Doubt]()
+    for trial in sorted(trials, key=lambda trial: -trial.gain):
+        if trial.gain < -_WORST_RIVAL:
+            break
+        if trial.event >= count - _LAST_EVENTS and len(rivals) < _MOST_RIVALS:
+            other = refine_fit(observed, sport, *_splice(best.structure, best.values, trial))
+            rivals += [other] if other is not None else []
+        else:
+            start = float(best.values[start_row(trial.event, count)])
+            doubts.append(Doubt(best.structure.kinds[trial.event], start, min(trial.gain, 0.0)))
+    return Revision(best, tuple(rivals), tuple(doubts))
 
 
-def _describe_parts(structure: RallyStructure, values: FloatArray) -> tuple[object, ...]:
-    starts = values[1 + PARAMETER_COUNT * len(structure) :]
-    return tuple(zip(structure.kinds, np.round(starts, 1).tolist(), structure.heights.tolist(), strict=True))
+def weigh_fit(fit: RallyFit, observed: FlightObservations) -> float:
+    """Return the evidence of a fit, the observations that it leaves as clutter included."""
+    explained = sum(len(rows) for rows in assign_times(observed.t, fit.structure, fit.values))
+    return fit.evidence - CLUTTER_COST * (len(observed) - explained)
 
 
-def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator[tuple[RallyStructure, FloatArray]]:
-    """Yield structures with initial values that differ in one doubtful event."""
+def _select_gains(trials: list[_Trial]) -> list[_Trial]:
+    """Select trials that explain the clip better and do not overlap, the best first."""
+    selected: list[_Trial] = []
+    for trial in sorted(trials, key=lambda trial: -trial.gain):
+        apart = all(trial.stop <= other.first or trial.first >= other.stop for other in selected)
+        if trial.gain > 0 and apart:
+            selected.append(trial)
+    return selected
+
+
+def _try_variants(
+    observed: FlightObservations, sport: Sport, fit: RallyFit, past: dict[tuple[object, ...], _Trial | None]
+) -> list[_Trial]:
+    """Try the doubtful events otherwise; what was tried before, among the same events, is taken from `past`."""
+    trials: list[_Trial] = []
+    count, originals = len(fit.structure), dict[int, tuple[FlightObservations, float]]()
+    for event, structure, values in _vary(observed, sport, fit):
+        first, stop = max(event - 1 - _NEIGHBOURS, 0), min(event + 1 + _NEIGHBOURS, count)
+        fewer = count - len(structure)
+        key = (
+            _describe_events(fit.structure, fit.values, first, stop),
+            _describe_events(structure, values, first, stop - fewer),
+        )
+        if key not in past:
+            past[key] = None
+            if event not in originals:
+                part, original = _fit_part(observed, sport, fit.structure, fit.values, first, stop)
+                if original is None:
+                    continue
+                originals[event] = part, weigh_fit(original, part)
+            part, before = originals[event]
+            _, other = _fit_part(observed, sport, structure, values, first, stop - fewer)
+            if other is not None:
+                past[key] = _Trial(event, first, stop, other, weigh_fit(other, part) - before)
+        trial = past[key]
+        if trial is not None:
+            trials.append(replace(trial, event=event, first=first, stop=stop))
+    return trials
+
+
+def _describe_events(structure: RallyStructure, values: FloatArray, first: int, stop: int) -> tuple[object, ...]:
+    starts = values[start_row(first, len(structure)) : start_row(stop, len(structure))]
+    heights = structure.heights[first:stop].tolist()
+    return tuple(zip(structure.kinds[first:stop], np.round(starts, 2).tolist(), heights, strict=True))
+
+
+def _fit_part(
+    observed: FlightObservations, sport: Sport, structure: RallyStructure, values: FloatArray, first: int, stop: int
+) -> tuple[FlightObservations, RallyFit | None]:
+    """Fit flights `first` to `stop` alone, to their observations."""
+    count = len(structure)
+    starts = values[start_row(0, count) :]
+    rows = np.concatenate(assign_times(observed.t, structure, values)[first:stop])
+    begin, end = structure.begin[first:stop].copy(), structure.end[first:stop].copy()
+    if structure.joined[first]:
+        begin[0] = starts[first]
+    if stop < count and structure.joined[stop]:
+        end[-1] = starts[stop]
+    joined = (False, *structure.joined[first + 1 : stop])
+    part = RallyStructure(structure.kinds[first:stop], joined, begin, end, structure.heights[first:stop])
+    own = values[flight_slice(first).start : flight_slice(stop).start]
+    return observed.select(rows), refine_fit(
+        observed.select(rows), sport, part, np.concatenate([values[:1], own, starts[first:stop]])
+    )
+
+
+def _splice(structure: RallyStructure, values: FloatArray, trial: _Trial) -> tuple[RallyStructure, FloatArray]:
+    """Put the flights of a trial in the place of those that it explains otherwise."""
+    count, part, own = len(structure), trial.fit.structure, trial.fit.values
+    a, b = trial.first, trial.stop
+    starts, own_starts = values[start_row(0, count) :], own[start_row(0, len(part)) :]
+    begin, end = part.begin.copy(), part.end.copy()
+    begin[0], end[-1] = structure.begin[a], structure.end[b - 1]
+    spliced = RallyStructure(
+        structure.kinds[:a] + part.kinds + structure.kinds[b:],
+        structure.joined[: a + 1] + part.joined[1:] + structure.joined[b:],
+        np.concatenate([structure.begin[:a], begin, structure.begin[b:]]),
+        np.concatenate([structure.end[:a], end, structure.end[b:]]),
+        np.concatenate([structure.heights[:a], part.heights, structure.heights[b:]]),
+    )
+    flights = [values[: flight_slice(a).start], own[1 : start_row(0, len(part))]]
+    rest = values[flight_slice(b).start : start_row(0, count)]
+    return spliced, np.concatenate([*flights, rest, starts[:a], own_starts, starts[b:]])
+
+
+def _vary(
+    observed: FlightObservations, sport: Sport, fit: RallyFit
+) -> Iterator[tuple[int, RallyStructure, FloatArray]]:
+    """Yield doubtful events, and structures with initial values in which they are otherwise."""
     structure, values, count = fit.structure, fit.values, len(fit.structure)
     sizes = np.array([len(rows) for rows in assign_times(observed.t, structure, values)])
     starts = values[start_row(0, count) :]
     lengths = np.diff(np.append(starts, structure.end[-1]))
     is_short = (sizes < _FEW) | (lengths < _SHORT)
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    flips: list[tuple[RallyStructure, FloatArray]] = []
     for k in range(1, count):
         if not structure.joined[k]:
             continue
@@ -101,11 +227,11 @@ def _vary(observed: FlightObservations, sport: Sport, fit: RallyFit) -> Iterator
             sides = values[[flight_slice(k - 1).start, flight_slice(k).start]] < sport.length / 2
             doubtful = doubtful or bool(sides[0] == sides[1])
         if doubtful:
-            yield _merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
+            yield k, *_merge(fit, k, bool(sizes[k] > sizes[k - 1]), sport)
     for k in range(1, count):
         if structure.joined[k]:
-            flips += _flip(observed, fit, k, deviation, sport)
-    yield from flips
+            for structure, values in _flip(observed, fit, k, deviation, sport):
+                yield k, structure, values
 
 
 def _merge(fit: RallyFit, k: int, is_later_longer: bool, sport: Sport) -> tuple[RallyStructure, FloatArray]:

@@ -186,7 +186,7 @@ class ShotWindows:
             (T, N, 2) m; NaN where the start state or the parameters are impossible.
         """
         segment, values, view = self.segments[window], self.fill_values(shared), self._camera_view
-        t = _frame_times(segment, values)
+        t = frame_times(segment, values)
         run = self._simulate_possible_start(window, start, values, max(float(t.max()), 0.0) + 1.0)
         if run is None:
             return np.full(segment.xy.shape, np.nan)
@@ -369,7 +369,7 @@ def _radius_derivatives(states: FloatArray, radius: FloatArray, values: FloatArr
     return derivatives
 
 
-def _frame_times(segment: ShotSegment, values: FloatArray) -> FloatArray:
+def frame_times(segment: ShotSegment, values: FloatArray) -> FloatArray:
     """Compute the times (T,) since the start of the segment at which the middle row of each frame was captured."""
     t = segment.t - segment.begin
     return t if segment.dropped_frame_delay is None else t + values[DROPPED_FRAMES] * segment.dropped_frame_delay
@@ -378,7 +378,7 @@ def _frame_times(segment: ShotSegment, values: FloatArray) -> FloatArray:
 def _observation_times(segment: ShotSegment, values: FloatArray) -> tuple[FloatArray, IntArray]:
     """Compute the distinct observation times (M,), and the index (K,) of each observation's time."""
     rows, balls = segment.observation_indices
-    t = _frame_times(segment, values)
+    t = frame_times(segment, values)
     if segment.image_row is None or values[SHUTTER_READOUT] == 0:
         return t, rows
     at, place = np.unique(t[rows] + values[SHUTTER_READOUT] * segment.image_row[rows, balls], return_inverse=True)

@@ -21,6 +21,7 @@ from pipeline.reporting.text.gap_sentences import (
     format_unexplained,
     format_verdict,
     list_causes,
+    name_runs,
 )
 from pipeline.terminal import command_line as cli
 
@@ -47,7 +48,7 @@ def diagnose_folders(
         px_per_m: Scale of files with positions in px, in px per m.
         simulator: Your own simulator: FILE.xml of MuJoCo, MODULE:FUNCTION of Python, (state, inputs, dt) -> state, or
             a table of its predictions. INPUT are then tables with a column per joint (rad or m) and t (s), MCAP files
-            or ROS 2 bags.
+            or ROS 2 bags. Or pooltool, for the run folders and track folders of billiards.
     """
     first = inputs[0]
     beside = first.with_name(f"{first.name.split('.')[0]}-gap") if first.is_file() else first / "gap"
@@ -62,11 +63,15 @@ def diagnose_folders(
         origin = "what comes nearest, which is not enough" if report.verdict == "unknown" else "what was found"
         notes.append(f"The next run of this table can start from {origin}: --profile {folder / PROFILE_FILE}")
     causes = [(one.name, format_probability(one.probability), one.strength) for one in list_causes(report)]
+
+    def say(*sentences: str) -> tuple[str, ...]:
+        return tuple(name_runs(report.scene, one) for one in sentences if one)
+
     answer = Answer(
         "Which effect does the simulator lack?",
-        tuple(filter(None, (format_verdict(report), format_gap_closure(report), format_shot_use(report)))),
+        say(format_verdict(report), format_gap_closure(report), format_shot_use(report)),
         rows=(("effect", "probability", "strength"), *causes[:_MAX_CAUSES]) if report.candidates else (),
-        notes=tuple(filter(None, (*format_body_differences(report), *format_unexplained(report), *notes))),
+        notes=say(*format_body_differences(report), *format_unexplained(report), *notes),
         document={"folder": str(folder), **build_gap_document(report)},
         figures=(str(folder / "gap.html"),),
     )

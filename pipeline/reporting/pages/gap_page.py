@@ -98,7 +98,7 @@ def write_gap_page(
         profile=escape_text(path.parent / PROFILE_FILE) if table is not None and report.fitted else "",
         plotly=pack_plotly_source(),
     )
-    write_text(path, html)
+    write_text(path, gap_sentences.name_runs_in_page(report.scene, html))
 
 
 def _list_places(report: DiagnosisReport, origins: Mapping[int, str]) -> list[dict[str, str]]:
@@ -262,7 +262,7 @@ def _draw_window_path(gap: Gap, number: int, moment: Moment | None) -> go.Figure
     if _is_plan(gap) and _has_equal_scales(piece.positions[piece.is_observed]):
         figure.update_yaxes(scaleanchor="x")
     across, up = _name_axes(gap)
-    return figure.update_xaxes(title=across if _is_plan(gap) else "time in the shot (s)").update_yaxes(title=up)
+    return figure.update_xaxes(title=across if _is_plan(gap) else "time (s)").update_yaxes(title=up)
 
 
 def _name_axes(gap: Gap) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -68,6 +69,31 @@ class Cause:
     """Law of the effect; empty where no short one states it."""
 
 
+# Words about films in sentences about a log; not in names of files.
+_FILM_WORDS = re.compile(r"(?<![\w./-])([Ss]hot|[Ff]rame)(s?)\b(?!\.\w|[/-])")
+# What is no sentence of a page: scripts, styles, and tags.
+_MARKUP = re.compile(r"(<(script|style)\b.*?</\2>|<[^>]*>)", re.DOTALL)
+
+
+def name_runs(scene: str, text: str) -> str:
+    """Call the shots and frames of a sentence runs and rows, where a log was diagnosed and no film."""
+    if scene != "mechanism":
+        return text
+    words = {"shot": "run", "Shot": "Run", "frame": "row", "Frame": "Row"}
+    return _FILM_WORDS.sub(lambda match: words[match[1]] + match[2], text)
+
+
+def name_runs_in_page(scene: str, html: str) -> str:
+    """Call shots and frames runs and rows in the sentences of a page."""
+    if scene != "mechanism":
+        return html
+    parts, last = [], 0
+    for match in _MARKUP.finditer(html):
+        parts += [name_runs(scene, html[last : match.start()]), match[0]]
+        last = match.end()
+    return "".join((*parts, name_runs(scene, html[last:])))
+
+
 def format_verdict(report: DiagnosisReport) -> str:
     """Format the verdict: which effects the simulator lacks.
 
@@ -116,9 +142,12 @@ def format_agreement(report: DiagnosisReport) -> tuple[str, ...]:
         few = limit >= EXTREME_PROBABILITY and p <= _NEAR_LIMIT * limit
         bound = f"; with {1 - round(math.log2(limit))} shots this share cannot be below {least}" if few else ""
         weak = " That alone would not exclude chance; the probability above rests on the size of the noise as well."
+        asks = (
+            "ask for a positive or a negative strength" if one.strengths else "be fitted better or worse by another law"
+        )
         sentences.append(
-            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would ask for"
-            " a positive or a negative strength by chance, whatever its noise is. Flipping these signs at random gives"
+            f"Do the shots agree about {format_cause(one.effect)}? Without any missing effect, each shot would {asks}"
+            " by chance, whatever its noise is. Flipping these signs at random gives"
             f" an agreement as good as this in {share} of all cases{bound}.{'' if p < SMALL_P_VALUE else weak}"
         )
     return tuple(sentences)
@@ -563,8 +592,8 @@ def format_undecided(report: DiagnosisReport) -> str:
         empty if there are none.
     """
     weighed = {one.effect for one in report.candidates}
-    never = [format_cause(name) for name in report.unidentifiable if name not in weighed]
-    missed = [format_cause(name) for name in report.unidentifiable if name in weighed]
+    never = [format_cause(name) for name in report.unidentifiable if name.partition(".")[0] not in weighed]
+    missed = [format_parameter(name) for name in report.unidentifiable if name.partition(".")[0] in weighed]
     untested = _group_by_reason(report.not_tested)
     lists = ("Not identifiable from any shot", never), ("Not detectable in these shots at usual strength", missed)
     return " ".join(f"{what}: {', '.join(which)}." for what, which in (*lists, ("Not tested", untested)) if which)

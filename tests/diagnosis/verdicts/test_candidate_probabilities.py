@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.fitting.hypothesis_fits import ShotInformation, build_diagnosis_problem
-from diagnosis.verdicts.candidate_probabilities import flip_signs
+from diagnosis.verdicts.candidate_probabilities import flip_gains, flip_signs
 from models.core.typing import FloatArray
 from models.estimation.gap_scenes.sliding_scene import build_sliding_scene
 
@@ -42,3 +42,18 @@ def test_an_effect_without_strength_and_too_few_shots_are_not_tested() -> None:
     whole = make_information(rng, 3.0)
     two = ShotInformation(whole.shots[:2], whole.information[:2], whole.score[:2], ())
     assert np.isnan(flip_signs(PROBLEM, two, FREE, "air_drag", rng))
+
+
+def test_gains_by_another_law_that_scatter_about_nothing_are_chance() -> None:
+    rng = np.random.default_rng(3)
+    p = np.array([flip_gains(rng.standard_t(1.5, SHOTS), 1) for _ in range(300)])
+    for level in (0.05, 0.1, 0.3):
+        assert (p <= level).mean() <= level + 2 * np.sqrt(level * (1 - level) / len(p))
+
+
+def test_every_shot_that_gains_from_another_law_speaks_for_it_and_rivals_count() -> None:
+    gains = np.arange(1.0, SHOTS + 1)
+    assert flip_gains(gains, 1) == pytest.approx(2.0**-SHOTS)
+    assert flip_gains(gains, 3) == pytest.approx(3 * 2.0**-SHOTS)
+    assert flip_gains(-gains, 3) == 1.0
+    assert np.isnan(flip_gains(gains[:2], 1))

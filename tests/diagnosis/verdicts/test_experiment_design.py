@@ -116,3 +116,16 @@ def _smallest_strengths(problem: DiagnosisProblem, fit: EffectFit, linearized: L
         mask
     )
     return np.where(np.isfinite(strengths), strengths, 1.0)
+
+
+def test_a_limit_of_inputs_is_shown_by_larger_inputs_and_not_by_more_of_the_same(
+    base_fit: tuple[EffectFit, LinearizedFit, FitResiduals],
+) -> None:
+    fit, linearized, residuals = base_fit
+    catalogue = tuple(replace(one, name="saturation") if one.name == "air_drag" else one for one in Pucks().effects)
+    problem = build_diagnosis_problem(Pucks(effects=catalogue), 0.0)
+    tiny = np.full(len(problem.priors), 1e-9)
+    sentence = design_detecting_experiment(
+        problem, linearized.shot_information, residuals, fit.free, tiny, ("saturation",), 1.0
+    )
+    assert "give larger inputs" in sentence

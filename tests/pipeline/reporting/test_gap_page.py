@@ -211,6 +211,13 @@ def test_effects_that_no_shot_identifies_are_separated_from_those_that_these_sho
         "Not identifiable from any shot: frame rate. Not detectable in these shots at usual strength: rolling shutter."
         " Not tested: lens distortion."
     )
+    friction = CandidateEffect("joint_friction", 0.0, ("joint_friction",), ())
+    diagnosis = replace(
+        diagnosis, candidates=(friction,), unidentifiable=("joint_friction.viscous_motor",), not_tested=()
+    )
+    assert format_undecided(diagnosis) == (
+        "Not detectable in these shots at usual strength: joint friction, viscous motor."
+    )
 
 
 def test_the_page_names_the_profile_and_the_option_that_uses_it(tmp_path: Path) -> None:
@@ -476,3 +483,21 @@ def test_maps_before_and_after_have_the_same_colours_and_large_errors_on_top() -
     assert list(before.color) == sorted(before.color)
     assert max(after.color) < 0.2 * max(before.color)
     assert maps[0].layout.xaxis.title.text == "x (m)"
+
+
+def test_the_page_of_a_robots_log_speaks_of_runs_and_rows(tmp_path: Path) -> None:
+    place = replace(at("motion", 1.0), shot=3)
+    diagnosis = replace(
+        report("unknown", place), scene="mechanism", forms=(), gap=gap_of(straight(), 0.006, 0.0004),
+        notes=("my/shot.csv and shot_2.csv have frames",),
+    )  # fmt: skip
+    write_gap_page(diagnosis, "arm", tmp_path / "gap.html", origins={3: "my shot.csv"})
+    html = (tmp_path / "gap.html").read_text(encoding="utf-8")
+    assert "<script" in html
+    words = read_page(tmp_path / "gap.html")
+    assert "run 3" in words
+    left = re.findall(r"\S*\b(?:[Ss]hot|[Ff]rame)s?\b\S*", words)
+    assert {one.strip(".)") for one in left} <= {"my/shot.csv", "shot.csv"}
+    assert "my/shot.csv and shot_2.csv have rows" in words
+    write_gap_page(replace(diagnosis, scene="slide"), "cube", tmp_path / "gap.html", origins={})
+    assert "shot 3" in read_page(tmp_path / "gap.html")

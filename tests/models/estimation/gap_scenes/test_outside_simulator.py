@@ -15,6 +15,7 @@ from models.estimation.gap_scenes.outside_simulator import (
     InputHistory,
     Joint,
     Motions,
+    group_joints,
     simulate_motions,
 )
 from models.physics.mechanisms.mechanism_catalogue import MECHANISM_EFFECTS
@@ -203,3 +204,10 @@ def test_drag_of_a_free_body_acts_against_its_velocity():
     motions = simulate_motions(body, start, [drag], 0, (0.0, 2.0), InputHistory(t, np.zeros((5, 1))), SCALES * 2)
     path = np.log1p(5.0 * k * t) / k
     np.testing.assert_allclose(motions.at(t)[0, :, :2], path[:, None] * [0.6, 0.8], rtol=2e-5)
+
+
+def test_a_joint_that_is_called_like_a_free_body_is_a_group_of_its_own() -> None:
+    free = [Joint(f"ball.{axis}", "m", body="ball") for axis in "xyz"]
+    names, groups = group_joints([*free, Joint("ball", "rad"), Joint("hinge", "rad")])
+    assert names == ("ball", "ball_joint", "hinge")
+    assert groups.tolist() == [0, 0, 0, 1, 2]

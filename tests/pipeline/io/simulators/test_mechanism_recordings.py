@@ -189,7 +189,7 @@ def test_a_long_recording_is_cut_into_shots_that_keep_what_was_asked_before(tmp_
     assert shots.recordings[3].t[0] == pytest.approx(3.0)
     assert shots.histories[3].t[0] == 0.0
     assert shots.origins[3] == "real.csv, shot 0, 3.00 to 3.99 s"
-    assert any("cut into 4 shots" in note for note in shots.notes)
+    assert any("cut into 4 pieces" in note for note in shots.notes)
 
 
 def test_two_runs_are_cut_and_named_by_run_and_time(tmp_path: Path, simulator: str):
